@@ -1,0 +1,23 @@
+"""Elite Lanes JAX: evolutionary generation of road networks for a miniature city.
+
+The kernels work on one grid and are pure: `jax.jit` and `jax.vmap` them.
+"""
+
+from elitelanes_jax.grids import random_grids
+from elitelanes_jax.metrics import Metrics, measure
+from elitelanes_jax.objective import Weights, fitness
+from elitelanes_jax.repairs import repair
+from elitelanes_jax.symmetry import mirror, rotate
+from elitelanes_jax.version import __version__
+
+__all__ = [
+    "Metrics",
+    "Weights",
+    "__version__",
+    "fitness",
+    "measure",
+    "mirror",
+    "random_grids",
+    "repair",
+    "rotate",
+]

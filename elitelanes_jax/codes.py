@@ -1,0 +1,65 @@
+"""Tile codes: four connection bits a tile, and what they make of it (NumPy constants).
+
+A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation"): each bit
+says whether the tile connects in that direction.
+"""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+__all__ = [
+    "CONNECTIONS",
+    "CROSSINGS",
+    "EAST",
+    "KINDS",
+    "NORTH",
+    "ROAD_ALPHABET",
+    "SOUTH",
+    "WEST",
+    "alphabet_of",
+    "turned",
+]
+
+NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1
+
+#: Number of connections of each of the 16 codes.
+CONNECTIONS = np.array([code.bit_count() for code in range(16)], np.int8)
+
+#: The codes of each kind of tile.
+KINDS: dict[str, tuple[int, ...]] = {
+    "empty": (0,),
+    "stub": (1, 2, 4, 8),
+    "straight": (5, 10),
+    "turn": (3, 6, 9, 12),
+    "crossing3": (7, 11, 13, 14),
+    "crossing4": (15,),
+}
+
+#: Codes with three or four connections.
+CROSSINGS = KINDS["crossing3"] + KINDS["crossing4"]
+
+#: The codes with two or more connections: every tile that has a picture. Tiles are drawn from it
+#: unless another alphabet is given.
+ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
+
+
+def turned(code: int, quarter_turns: int = 1) -> int:
+    """The code of a tile turned by quarter turns counter-clockwise: N becomes W, W becomes S."""
+    for _ in range(quarter_turns % 4):
+        code = (code << 1) & 15 | code >> 3
+    return code
+
+
+def alphabet_of(codes: Iterable[int]) -> tuple[int, ...]:
+    """A set of tile codes as a sorted tuple without repeats.
+
+    Raises:
+      ValueError: if it is empty or holds anything but whole numbers 0..15.
+    """
+    unique = set(codes)
+    wrong = [code for code in unique if not (isinstance(code, int | np.integer) and 0 <= code <= 15)]
+    if wrong or not unique:
+        found = "none" if not unique else f"{wrong[0]!r}"
+        raise ValueError(f"alphabet: expected tile codes, whole numbers 0 to 15, got {found}")
+    return tuple(sorted(int(code) for code in unique))

@@ -1,0 +1,181 @@
+"""The planar dual: the faces that a grid's roads cut the plane into, and what follows from them.
+
+A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of corner
+points between tiles: two neighbouring corners belong to the same face where no road runs between them, and
+all corners on the border belong to the outer face.
+
+    tile --- tile     tile     tile       a road between two tiles parts the two corners beside it;
+         .       .        .               where there is none, the corners run together
+    tile     tile --- tile     tile
+
+Label the faces once, and by Euler's formula everything follows exactly, with no spanning tree and no search:
+
+    cyclomatic number = faces - 1 (the outer one)
+    components        = tiles - roads + cyclomatic number
+    a road is a bridge if and only if the same face lies on both its sides
+
+Corner (r, c) lies south-east of tile (r, c) and has its place on the lattice. The inner corners are those of
+rows 0..H-2 and columns 0..W-2; every other place belongs to the outer face. So the road east of a tile parts
+the tile's corner from the one to the north, the road south of it the corner from the one to the west, and
+all that is needed of a neighbour is a shift of one vector.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from chex import Array
+from jax import lax
+
+from elitelanes_jax.lattice import Lattice, Links
+
+__all__ = ["Faces", "faces"]
+
+# Sweeps between two looks at whether anything still changes: a look costs as much as a sweep or two.
+_SWEEPS_A_LOOK = 4
+
+# Sweeps before long corridors get the dearer method. Random grids need fewer, 64 x 64 ones about 50.
+_PATIENCE = 60
+
+_OUTER = 0
+
+
+class Faces(NamedTuple):
+    """What the faces tell, as bool vectors ``[size]`` on the lattice.
+
+    first: the corner is the first one of an inner face.
+    east_bridge: the link to the east is a bridge.
+    south_bridge: the link to the south is a bridge.
+    """
+
+    first: Array
+    east_bridge: Array
+    south_bridge: Array
+
+
+def faces(lattice: Lattice, links: Links) -> Faces:
+    """Finds the faces between one grid's roads, in time that hardly depends on their shape."""
+    labels = _labeller(lattice)(links.east, links.south)
+    corner = lattice.here(labels)
+    own = lattice.here(_own_labels(lattice))
+    return Faces(
+        first=(corner == own) & (own != _OUTER),
+        east_bridge=links.east & (corner == lattice.north(labels)),
+        south_bridge=links.south & (corner == lattice.west(labels)),
+    )
+
+
+@cache
+def _own_labels(lattice: Lattice) -> np.ndarray:
+    """The label each corner starts with, on the padded lattice: its own, in rising order, or the outer face's.
+
+    Up to 254 inner corners (16 x 16 tiles) are simply counted, so that a label fits a byte and a sweep is
+    cheapest. In larger grids a corner's label is its place, so that a label can be followed to its corner.
+    """
+    places = np.arange((lattice.height + 2) * lattice.stride)
+    rows, columns = places // lattice.stride, places % lattice.stride
+    inner = (rows >= 1) & (rows < lattice.height) & (columns < lattice.width - 1)
+    count = (lattice.height - 1) * (lattice.width - 1)
+    if count < np.iinfo(np.uint8).max:
+        return np.where(inner, np.cumsum(inner), _OUTER).astype(np.uint8)
+    wide = np.uint16 if places.size < np.iinfo(np.uint16).max else np.uint32
+    return np.where(inner, places, _OUTER).astype(wide)
+
+
+@cache
+def _labeller(lattice: Lattice) -> Callable[[Array, Array], Array]:
+    """A function from links, bool ``[..., size]``, to labels on the padded lattice ``[..., padded size]``.
+
+    A corner's label is the least own label of its face. The function takes leading axes itself and is its
+    own batching rule: the grids of a batch are laid end to end, as one long vector, and are done together.
+    """
+    own = _own_labels(lattice)
+    stride = lattice.stride
+    followable = own.dtype != np.uint8
+    closed = np.iinfo(own.dtype).max  # or-ed onto a label it loses every comparison
+
+    def sweep(labels: Array, walls: Links, into: Array) -> Array:
+        """Each corner takes the least label among itself and its open neighbours.
+
+        The result overwrites another vector, for then it is computed in place, in one pass. Both ends of the
+        vector stay as they are: they belong to the outer face.
+        """
+        length = labels.size - 2 * stride
+
+        def cut(vector: Array, start: int) -> Array:
+            return lax.slice_in_dim(vector, start, start + length)
+
+        least = cut(labels, stride)
+        for neighbour, wall in (
+            (cut(labels, 0), cut(walls.east, stride)),  # north
+            (cut(labels, 2 * stride), cut(walls.east, 2 * stride)),  # south
+            (cut(labels, stride - 1), cut(walls.south, stride)),  # west
+            (cut(labels, stride + 1), cut(walls.south, stride + 1)),  # east
+        ):
+            least = jnp.minimum(least, neighbour | wall)
+        return lax.dynamic_update_slice(into, least, (stride,))
+
+    def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
+        """Sweeps to and fro between two vectors until they are equal, or patience ends."""
+        patience = _PATIENCE if followable else own.size
+
+        def sweeps(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            here, there, _, done = carry
+            for _ in range(_SWEEPS_A_LOOK // 2):
+                there = sweep(here, walls, there)
+                here = sweep(there, walls, here)
+            # The largest difference is found faster than whether there is any.
+            return here, there, jnp.max(here ^ there) > 0, done + _SWEEPS_A_LOOK
+
+        def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
+            _, _, changing, done = carry
+            return changing & (done < patience)
+
+        labels, _, changing, _ = lax.while_loop(unsettled, sweeps, (labels, labels, jnp.array(True), 0))
+        return labels, changing
+
+    def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
+        """Hands each better label on to the corner that the old one names, then follows every label once.
+
+        A corridor gets shorter by a factor a round, so that the longest spiral takes about log(corners)
+        rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
+        """
+        starts = jnp.repeat(jnp.arange(labels.size // own.size) * own.size, own.size)
+
+        def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+            before, _ = carry
+            after = sweep(before, walls, before)
+            labels = after.at[starts + before].min(after)
+            return labels[starts + labels], jnp.any(before != after)
+
+        return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
+
+    @jax.custom_batching.custom_vmap
+    def label(east: Array, south: Array) -> Array:
+        batch = east.shape[:-1]
+        walls = Links(
+            *(
+                jnp.pad(
+                    jnp.where(link, closed, 0).astype(own.dtype), [(0, 0)] * len(batch) + [(stride, stride)]
+                ).reshape(-1)
+                for link in (east, south)
+            )
+        )
+        labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1)
+        labels, changing = propagate(labels, walls)
+        if followable:
+            labels = hook_and_jump(labels, walls, changing)
+        return labels.reshape(*batch, own.size)
+
+    @label.def_vmap
+    def _(axis_size: int, batched: list[bool], east: Array, south: Array) -> tuple[Array, bool]:
+        links = [
+            link if has_axis else jnp.broadcast_to(link, (axis_size, *link.shape))
+            for link, has_axis in zip((east, south), batched, strict=True)
+        ]
+        return label(*links), True
+
+    return label

@@ -1,0 +1,86 @@
+"""Fitness: a weighted sum of metrics, to be minimised (paper, section "Fitness Function")."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from chex import Array, Numeric
+
+from elitelanes_jax.metrics import Metrics
+
+__all__ = ["Weights", "check_weights", "fitness"]
+
+
+class Weights(NamedTuple):
+    """What one unit of each metric adds to the fitness: integers, negative ones reward.
+
+    The default is the paper's equation, a(x) read as adjacent crossings and b(x) as bridges. Other readings
+    are other records, and an array in place of a number sweeps it under `jax.vmap`.
+
+    components: for each component beyond the first.
+    constant: added once.
+    others: for each unit of the metric of that name.
+    """
+
+    components: Numeric = 300
+    cyclomatic: Numeric = -2
+    dead_ends: Numeric = 480
+    boundary_violations: Numeric = 150
+    bridges: Numeric = 100
+    crossings: Numeric = 0
+    adjacent_crossings: Numeric = 100
+    adjacent_crossing_score: Numeric = 0
+    adjacent_turns: Numeric = 80
+    straight_score: Numeric = -2
+    tiles: Numeric = 0
+    edges: Numeric = 0
+    mismatches: Numeric = 0
+    off_alphabet: Numeric = 480
+    constant: Numeric = 0
+
+
+def fitness(metrics: Metrics, weights: Weights = Weights()) -> Array:  # noqa: B008
+    """The weighted sum of a grid's metrics, lower is better.
+
+    Args:
+      metrics: of one grid, or of many with the same leading axes.
+      weights: integers, or integer arrays that broadcast against the metrics.
+
+    Returns:
+      int32, of the metrics' shape.
+    """
+    total = jnp.asarray(weights.constant, jnp.int32)
+    for name in Weights._fields[:-1]:
+        value = getattr(metrics, name)
+        if name == "components":
+            value = jnp.maximum(value - 1, 0)
+        total = total + getattr(weights, name) * value
+    return total
+
+
+def check_weights(weights: Weights, shape: tuple[int, int]) -> Weights:
+    """The weights as ints.
+
+    Args:
+      weights: concrete numbers.
+      shape: (height, width) of the grids they are meant for.
+
+    Raises:
+      ValueError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
+    """
+    if not isinstance(weights, Weights):
+        raise ValueError(f"weights: expected Weights, got {type(weights).__name__}")
+    for name, weight in weights._asdict().items():
+        if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
+            raise ValueError(f"weights: expected whole numbers, got {name}={weight!r}")
+    exact = Weights(*(int(weight) for weight in weights))
+    area, side = shape[0] * shape[1], max(shape)
+    # No metric is more than 32 a tile (8 connections in each of at most 4 pairs of crossings), but for the
+    # straight score: at most one run of L² in each row or column.
+    largest = sum(abs(weight) for weight in exact) * 32 * area + abs(exact.straight_score) * side * area
+    if largest >= 2**31:
+        raise ValueError(
+            f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
+            f"got weights with which it might reach {largest:,}"
+        )
+    return exact

@@ -1,0 +1,38 @@
+"""What several tests share."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import jax
+import numpy as np
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+# Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
+settings.register_profile("ci", max_examples=100, deadline=None, derandomize=True)
+settings.load_profile("ci")
+
+
+def grids():
+    """Hypothesis: grids of any codes, of a few shapes (each is compiled once)."""
+    shapes = st.sampled_from([(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)])
+    return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
+
+
+_compiled: list[str] = []
+
+
+def _count(event: str, _: float, **__: object) -> None:
+    if event == "/jax/core/compile/backend_compile_duration":
+        _compiled.append(event)
+
+
+jax.monitoring.register_event_duration_secs_listener(_count)
+
+
+@contextmanager
+def compilations() -> Iterator[list[str]]:
+    """A list that has an entry for each program compiled within the block."""
+    _compiled.clear()
+    yield _compiled

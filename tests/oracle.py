@@ -1,0 +1,110 @@
+"""The metrics as their definitions read, slow and obvious: one tile at a time, the graph's by NetworkX."""
+
+import networkx as nx
+import numpy as np
+
+STEPS = {8: (-1, 0), 4: (0, 1), 2: (1, 0), 1: (0, -1)}
+OPPOSITE = {8: 2, 4: 1, 2: 8, 1: 4}
+TURNS = (3, 6, 9, 12)
+
+
+def road_graph(grid):
+    """Tiles as nodes, links as edges."""
+    height, width = grid.shape
+    graph = nx.Graph()
+    for row in range(height):
+        for column in range(width):
+            if grid[row, column]:
+                graph.add_node((row, column))
+    for row, column in list(graph):
+        for side, (down, right) in STEPS.items():
+            other = (row + down, column + right)
+            if grid[row, column] & side and other in graph and grid[other] & OPPOSITE[side]:
+                graph.add_edge((row, column), other)
+    return graph
+
+
+def measure(grid, alphabet=range(16)):
+    """All metrics of a grid as a dict."""
+    grid = np.asarray(grid, int)
+    height, width = grid.shape
+    graph = road_graph(grid)
+    connections = {place: int(grid[place]).bit_count() for place in np.ndindex(grid.shape)}
+    crossing = {place for place, count in connections.items() if count >= 3}
+    unmatched = dict.fromkeys(graph, 0)
+    outward = dict.fromkeys(graph, 0)
+    for row, column in graph:
+        for side, (down, right) in STEPS.items():
+            if not grid[row, column] & side:
+                continue
+            other = (row + down, column + right)
+            if not (0 <= other[0] < height and 0 <= other[1] < width):
+                outward[row, column] += 1
+            elif not graph.has_edge((row, column), other):
+                unmatched[row, column] += 1
+    pairs = [(a, b) for a, b in graph.edges if a in crossing and b in crossing]
+    components = nx.number_connected_components(graph)
+    return {
+        "components": components,
+        "cyclomatic": graph.number_of_edges() - graph.number_of_nodes() + components,
+        "dead_ends": sum(connections[place] == 1 or unmatched[place] + outward[place] > 0 for place in graph),
+        "boundary_violations": sum(count > 0 for count in outward.values()),
+        "bridges": sum(1 for _ in nx.bridges(graph)),
+        "crossings": len(crossing),
+        "adjacent_crossings": 2 * len(pairs),
+        "adjacent_crossing_score": sum(connections[a] + connections[b] for a, b in pairs),
+        "adjacent_turns": sum(
+            grid[row, column] in TURNS and grid[other] in TURNS
+            for row, column in np.ndindex(grid.shape)
+            for other in ((row, column + 1), (row + 1, column))
+            if other[0] < height and other[1] < width
+        ),
+        "straight_score": sum(_runs(row, 5) for row in grid) + sum(_runs(column, 10) for column in grid.T),
+        "tiles": graph.number_of_nodes(),
+        "edges": graph.number_of_edges(),
+        "mismatches": sum(unmatched.values()),
+        "off_alphabet": sum(int(code) not in alphabet for code in grid.flat),
+        "coverage": np.float32(graph.number_of_nodes() / grid.size),
+    }
+
+
+def fitness(metrics):
+    """The paper's equation, as the specification reads it."""
+    return (
+        480 * metrics["dead_ends"]
+        + 300 * max(metrics["components"] - 1, 0)
+        + 150 * metrics["boundary_violations"]
+        + 100 * metrics["bridges"]
+        + 100 * metrics["adjacent_crossings"]
+        + 80 * metrics["adjacent_turns"]
+        - 2 * metrics["cyclomatic"]
+        - 2 * metrics["straight_score"]
+    )
+
+
+def _runs(line, code):
+    """Sum of the squares of the lengths of all runs of a code."""
+    text = "".join("#" if tile == code else "." for tile in line)
+    return sum(len(run) ** 2 for run in text.split("."))
+
+
+def repair(grid, rank):
+    """Flip, one edge at a time: the higher rank dictates, between equals the link is made."""
+    grid = np.array(grid, int)
+    rank = np.asarray(rank, int)
+    height, width = grid.shape
+    made = np.zeros_like(grid)
+    for row, column in np.ndindex(grid.shape):
+        for side, (down, right) in ((4, (0, 1)), (2, (1, 0))):
+            other = (row + down, column + right)
+            if other[0] >= height or other[1] >= width:
+                continue
+            mine, theirs = bool(grid[row, column] & side), bool(grid[other] & OPPOSITE[side])
+            if rank[row, column] == rank[other]:
+                link = mine or theirs
+            else:
+                link = mine if rank[row, column] > rank[other] else theirs
+            if link:
+                made[row, column] |= side
+                made[other] |= OPPOSITE[side]
+    return made

@@ -1,0 +1,107 @@
+"""The house: imports go one way, and kernels bring no pictures with them."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import elitelanes_jax
+
+PACKAGE = Path(elitelanes_jax.__file__).parent
+
+# From the ground up. A module imports modules of lower lines only.
+FLOORS = """
+version
+codes  draws
+lattice  grids
+faces  repairs  symmetry
+metrics
+objective
+"""
+FLOOR = {name: floor for floor, line in enumerate(FLOORS.split("\n")) for name in line.split()}
+
+# What the search side must not know: pictures; and the picture side: searches.
+PICTURES: set[str] = set()
+
+
+def modules():
+    for file in sorted(PACKAGE.rglob("*.py")):
+        name = ".".join(file.relative_to(PACKAGE).with_suffix("").parts)
+        yield name.removesuffix(".__init__"), file
+
+
+def imported(file):
+    """Modules of ours, and top names of others, that a file imports anywhere."""
+    ours, others = set(), set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{file}: relative import"
+            names = [node.module]
+        for name in names:
+            if name.startswith("elitelanes_jax."):
+                ours.add(name.removeprefix("elitelanes_jax."))
+            else:
+                others.add(name.split(".")[0])
+    return ours, others
+
+
+def test_imports_go_one_way():
+    found = dict(modules())
+    assert set(FLOOR) == set(found) - {"__init__"}
+    for name, file in found.items():
+        ours, _ = imported(file)
+        if name != "__init__":
+            higher = [other for other in ours if FLOOR[other] >= FLOOR[name]]
+            assert not higher, f"{name} imports {higher}"
+
+
+def reach(name, found):
+    """All modules that one needs, directly or not."""
+    needed, waiting = set(), [name]
+    while waiting:
+        for other in imported(found[waiting.pop()])[0] - needed:
+            needed.add(other)
+            waiting.append(other)
+    return needed
+
+
+def test_search_and_pictures_meet_at_a_grid_only():
+    found = dict(modules())
+    for name, file in found.items():
+        _, others = imported(file)
+        assert ("cv2" in others) == (name in PICTURES), name
+    for name in PICTURES:
+        assert not {"metrics", "problem", "search", "optimizers"} & reach(name, found)
+
+
+def test_every_module_says_what_is_public_and_what_it_is():
+    for name, file in modules():
+        tree = ast.parse(file.read_text())
+        assert ast.get_docstring(tree), name
+        module = __import__(f"elitelanes_jax.{name}".removesuffix(".__init__"), fromlist=["__all__"])
+        assert sorted(set(module.__all__)) == sorted(module.__all__)
+        defined = {
+            node.name
+            for node in tree.body
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+        }
+        assert defined <= set(module.__all__), name
+        for public in module.__all__:
+            assert hasattr(module, public)
+
+
+@pytest.mark.parametrize(
+    "program",
+    ["import elitelanes_jax", "from elitelanes_jax import measure, fitness, repair, random_grids, Weights, Metrics"],
+)
+def test_kernels_bring_no_pictures_no_plots_and_no_command_line(program):
+    code = f"{program}; import sys; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    tops = {name.split(".")[0] for name in loaded}
+    assert not tops & {"cv2", "matplotlib", "argparse_", "click", "typer", "rich", "tqdm", "PIL"}
+    assert "elitelanes_jax.cli" not in loaded

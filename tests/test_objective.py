@@ -1,0 +1,66 @@
+"""Weights."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import Metrics, Weights, fitness, measure
+from elitelanes_jax.objective import check_weights
+
+
+def some_metrics(count=50):
+    grids = np.random.default_rng(4).integers(0, 16, (count, 5, 6)).astype(np.int8)
+    return jax.vmap(lambda grid: measure(grid, [3, 5, 10]))(grids)
+
+
+def test_each_weight_weighs_its_own_metric():
+    metrics = some_metrics()
+    nothing = Weights(*(0 for _ in Weights._fields))
+    for name in Weights._fields:
+        found = fitness(metrics, nothing._replace(**{name: 7}))
+        if name == "constant":
+            expected = np.full(50, 7)
+        elif name == "components":
+            expected = 7 * (np.asarray(metrics.components) - 1)
+        else:
+            expected = 7 * np.asarray(getattr(metrics, name))
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+    assert set(Weights._fields) - {"constant"} == set(Metrics._fields) - {"coverage"}
+
+
+def test_the_empty_grid_gets_no_bonus_for_having_no_component():
+    assert fitness(measure(np.zeros((4, 4), np.int8))) == 0
+
+
+def test_weights_can_be_swept():
+    metrics = some_metrics()
+    sweep = jnp.array([-5, 0, 100, 480])
+    many = jax.jit(jax.vmap(lambda weight: fitness(metrics, Weights(bridges=weight))))(sweep)
+    assert many.dtype == jnp.int32
+    for row, weight in zip(many, sweep.tolist(), strict=True):
+        np.testing.assert_array_equal(row, fitness(metrics, Weights(bridges=weight)))
+
+
+def test_checked_weights():
+    assert check_weights(Weights(bridges=np.int64(5)), (12, 12)) == Weights(bridges=5)
+    for wrong, message in (
+        (Weights(bridges=0.5), "weights: expected whole numbers, got bridges=0.5"),
+        (Weights(tiles=float("nan")), "weights: expected whole numbers, got tiles=nan"),
+        (Weights(tiles="many"), "weights: expected whole numbers, got tiles='many'"),
+        (Weights(edges=True), "weights: expected whole numbers, got edges=True"),
+        (Weights(dead_ends=10**7), "weights: expected a fitness within int32 for every grid of 12 x 12"),
+        ({"bridges": 1}, "weights: expected Weights, got dict"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            check_weights(wrong, (12, 12))
+
+
+def test_the_bound_on_the_fitness_holds():
+    """Whatever grid: no metric is over 32 a tile, the straight score over side x area."""
+    grids = np.random.default_rng(6).integers(0, 16, (300, 4, 9)).astype(np.int8)
+    grids[0], grids[1], grids[2], grids[3] = 5, 10, 15, 1
+    metrics = jax.vmap(lambda grid: measure(grid, [3]))(grids)
+    for name, values in metrics._asdict().items():
+        limit = 36 * 9 if name == "straight_score" else 36 * 32
+        assert (np.abs(values) <= limit).all(), name
