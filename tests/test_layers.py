@@ -14,11 +14,18 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
 version
-codes  draws
+codes  draws  progress
 lattice  grids
 faces  repairs  symmetry
 metrics
-objective
+objective  archive
+problem  variation
+evolution
+optimizers.base
+optimizers.ea  optimizers.map_elites
+optimizers
+run
+search
 """
 FLOOR = {name: floor for floor, line in enumerate(FLOORS.split("\n")) for name in line.split()}
 
@@ -77,6 +84,21 @@ def test_search_and_pictures_meet_at_a_grid_only():
         assert ("cv2" in others) == (name in PICTURES), name
     for name in PICTURES:
         assert not {"metrics", "problem", "search", "optimizers"} & reach(name, found)
+    for name in ("search", "run"):
+        assert not PICTURES & reach(name, found)
+
+
+def test_optimizers_know_neither_each_other_nor_the_fitness():
+    found = dict(modules())
+    names = {name for name in found if name.startswith("optimizers.")} - {"optimizers.base"}
+    for name in names:
+        ours, _ = imported(found[name])
+        assert not ours & (names | {"objective"})
+
+
+def test_one_scan_runs_all_optimizers():
+    scans = [name for name, file in modules() if "lax.scan(" in file.read_text()]
+    assert scans == ["run"]
 
 
 def test_every_module_says_what_is_public_and_what_it_is():

@@ -1,0 +1,97 @@
+"""The evolutionary loop: parents by tournament, mutation, repair, survivors by truncation.
+
+The paper has one such loop, with and without an archive (section "Evolutionary Algorithm with MAP-Elites").
+Lower fitness is better, and every tie is decided: what came first wins.
+"""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from chex import Array, Numeric, PRNGKey
+
+from elitelanes_jax.draws import below
+from elitelanes_jax.problem import Problem
+from elitelanes_jax.variation import Move
+
+__all__ = ["EvolutionConfig", "Population", "breed", "random_population", "survivors", "tournament"]
+
+
+class EvolutionConfig(NamedTuple):
+    """Settings of the loop; the defaults are the paper's.
+
+    population: mu, how many survive a generation.
+    offspring: lambda, how many are made in one.
+    tournament: how many compete to become a parent.
+    survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring alone. The
+      paper writes (mu, lambda), but selects from both.
+    tile_rate: probability that an offspring has one tile changed.
+    crossing_rate: probability that it has one tile replaced by a crossing.
+    """
+
+    population: int = 20
+    offspring: int = 40
+    tournament: int = 3
+    survivors: Literal["plus", "comma"] = "plus"
+    tile_rate: Numeric = 0.7
+    crossing_rate: Numeric = 0.5
+
+
+class Population(NamedTuple):
+    """Grids and what they are worth.
+
+    grids: int8 ``[P, H, W]``.
+    fitness: int32 ``[P]``.
+    descriptor: int32 ``[P, D]``.
+    """
+
+    grids: Array
+    fitness: Array
+    descriptor: Array
+
+
+def random_population(problem: Problem, key: PRNGKey, count: int) -> Population:
+    """Random repaired grids, sorted, best first."""
+    grids = problem.random(key, count)
+    return _best(Population(grids, *problem.evaluate(grids)), count)
+
+
+def tournament(words: Array, population: Population) -> Array:
+    """Parents, int8 ``[count, H, W]``, from a sorted population: each the best of those drawn for it.
+
+    Args:
+      words: uint32 ``[count, size]``, a random word for each that is drawn, with replacement.
+      population: sorted, best first.
+    """
+    drawn = below(words, population.fitness.size)
+    return population.grids[drawn.min(axis=1)]
+
+
+def breed(problem: Problem, mutate: Move, words: Array, parents: Array) -> Population:
+    """One mutated, repaired and evaluated offspring of each parent, in their order.
+
+    Args:
+      problem: that repairs and evaluates.
+      mutate: the move that makes an offspring.
+      words: uint32 ``[P, mutate.words]``.
+      parents: int8 ``[P, H, W]``.
+    """
+
+    def offspring(words: Array, parent: Array) -> Array:
+        return problem.repair(*mutate.apply(words, parent))
+
+    grids = jax.vmap(offspring)(words, parents)
+    return Population(grids, *problem.evaluate(grids))
+
+
+def survivors(config: EvolutionConfig, parents: Population, offspring: Population) -> Population:
+    """The next population, sorted, best first; among equals parents first, then the earlier offspring."""
+    if config.survivors == "comma":
+        return _best(offspring, config.population)
+    both = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), parents, offspring)
+    return _best(both, config.population)
+
+
+def _best(population: Population, count: int) -> Population:
+    order = jnp.argsort(population.fitness, stable=True)[:count]
+    return jax.tree.map(lambda array: array[order], population)

@@ -1,0 +1,95 @@
+"""What is searched for: the grids that may be made, and what they are worth."""
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import chex
+import jax
+import jax.numpy as jnp
+from chex import Array, PRNGKey
+
+from elitelanes_jax.archive import Axis, describe
+from elitelanes_jax.codes import KINDS, ROAD_ALPHABET, alphabet_of
+from elitelanes_jax.grids import check_shape, random_grids
+from elitelanes_jax.metrics import Metrics, measure
+from elitelanes_jax.objective import Weights, fitness
+from elitelanes_jax.repairs import raster_rank, repair
+
+__all__ = ["Evaluation", "Problem", "road_problem"]
+
+
+class Evaluation(NamedTuple):
+    """What an optimiser learns of a population.
+
+    fitness: int32 ``[P]``, lower is better.
+    descriptor: int32 ``[P, D]``.
+    """
+
+    fitness: Array
+    descriptor: Array
+
+
+class Problem(NamedTuple):
+    """All that an optimiser knows of road networks: what to draw, how to mend it, what it is worth.
+
+    shape: (height, width).
+    alphabet: the codes that new tiles are drawn from.
+    axes: of the descriptor space.
+    random: (key, count) -> int8 ``[count, H, W]``, repaired.
+    repair: (grid, dirty) -> grid, all ``[H, W]``.
+    measure: grid -> `Metrics`, the ones that the fitness is made of.
+    evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
+    """
+
+    shape: tuple[int, int]
+    alphabet: tuple[int, ...]
+    axes: tuple[Axis, ...]
+    random: Callable[[PRNGKey, int], Array]
+    repair: Callable[[Array, Array], Array]
+    measure: Callable[[Array], Metrics]
+    evaluate: Callable[[Array], Evaluation]
+
+
+def road_problem(
+    shape: tuple[int, int],
+    axes: tuple[Axis, ...],
+    *,
+    alphabet: Iterable[int] | None = None,
+    weights: Weights = Weights(),  # noqa: B008
+    fill: bool = False,
+) -> Problem:
+    """The paper's problem: road networks of a given size.
+
+    Args:
+      shape: (height, width), each at least 2.
+      axes: of the descriptor space.
+      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may
+        hold others: stubs and empty cells are what `dead_ends` and `coverage` count, any other code is counted
+        by `off_alphabet`.
+      weights: of the fitness; its numbers may be traced.
+      fill: whether repair also fills (see `repair`).
+
+    Raises:
+      ValueError: for a bad shape or alphabet.
+    """
+    shape = check_shape(shape)
+    alphabet = ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet)
+    countenanced = (*alphabet, *KINDS["stub"], *KINDS["empty"])
+
+    def mend(grid: Array, dirty: Array) -> Array:
+        return repair(grid, dirty, fill=fill)
+
+    def random(key: PRNGKey, count: int) -> Array:
+        rank = jnp.asarray(raster_rank(shape))
+        return jax.vmap(lambda grid: mend(grid, rank))(random_grids(key, count, shape, alphabet=alphabet))
+
+    def measure_road(grid: Array) -> Metrics:
+        return measure(grid, countenanced)
+
+    def evaluate(grids: Array) -> Evaluation:
+        chex.assert_shape(grids, (None, *shape))
+        chex.assert_type(grids, jnp.int8)
+        metrics = jax.vmap(measure_road)(grids)
+        return Evaluation(fitness(metrics, weights), describe(metrics, axes))
+
+    return Problem(shape, alphabet, axes, random, mend, measure_road, evaluate)

@@ -1,0 +1,55 @@
+"""A progress bar on standard error."""
+
+import sys
+from types import TracebackType
+from typing import Any
+
+__all__ = ["Progress"]
+
+
+class Progress:
+    """Shows how far a run is: generation, best fitness, elites, evaluations per second, time left.
+
+    Args:
+      name: of the run.
+      done: generations done before.
+      last: generations to be done in all.
+      shown: whether to show it at once; by default on a terminal, when the run takes over a second.
+    """
+
+    def __init__(self, name: str, done: int, last: int, *, shown: bool | None = None) -> None:
+        self._bar: Any = None
+        if shown if shown is not None else sys.stderr.isatty():
+            from tqdm import tqdm  # here, so that the kernels can be imported without it
+
+            self._bar = tqdm(
+                desc=name,
+                initial=done,
+                total=last,
+                unit="gen",
+                delay=0 if shown else 1,
+                bar_format="{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} generations, "
+                "{remaining} left{postfix}",
+            )
+
+    def show(self, done: int, best: float, elites: float, speed: float) -> None:
+        if self._bar is not None:
+            postfix = f"best {best:,.0f}, {elites:,.0f} elites, {_short(speed)} evaluations/s"
+            self._bar.set_postfix_str(postfix, refresh=False)
+            self._bar.update(done - self._bar.n)
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def _short(number: float) -> str:
+    for factor, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if number >= factor:
+            return f"{number / factor:.3g}{unit}"
+    return f"{number:.3g}"

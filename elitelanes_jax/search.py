@@ -1,0 +1,296 @@
+"""One call from a key to evolved road networks."""
+
+import time
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from chex import Array, ArrayTree, PRNGKey
+
+from elitelanes_jax.archive import Axis, paper_axes
+from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
+from elitelanes_jax.evolution import EvolutionConfig
+from elitelanes_jax.grids import check_shape
+from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.objective import Weights, check_weights
+from elitelanes_jax.optimizers import Info, MapElitesConfig, Optimizer, ea, map_elites
+from elitelanes_jax.problem import Problem, road_problem
+from elitelanes_jax.progress import Progress
+from elitelanes_jax.run import advance, start
+
+__all__ = ["METHODS", "Found", "History", "Result", "RunState", "evolve"]
+
+
+class _Method(NamedTuple):
+    factory: Callable[..., Optimizer]
+    presets: dict[str, Any]
+
+
+#: The methods by name, each with its optimiser and its presets.
+METHODS = {
+    "ea": _Method(ea, {"paper": EvolutionConfig()}),
+    "map-elites": _Method(map_elites, {"paper": MapElitesConfig()}),
+}
+
+# Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take,
+# and so many generations it has at most.
+_SECONDS_A_CALL = 0.2
+_MOST = 100
+
+
+class Found(NamedTuple):
+    """What a run has found, in N places, some of which may be vacant.
+
+    grids: int8 ``[N, H, W]``.
+    fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
+    descriptor: int32 ``[N, D]``, the values of the axes' metrics.
+    valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
+    metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
+    """
+
+    grids: Array
+    fitness: Array
+    descriptor: Array
+    valid: Array
+    metrics: Metrics
+
+
+class History(NamedTuple):
+    """A run by generation, as NumPy arrays.
+
+    generation: int ``[G]``, counted from 1.
+    evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
+    best_fitness: int32 ``[G]``, the lowest among the elites.
+    elites: int32 ``[G]``, how many there are: niches filled, or the size of the population.
+    evaluations_per_second: float ``[G]``, of all seeds together, as the clock had it.
+    """
+
+    generation: np.ndarray
+    evaluations: np.ndarray
+    best_fitness: np.ndarray
+    elites: np.ndarray
+    evaluations_per_second: np.ndarray
+
+
+class RunState(NamedTuple):
+    """What a run goes on from, beside its key and settings.
+
+    generation: int, how many are done.
+    inner: the optimiser's own state.
+    """
+
+    generation: int
+    inner: ArrayTree
+
+
+class Result(NamedTuple):
+    """What `evolve` returns.
+
+    elites: what was found, measured.
+    history: of the generations of this call.
+    state: to go on from.
+    axes: of the descriptor.
+    """
+
+    elites: Found
+    history: History
+    state: RunState
+    axes: tuple[Axis, ...]
+
+    def best(self) -> Array:
+        """The grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
+        place = jnp.argmin(self.elites.fitness, axis=-1)[..., None, None, None]
+        return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
+
+
+def evolve(
+    key: PRNGKey,
+    shape: tuple[int, int] = (12, 12),
+    *,
+    method: str = "map-elites",
+    preset: str = "paper",
+    config: EvolutionConfig | MapElitesConfig | None = None,
+    generations: int = 200,
+    alphabet: Iterable[int] | None = None,
+    weights: Weights | None = None,
+    fill: bool = False,
+    state: RunState | None = None,
+    progress: bool | None = None,
+) -> Result:
+    """Evolves road networks.
+
+    Args:
+      key: one `jax.random.key`, or an array of keys ``[S]``: many seeds in one compiled call, and a leading
+        seed axis ``[S, ...]`` in everything that is returned, but for the two counts and the speed in the
+        history. A seed gives the same result alone and among others, bit for bit.
+      shape: (height, width) of the grids, each at least 2.
+      method: "map-elites" or "ea".
+      preset: "paper".
+      config: of the method, to be taken in place of the preset's.
+      generations: how many to run now, at least 0.
+      alphabet: the tile codes to draw from, by default all with two or more connections.
+      weights: of the fitness, by default the paper's.
+      fill: whether repair also gives every tile at least two connections, so that all have a picture.
+      state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit, where key
+        and settings are the same.
+      progress: whether to show a progress bar; by default on a terminal, when a run takes over a second.
+
+    Returns:
+      A `Result`.
+
+    Raises:
+      ValueError: for an argument out of its range, or a state that does not belong to the other arguments.
+    """
+    keys, single = _keys(key)
+    if not isinstance(generations, int | np.integer) or generations < 0:
+        raise ValueError(f"generations: expected a whole number, 0 or more, got {generations!r}")
+    setup, numbers = _setup(shape, method, preset, config, alphabet, weights, fill)
+    if state is None:
+        done, inner = 0, _start(setup, numbers, keys)
+    else:
+        done, inner = _resumed(setup, numbers, keys, state, single)
+
+    evaluations = setup.optimizer(numbers).offspring
+    first, last = done + 1, done + int(generations)
+    rows: list[Info] = []
+    speeds: list[float] = []
+    stretch = 8
+    if done < last:
+        jax.block_until_ready(_advance(setup, numbers, keys, inner, first, done))  # nothing to do but compile
+    with Progress(f"{method} {setup.shape[0]}x{setup.shape[1]}", done, last, shown=progress) as bar:
+        while done < last:
+            count = min(stretch, last - done)
+            began = time.perf_counter()
+            inner, info = _advance(setup, numbers, keys, inner, done + 1, done + count)
+            rows.append(jax.tree.map(lambda field, count=count: np.asarray(field[:count]), info))
+            seconds = time.perf_counter() - began
+            done += count
+            speeds += [count * evaluations * keys.size / seconds] * count
+            bar.show(done, rows[-1].best_fitness[-1].min(), rows[-1].elites[-1].mean(), speeds[-1])
+            wanted = count * _SECONDS_A_CALL / seconds
+            stretch = int(min(max(wanted, 1), 2 * stretch, _MOST))
+
+    generation = np.arange(first, last + 1)
+    info = jax.tree.map(lambda *parts: np.concatenate(parts).T, *rows) if rows else _no_rows(keys.size)
+    found = _found(setup, numbers, inner)
+    if single:
+        info, found, inner = jax.tree.map(lambda array: array[0], (info, found, inner))
+    history = History(
+        generation, generation * evaluations, info.best_fitness, info.elites, evaluations_per_second=np.array(speeds)
+    )
+    return Result(found, history, RunState(last, inner), setup.axes)
+
+
+class _Numbers(NamedTuple):
+    """Settings that may change without a second compilation: weights, and a configuration's real numbers."""
+
+    weights: Weights
+    config: tuple[Array, ...]
+
+
+class _Setup(NamedTuple):
+    """Settings that a compiled run is made for; hashable."""
+
+    method: str
+    shape: tuple[int, int]
+    alphabet: tuple[int, ...]
+    fill: bool
+    axes: tuple[Axis, ...]
+    config: tuple[Any, ...]  # its leaves, None for the real numbers
+    config_tree: Any
+
+    def problem(self, numbers: _Numbers) -> Problem:
+        return road_problem(self.shape, self.axes, alphabet=self.alphabet, weights=numbers.weights, fill=self.fill)
+
+    def optimizer(self, numbers: _Numbers) -> Optimizer:
+        reals = iter(numbers.config)
+        leaves = [next(reals) if leaf is None else leaf for leaf in self.config]
+        config = jax.tree.unflatten(self.config_tree, leaves)
+        return METHODS[self.method].factory(self.problem(numbers), config)
+
+
+def _setup(
+    shape: Any,
+    method: str,
+    preset: str,
+    config: Any,
+    alphabet: Iterable[int] | None,
+    weights: Weights | None,
+    fill: bool,
+) -> tuple[_Setup, _Numbers]:
+    shape = check_shape(shape)
+    if method not in METHODS:
+        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    presets = METHODS[method].presets
+    if preset not in presets:
+        raise ValueError(f"preset: expected one of {', '.join(presets)}, got {preset!r}")
+    if config is None:
+        config = presets[preset]
+    elif type(config) is not type(presets[preset]):
+        raise ValueError(f"config: expected {type(presets[preset]).__name__} for {method}, got {type(config).__name__}")
+    leaves, tree = jax.tree.flatten(config)
+    setup = _Setup(
+        method=method,
+        shape=shape,
+        alphabet=ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet),
+        fill=bool(fill),
+        axes=paper_axes(shape),
+        config=tuple(None if isinstance(leaf, float) else leaf for leaf in leaves),
+        config_tree=tree,
+    )
+    weights = check_weights(Weights() if weights is None else weights, shape)
+    reals = tuple(jnp.float32(leaf) for leaf in leaves if isinstance(leaf, float))
+    return setup, _Numbers(jax.tree.map(jnp.int32, weights), reals)
+
+
+def _keys(key: Any) -> tuple[PRNGKey, bool]:
+    """The keys as an array ``[S]``, and whether there was one key alone."""
+    if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
+        key = jax.random.wrap_key_data(key)
+    if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
+        raise ValueError(f"key: expected a jax.random.key or an array of them, got {key!r}")
+    if key.ndim > 1 or key.size == 0:
+        raise ValueError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
+    return jnp.atleast_1d(key), key.ndim == 0
+
+
+def _resumed(setup: _Setup, numbers: _Numbers, keys: PRNGKey, state: RunState, single: bool) -> tuple[int, ArrayTree]:
+    if not isinstance(state, RunState):
+        raise ValueError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
+    inner = jax.tree.map(lambda array: jnp.asarray(array)[None], state.inner) if single else state.inner
+    expected = jax.eval_shape(lambda: start(setup.optimizer(numbers), keys))
+    kinds = [
+        [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)] + [jax.tree.structure(tree)]
+        for tree in (inner, expected)
+    ]
+    if kinds[0] != kinds[1]:
+        raise ValueError(
+            f"state: expected one of {setup.method} on {setup.shape[0]} x {setup.shape[1]} with {keys.size} "
+            "seeds, got that of another run"
+        )
+    return int(state.generation), inner
+
+
+def _no_rows(seeds: int) -> Info:
+    return Info(*(np.zeros((seeds, 0), np.int32) for _ in Info._fields))
+
+
+@partial(jax.jit, static_argnames="setup")
+def _start(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> ArrayTree:
+    return start(setup.optimizer(numbers), keys)
+
+
+@partial(jax.jit, static_argnames="setup")
+def _advance(
+    setup: _Setup, numbers: _Numbers, keys: PRNGKey, states: ArrayTree, first: int, last: int
+) -> tuple[ArrayTree, Info]:
+    return advance(setup.optimizer(numbers), keys, states, first, last, most=_MOST)
+
+
+@partial(jax.jit, static_argnames="setup")
+def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree) -> Found:
+    elites = jax.vmap(setup.optimizer(numbers).elites)(states)
+    return Found(*elites, metrics=jax.vmap(jax.vmap(setup.problem(numbers).measure))(elites.grids))

@@ -1,0 +1,102 @@
+"""The archive against a dictionary filled one grid at a time, and its ties."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from elitelanes_jax import measure
+from elitelanes_jax.archive import Axis, describe, empty_archive, insert, niche_bins, niche_of, paper_axes
+
+AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2))
+
+
+def one_by_one(batches):
+    """Niche -> (grid, fitness, descriptor), the first of the best."""
+    best = {}
+    for grids, fitness, descriptors in batches:
+        for grid, value, descriptor in zip(grids, fitness, descriptors, strict=True):
+            niche = min(descriptor[0] // 2, 2) * 2 + min(descriptor[1], 1)
+            if niche not in best or value < best[niche][1]:
+                best[niche] = (grid, value, descriptor)
+    return best
+
+
+@st.composite
+def some_batches(draw):
+    count = draw(st.integers(1, 12))
+    batches = []
+    for number in range(draw(st.integers(1, 3))):
+        fitness = draw(hnp.arrays(np.int32, count, elements=st.integers(-2, 2)))  # ties abound
+        descriptors = draw(hnp.arrays(np.int32, (count, 2), elements=st.integers(0, 7)))
+        grids = np.zeros((count, 2, 2), np.int8)
+        grids[:, 0, 0], grids[:, 0, 1] = number, np.arange(count)  # each bears its own number
+        batches.append((grids, fitness, descriptors))
+    return batches
+
+
+@given(some_batches())
+def test_insertion_is_that_of_one_after_another(batches):
+    archive = empty_archive(AXES, (2, 2))
+    for batch in batches:
+        archive = insert(archive, AXES, *map(jnp.asarray, batch))
+    expected = one_by_one(batches)
+    assert set(np.flatnonzero(archive.filled)) == set(expected)
+    for niche, (grid, value, descriptor) in expected.items():
+        np.testing.assert_array_equal(archive.grids[niche], grid)
+        assert archive.fitness[niche] == value
+        np.testing.assert_array_equal(archive.descriptor[niche], descriptor)
+
+
+def test_ties():
+    """The elite that is there stays; of newcomers the first in the batch comes in."""
+    grids = jnp.arange(3, dtype=jnp.int8)[:, None, None] * jnp.ones((3, 2, 2), jnp.int8)
+    same = jnp.zeros((3, 2), jnp.int32)
+    archive = insert(empty_archive(AXES, (2, 2)), AXES, grids, jnp.array([5, 4, 4]), same)
+    assert (archive.grids[0] == 1).all()
+    archive = insert(archive, AXES, grids + 10, jnp.array([4, 9, 4]), same)
+    assert (archive.grids[0] == 1).all()
+    archive = insert(archive, AXES, grids + 10, jnp.array([9, 3, 3]), same)
+    assert (archive.grids[0] == 11).all()
+    assert archive.filled.sum() == 1
+
+
+def test_the_papers_niches():
+    axes = paper_axes((12, 12))
+    assert [axis.metric for axis in axes] == [
+        "cyclomatic",
+        "components",
+        "dead_ends",
+        "adjacent_crossings",
+        "adjacent_turns",
+    ]
+    assert empty_archive(axes, (12, 12)).fitness.shape == (400,)
+    cases = {
+        (0, 0, 0, 0, 0): (0, 0, 0, 0, 0),
+        (1, 1, 0, 0, 0): (0, 0, 0, 0, 0),
+        (2, 2, 1, 2, 1): (1, 1, 1, 1, 1),
+        (47, 1, 9, 0, 0): (23, 0, 1, 0, 0),
+        (48, 5, 0, 30, 0): (24, 1, 0, 1, 0),
+        (121, 1, 0, 0, 8): (24, 0, 0, 0, 1),
+    }
+    descriptors, bins = np.array(list(cases)), np.array(list(cases.values()))
+    np.testing.assert_array_equal(niche_bins(jnp.asarray(descriptors), axes), bins)
+    np.testing.assert_array_equal(
+        niche_of(jnp.asarray(descriptors), axes), [np.ravel_multi_index(tuple(bin_), (25, 2, 2, 2, 2)) for bin_ in bins]
+    )
+
+
+@pytest.mark.parametrize(("shape", "width"), [((12, 12), 2), ((2, 2), 1), ((24, 24), 8), ((8, 8), 1), ((14, 14), 3)])
+def test_bins_grow_with_the_area(shape, width):
+    assert paper_axes(shape)[0].width == width
+
+
+def test_descriptors_are_the_metrics_of_the_axes():
+    grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
+    metrics = jax.vmap(measure)(grids)
+    descriptor = describe(metrics, AXES)
+    np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
+    np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
