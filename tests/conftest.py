@@ -2,22 +2,40 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import jax
 import numpy as np
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from elitelanes_jax.tilesets import TileSet, load_tiles
+
 # Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
 settings.register_profile("ci", max_examples=100, deadline=None, derandomize=True)
 settings.load_profile("ci")
+
+REAL_TILES = Path(__file__).parents[2] / "shared" / "real_tiles"
 
 
 def grids():
     """Hypothesis: grids of any codes, of a few shapes (each is compiled once)."""
     shapes = st.sampled_from([(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)])
     return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
+
+
+@pytest.fixture(scope="session")
+def drawn_tiles() -> TileSet:
+    return load_tiles()
+
+
+@pytest.fixture(scope="session")
+def real_tiles() -> TileSet:
+    if not REAL_TILES.is_dir():
+        pytest.skip("the photographed tiles are not here")
+    return load_tiles(REAL_TILES)
 
 
 _compiled: list[str] = []

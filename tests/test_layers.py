@@ -15,9 +15,9 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 FLOORS = """
 version
 codes  draws  progress
-lattice  grids
-faces  repairs  symmetry
-metrics
+lattice  grids  tilesets
+faces  repairs  symmetry  roadmap
+metrics  render
 objective  archive
 problem  variation
 evolution
@@ -30,7 +30,7 @@ search
 FLOOR = {name: floor for floor, line in enumerate(FLOORS.split("\n")) for name in line.split()}
 
 # What the search side must not know: pictures; and the picture side: searches.
-PICTURES: set[str] = set()
+PICTURES = {"tilesets", "render"}
 
 
 def modules():

@@ -1,0 +1,176 @@
+"""Rendering: a grid to one picture, its masks and its label map (paper, section "Real-World Data Integration")."""
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.codes import KINDS
+from elitelanes_jax.roadmap import RoadMap
+from elitelanes_jax.tilesets import MASKS, TileSet
+
+__all__ = [
+    "LABELS",
+    "LABEL_COLOURS",
+    "Picture",
+    "choose_tiles",
+    "overlay",
+    "recall_tiles",
+    "render",
+    "write_picture",
+    "write_png",
+]
+
+#: The classes of a label map: a label is the place in this list. A line lies over the road.
+LABELS = ("background", "road", "stop line", "lane separator")
+
+#: A colour for each label, RGB.
+LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
+
+_SMALLEST, _LARGEST = 16, 512
+
+
+class Picture(NamedTuple):
+    """A rendered grid of H x W tiles of P pixels each.
+
+    image: uint8 ``[H·P, W·P, 3]``, RGB.
+    road, red, yellow: uint8 ``[H·P, W·P]``, 0 or 255.
+    labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
+    """
+
+    image: NDArray[np.uint8]
+    road: NDArray[np.uint8]
+    red: NDArray[np.uint8]
+    yellow: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+
+
+def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
+    """Draws a picture for each cell at random among all that show its code.
+
+    Args:
+      grid: codes ``[H, W]``.
+      tiles: whose pictures to choose from.
+      seed: of a `numpy.random.default_rng`; the same one gives the same choice.
+
+    Returns:
+      int ``[H, W, 2]``: the place of the tile in the set, and its quarter turns counter-clockwise.
+
+    Raises:
+      ValueError: if the set has no picture for a cell.
+    """
+    grid = np.asarray(grid)
+    for row, column in np.argwhere(~np.isin(grid, tiles.alphabet)):
+        code = grid[row, column]
+        kind = next((kind for kind, codes in KINDS.items() if code in codes), "none")
+        raise ValueError(
+            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {', '.join(map(str, tiles.alphabet))}), "
+            f"got {code} ({kind}) at row {row}, column {column}"
+        )
+    lots = np.random.default_rng(seed).random(grid.shape)
+    chosen = np.zeros((*grid.shape, 2), int)
+    for code, draws in tiles.turned.items():
+        cells = grid == code
+        chosen[cells] = np.array(draws)[(lots[cells] * len(draws)).astype(int)]
+    return chosen
+
+
+def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chosen: Any = None) -> Picture:
+    """Draws a grid.
+
+    Args:
+      grid: codes ``[H, W]``, each with a picture in the set.
+      tiles: whose pictures to draw with.
+      tile_px: side of a tile in pixels, 16 to 512.
+      seed: of the choice among the pictures of each code (see `choose_tiles`).
+      chosen: that choice, to be taken in place of the seed's.
+
+    Raises:
+      ValueError: if the set has no picture for a cell, or the size is out of its range.
+    """
+    if not isinstance(tile_px, int | np.integer) or not _SMALLEST <= tile_px <= _LARGEST:
+        raise ValueError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+    chosen = choose_tiles(grid, tiles, seed) if chosen is None else np.asarray(chosen)
+    images, masks = _scaled(tiles, int(tile_px))
+    place = chosen[..., 0] * 4 + chosen[..., 1]
+    image = _laid_out(images[place])
+    road, red, yellow = np.moveaxis(_laid_out(masks[place]), -1, 0)
+    labels = np.where(yellow, 3, np.where(red, 2, road)).astype(np.uint8)
+    layers = dict(zip(MASKS, (road * np.uint8(255), red * np.uint8(255), yellow * np.uint8(255)), strict=True))
+    return Picture(image=image, labels=labels, **layers)
+
+
+def recall_tiles(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
+    """The choice of tiles that a map was drawn with, or None where the set or the map's codes are others now."""
+    if road_map.drawn is None or road_map.drawn.tile_set != tiles.name:
+        return None
+    places = {tile.name: place for place, tile in enumerate(tiles.tiles)}
+    names, turns = np.array(road_map.drawn.tiles), np.array(road_map.drawn.quarter_turns)
+    if not names.shape == turns.shape == road_map.codes.shape or not set(names.flat) <= set(places):
+        return None
+    chosen = np.stack([np.vectorize(places.__getitem__)(names), turns], axis=-1)
+    fits = all(
+        tuple(choice) in tiles.turned.get(int(code), ())
+        for choice, code in zip(chosen.reshape(-1, 2), road_map.codes.flat, strict=True)
+    )
+    return chosen if fits else None
+
+
+def write_picture(folder: Path, picture: Picture) -> None:
+    """Writes image.png, road.png, red.png, yellow.png and labels.png."""
+    for name, pixels in picture._asdict().items():
+        write_png(folder / f"{name}.png", pixels)
+
+
+def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
+    """Writes a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    encoded = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1]
+    file.write_bytes(encoded.tobytes())
+
+
+def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
+    """The picture with its labels laid over it in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
+    return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _scaled(tiles: TileSet, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+    """All tiles in all four turns at one size: images ``[4·T, P, P, 3]``, masks ``[4·T, P, P, 3]``."""
+    images, masks = [], []
+    for tile in tiles.tiles:
+        image = _resized(tile.image, size)
+        layers = np.stack([_resized_mask(getattr(tile, name), size, name) for name in MASKS], axis=-1)
+        for turns in range(4):
+            images.append(np.rot90(image, turns))
+            masks.append(np.rot90(layers, turns))
+    return np.stack(images), np.stack(masks)
+
+
+def _resized(picture: NDArray[Any], size: int) -> NDArray[Any]:
+    if picture.shape[0] == size:
+        return picture
+    shrinks = size < picture.shape[0]
+    return cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _resized_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
+    """A mask through the same transform as its image: the pixels that it covers by half or more.
+
+    Lines are at some sizes thinner than a pixel, and would cover none by half. Of a line as many pixels stay as it has
+    area, those that it covers most; what is covered alike stays or goes together. So a class has its share at any size.
+    """
+    cover = _resized(mask.astype(np.float32), size)
+    area = round(float(cover.sum()))
+    if name == "road" or not area:
+        return cover >= 0.5
+    return cover >= np.sort(cover, axis=None)[-area] - 1e-4
+
+
+def _laid_out(tiles: NDArray[Any]) -> NDArray[Any]:
+    """Pictures ``[H, W, P, P, C]`` side by side, ``[H·P, W·P, C]``."""
+    height, width, size, _, channels = tiles.shape
+    return tiles.transpose(0, 2, 1, 3, 4).reshape(height * size, width * size, channels)

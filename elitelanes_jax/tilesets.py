@@ -1,0 +1,263 @@
+"""Tile sets: folders of elementary tile pictures with their masks, and what can be drawn with them.
+
+A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4. Each has
+``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
+``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
+
+An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
+single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
+N, S and W, a crossing4 all four.
+
+Tiles are turned by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop
+lines on the wrong side.
+"""
+
+import re
+import tomllib
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, turned
+
+__all__ = ["MASKS", "Tile", "TileSet", "Turned", "check_tiles", "default_tiles", "describe_tiles", "load_tiles"]
+
+#: The masks of a tile, by the names of their files.
+MASKS = ("road", "red", "yellow")
+
+_SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
+_OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
+_FILES = ("image", *MASKS)
+
+
+class Tile(NamedTuple):
+    """One elementary tile.
+
+    name: of its folder, ``<kind>_<n>``.
+    code: the sides it opens, as a tile code.
+    image: uint8 ``[S, S, 3]``, RGB.
+    road, red, yellow: bool ``[S, S]``.
+    """
+
+    name: str
+    code: int
+    image: NDArray[np.uint8]
+    road: NDArray[np.bool_]
+    red: NDArray[np.bool_]
+    yellow: NDArray[np.bool_]
+
+
+class Turned(NamedTuple):
+    """A tile of a set, by its place in it, and how many quarter turns counter-clockwise it is turned."""
+
+    tile: int
+    quarter_turns: int
+
+
+@dataclass(frozen=True, eq=False)
+class TileSet:
+    """Elementary tiles.
+
+    name: of the set.
+    licence: of its pictures, as its makers state it; empty where they do not.
+    tiles: sorted by kind and number.
+    """
+
+    name: str
+    licence: str
+    tiles: tuple[Tile, ...]
+
+    @cached_property
+    def turned(self) -> dict[int, tuple[Turned, ...]]:
+        """For each code that the set can draw, all the tiles and turns that draw it."""
+        draws: dict[int, list[Turned]] = {}
+        for place, tile in enumerate(self.tiles):
+            for turns in range(4):
+                draws.setdefault(turned(tile.code, turns), []).append(Turned(place, turns))
+        return {code: tuple(draws[code]) for code in sorted(draws)}
+
+    @property
+    def alphabet(self) -> tuple[int, ...]:
+        """The codes that the set can draw, sorted."""
+        return tuple(self.turned)
+
+
+def default_tiles() -> Path:
+    """The folder of the tile set that comes with the package."""
+    installed = Path(__file__).parent / "tiles"
+    return installed if installed.is_dir() else Path(__file__).parents[1] / "tiles"
+
+
+def load_tiles(folder: str | Path | None = None) -> TileSet:
+    """Loads a tile set, the package's own by default.
+
+    Raises:
+      ValueError: if anything about the folder is not as it should be; the message names the file.
+    """
+    tiles, problems = check_tiles(default_tiles() if folder is None else folder)
+    if tiles is None:
+        more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
+        raise ValueError(problems[0] + more)
+    return tiles
+
+
+def check_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
+    """A tile set and no problems, or None and all that is wrong with the folder, a line each."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return None, [f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}"]
+    problems: list[str] = []
+    about = _about(folder, problems)
+    tiles = []
+    for place in _tile_folders(folder, problems):
+        tile = _load_tile(place, about.get("opens", {}), problems)
+        if tile is not None:
+            tiles.append(tile)
+    drawn = {kind for kind, codes in KINDS.items() if any(tile.code in codes for tile in tiles)}
+    missing = [kind for kind in ("straight", "turn") if kind not in drawn]
+    if not drawn & {"crossing3", "crossing4"}:
+        missing.append("crossing")
+    if missing and not problems:
+        problems.append(
+            f"{folder}: expected tiles of every kind a map needs (straight, turn, crossing3 or crossing4), "
+            f"got no {' and no '.join(missing)}"
+        )
+    if problems:
+        return None, problems
+    return TileSet(about.get("name", folder.resolve().name), about.get("licence", ""), tuple(tiles)), []
+
+
+def describe_tiles(tiles: TileSet) -> str:
+    """What a set holds and can draw, a few lines of text."""
+    lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
+    for tile in tiles.tiles:
+        sides = "".join(letter for letter, side in _SIDES.items() if tile.code & side)
+        lines.append(f"  {tile.name:12} opens {sides:4}  {_size(tile.image)} pixels")
+    turned_tiles = sum(len(draws) for draws in tiles.turned.values())
+    lines.append(f"turned, {turned_tiles} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
+    return "\n".join(lines)
+
+
+def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
+    """What tileset.toml says, its table `opens` checked."""
+    file = folder / "tileset.toml"
+    if not file.exists():
+        return {}
+    try:
+        about = tomllib.loads(file.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        problems.append(f"{file}: expected a readable TOML file, got: {error}")
+        return {}
+    words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
+    problems += [f"{file}: expected {key} to be text, got {about[key]!r}" for key in words]
+    opens = about.get("opens", {})
+    if not isinstance(opens, dict):
+        problems.append(f"{file}: expected a table [opens], got {opens!r}")
+        return {}
+    for name, sides in opens.items():
+        kind = name.rpartition("_")[0] or name
+        if kind not in _OPENS:
+            problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {name!r}")
+        elif not isinstance(sides, str) or _code(sides) not in KINDS[kind]:
+            number = CONNECTIONS[KINDS[kind][0]]
+            how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
+            problems.append(f"{file}: expected {name} to open {number} sides{how}, as letters of NESW, got {sides!r}")
+    return about
+
+
+def _code(sides: str) -> int | None:
+    """The tile code of sides given as letters, or None."""
+    if len(set(sides)) != len(sides) or not set(sides) <= set(_SIDES):
+        return None
+    return sum(_SIDES[side] for side in sides)
+
+
+def _tile_folders(folder: Path, problems: list[str]) -> list[Path]:
+    found = []
+    for place in folder.iterdir():
+        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
+        if place.is_dir() and match and match[1] in _OPENS:
+            found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
+        elif place.is_dir() and (place / "image.png").exists():
+            problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
+    return [place for _, place in sorted(found)]
+
+
+def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
+    kind = place.name.rpartition("_")[0]
+    before = len(problems)
+    missing = [f"{name}.png" for name in _FILES if not (place / f"{name}.png").is_file()]
+    if missing:
+        problems.append(f"{place}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
+    image = _read(place / "image.png", problems)
+    if image is not None:
+        image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+        if image.shape[0] != image.shape[1]:
+            problems.append(f"{place / 'image.png'}: expected a square picture, got {_size(image)} pixels")
+    masks = [_read_mask(place / f"{name}.png", image, problems) for name in MASKS]
+    code = _code(opens.get(place.name, opens.get(kind, _OPENS[kind])))
+    if len(problems) > before or image is None or code is None:
+        return None
+    return Tile(place.name, code, image[..., :3], *(mask for mask in masks if mask is not None))
+
+
+def _read(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
+    """A picture with the channels in RGB order, or None, and why, if the file is there."""
+    if not file.is_file():
+        return None
+    try:
+        content = file.read_bytes()
+        whole = _is_whole_png(content)
+    except OSError:
+        whole = False
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+    picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if whole else None
+    if picture is None or picture.dtype != np.uint8:
+        got = "one that cannot be read" if picture is None else str(picture.dtype)
+        problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
+        return None
+    if picture.ndim == 3:
+        picture = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGB if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB)
+    return np.asarray(picture, np.uint8)
+
+
+def _is_whole_png(content: bytes) -> bool:
+    """Whether all chunks of a PNG file are there and unharmed: given another, the decoder writes to the terminal."""
+    place = 8
+    while content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= place + 12:
+        end = place + 8 + int.from_bytes(content[place : place + 4])
+        kind = content[place + 4 : place + 8]
+        if zlib.crc32(content[place + 4 : end]) != int.from_bytes(content[end : end + 4]):
+            return False
+        if kind == b"IEND":
+            return True
+        place = end + 4
+    return False
+
+
+def _read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> NDArray[np.bool_] | None:
+    mask = _read(file, problems)
+    if mask is None:
+        return None
+    if mask.ndim == 3:
+        if (mask != mask[..., :1]).any():
+            problems.append(f"{file}: expected a grey mask, got one in colours")
+            return None
+        mask = mask[..., 0]
+    if image is not None and mask.shape != image.shape[:2]:
+        problems.append(f"{file}: expected {_size(image)} pixels like image.png, got {_size(mask)}")
+    values = np.unique(mask)
+    if len(values) > 2 or (len(values) == 2 and values[0] != 0):
+        listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
+        problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
+    return mask > 0
+
+
+def _size(picture: NDArray[Any]) -> str:
+    return f"{picture.shape[1]} x {picture.shape[0]}"

@@ -1,0 +1,67 @@
+"""Map files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from elitelanes_jax.roadmap import Drawn, RoadMap, read_map, to_json
+
+CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
+WHOLE = RoadMap(
+    CODES,
+    {"components": 1, "coverage": 1.0},
+    -12,
+    {"cyclomatic": 1},
+    [0, 0],
+    (7, 2),
+    Drawn("a set", [["turn_1"] * 3] * 2, [[0, 1, 2]] * 2),
+)
+
+
+@pytest.mark.parametrize("road_map", [WHOLE, RoadMap(CODES)])
+def test_a_map_file_gives_the_map_back(road_map, tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text(to_json(road_map))
+    back = read_map(file)
+    np.testing.assert_array_equal(back.codes, CODES)
+    assert back.codes.dtype == np.int8
+    assert back._replace(codes=None) == road_map._replace(codes=None)
+
+
+def test_a_map_file_is_easy_to_read():
+    text = to_json(WHOLE)
+    assert '  "shape": [2, 3],\n' in text
+    assert '  "codes": [\n    [6, 5, 3],\n    [12, 5, 9]\n  ],\n' in text
+    assert '    "coverage": 1.0\n' in text
+    assert json.loads(text)["drawn"]["tiles"] == [["turn_1"] * 3] * 2
+
+
+def test_a_grid_of_codes_is_enough(tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text('{"codes": [[6, 3], [12, 9]]}')
+    assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "expected a readable JSON file"),
+        ("[1]", 'expected a map, {"codes": .*}, got no "codes"'),
+        ('{"code": []}', 'got no "codes"'),
+        ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
+        ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
+        ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected integer tile codes, got float64"),
+        ('{"codes": [[1, 2]]}', "expected sides from 2 to 1024, got 1 x 2"),
+        ('{"codes": "road"}', "grid: expected"),
+        ('{"codes": [[6, 3], [12, 9]], "drawn": 3}', "drawn: expected"),
+        ('{"codes": [[6, 3], [12, 9]], "drawn": {"tiles": []}}', "drawn: expected"),
+    ],
+)
+def test_bad_files_are_named(text, message, tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=f"map.json: .*{message}"):
+        read_map(file)
+    with pytest.raises(ValueError, match="nowhere.json: expected a readable JSON file, got: .*No such file"):
+        read_map(tmp_path / "nowhere.json")

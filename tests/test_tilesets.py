@@ -1,0 +1,194 @@
+"""Tile sets: the drawn one, the photographed one, and all that can be wrong with a folder."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax.codes import CONNECTIONS, ROAD_ALPHABET
+from elitelanes_jax.tilesets import check_tiles, default_tiles, describe_tiles, load_tiles
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of the default set that may be spoilt."""
+    copy = tmp_path / "tiles"
+    shutil.copytree(default_tiles(), copy, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    return copy
+
+
+def test_the_drawn_set(drawn_tiles):
+    kinds = [tile.name.rpartition("_")[0] for tile in drawn_tiles.tiles]
+    assert kinds == ["turn"] * 4 + ["straight"] * 4 + ["crossing3"] * 3 + ["crossing4"]
+    assert drawn_tiles.alphabet == ROAD_ALPHABET
+    assert drawn_tiles.licence == "Apache-2.0"
+    assert min(tile.image.shape[0] for tile in drawn_tiles.tiles) >= 256
+    counts = {code: len(draws) for code, draws in drawn_tiles.turned.items()}
+    assert counts == {code: {2: 4, 3: 3, 4: 4}[int(CONNECTIONS[code])] for code in ROAD_ALPHABET} | {5: 8, 10: 8}
+
+
+def test_the_photographed_set(real_tiles):
+    assert [tile.name for tile in real_tiles.tiles] == ["turn_1", "straight_1", "crossing3_1", "crossing4_1"]
+    assert real_tiles.alphabet == ROAD_ALPHABET
+    assert real_tiles.name == "real_tiles"
+
+
+def test_a_description(drawn_tiles):
+    text = describe_tiles(drawn_tiles)
+    assert "Elite Lanes drawn tiles: 12 tiles, licence Apache-2.0" in text
+    assert "crossing3_2  opens NSW   384 x 384 pixels" in text
+    assert "48 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15" in text
+
+
+def test_sides_may_be_stated(folder):
+    for file in (folder / "turn_2").iterdir():
+        picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), np.ascontiguousarray(np.rot90(picture)))
+    (folder / "tileset.toml").write_text('[opens]\nturn_2 = "SE"\n')
+    tiles = load_tiles(folder)
+    assert tiles.name == "tiles"
+    assert tiles.licence == ""
+    assert [tile.code for tile in tiles.tiles[:3]] == [3, 6, 3]
+
+
+def test_a_set_may_lack_the_four_way_crossing(folder):
+    shutil.rmtree(folder / "crossing4_1")
+    assert load_tiles(folder).alphabet == ROAD_ALPHABET[:-1]
+
+
+def test_numbers_are_sorted_as_numbers(folder):
+    shutil.copytree(folder / "turn_1", folder / "turn_10")
+    assert [tile.name for tile in load_tiles(folder).tiles][:5] == ["turn_1", "turn_2", "turn_3", "turn_4", "turn_10"]
+
+
+def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
+    mask = cv2.imread(str(folder / "turn_1" / "road.png"), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(folder / "turn_1" / "road.png"), mask // 255)
+    cv2.imwrite(str(folder / "turn_1" / "image.png"), mask)
+    tile = load_tiles(folder).tiles[0]
+    np.testing.assert_array_equal(tile.road, mask > 0)
+    np.testing.assert_array_equal(tile.image[..., 2], mask)
+
+
+def write(folder, name, picture):
+    cv2.imwrite(str(folder / name), picture)
+
+
+SPOILS = {
+    "missing mask": (
+        lambda folder: (folder / "turn_2" / "red.png").unlink(),
+        r"turn_2: expected image.png, road.png, red.png and yellow.png, got no red.png",
+    ),
+    "mask of another size": (
+        lambda folder: write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8)),
+        r"straight_1/road.png: expected 384 x 384 pixels like image.png, got 90 x 100",
+    ),
+    "mask with more values": (
+        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[0, 7, 9] * 128], np.uint8)),
+        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 3: 0, 7, 9",
+    ),
+    "mask without zero": (
+        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[1, 255] * 192], np.uint8)),
+        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 2: 1, 255",
+    ),
+    "mask in colours": (
+        lambda folder: write(folder, "turn_1/red.png", np.full((384, 384, 3), [0, 0, 255], np.uint8)),
+        r"turn_1/red.png: expected a grey mask, got one in colours",
+    ),
+    "unreadable picture": (
+        lambda folder: (folder / "crossing4_1" / "image.png").write_bytes(b"no picture"),
+        r"crossing4_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "truncated picture": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
+            (folder / "turn_1" / "image.png").read_bytes()[:9000]
+        ),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "damaged picture": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
+            (folder / "turn_1" / "image.png").read_bytes().replace(b"\x55", b"\x56")
+        ),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "empty file": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(b""),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "sixteen bits": (
+        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 384, 3), np.uint16)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got uint16",
+    ),
+    "oblong picture": (
+        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 300, 3), np.uint8)),
+        r"turn_1/image.png: expected a square picture, got 300 x 384 pixels",
+    ),
+    "no crossings": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("crossing*")],
+        r"expected tiles of every kind a map needs .*, got no crossing",
+    ),
+    "no straights": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("straight*")],
+        r"expected tiles of every kind a map needs .*, got no straight",
+    ),
+    "no tiles": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("*_*")],
+        r"got no straight and no turn and no crossing",
+    ),
+    "misspelt folder": (
+        lambda folder: (folder / "turn_1").rename(folder / "trun_1"),
+        r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4",
+    ),
+    "bad toml": (
+        lambda folder: (folder / "tileset.toml").write_text("name ="),
+        r"tileset.toml: expected a readable TOML file, got: ",
+    ),
+    "name no text": (
+        lambda folder: (folder / "tileset.toml").write_text("name = 3"),
+        r"tileset.toml: expected name to be text, got 3",
+    ),
+    "opens no table": (
+        lambda folder: (folder / "tileset.toml").write_text("opens = 3"),
+        r"tileset.toml: expected a table \[opens\], got 3",
+    ),
+    "opens unknown": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),
+        r"tileset.toml: expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'",
+    ),
+    "a turn that is straight": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn = "NS"'),
+        r"tileset.toml: expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
+    ),
+    "sides that are none": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nstraight_2 = "NX"'),
+        r"tileset.toml: expected straight_2 to open 2 sides that face each other, as letters of NESW, got 'NX'",
+    ),
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_what_is_wrong_is_named(spoil, folder, capfd):
+    damage, message = SPOILS[spoil]
+    damage(folder)
+    with pytest.raises(ValueError, match=message):
+        load_tiles(folder)
+    assert not "".join(capfd.readouterr()), "libraries keep silent"
+
+
+def test_all_that_is_wrong_is_found_at_once(folder):
+    (folder / "turn_2" / "red.png").unlink()
+    write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8))
+    tiles, problems = check_tiles(folder)
+    assert tiles is None
+    assert len(problems) == 2
+    with pytest.raises(ValueError, match="turn_2: .* \\(and 1 more; see: elitelanes tiles check\\)"):
+        load_tiles(folder)
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(ValueError, match="nowhere: expected a folder of tile pictures, got none"):
+        load_tiles(tmp_path / "nowhere")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="file: expected a folder of tile pictures, got a file"):
+        load_tiles(tmp_path / "file")
