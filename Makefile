@@ -3,8 +3,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
+DEMO := demo-maps
 
-.PHONY: test test-slow lint clean
+.PHONY: demo test test-slow lint clean
+
+demo: $(READY)
+	rm -rf $(DEMO)
+	$(BIN)/elitelanes generate --size 12 12 --method map-elites --seeds 16 --maps 16 --out $(DEMO)
 
 test: $(READY)
 	$(BIN)/python -m pytest
@@ -18,7 +23,7 @@ lint: $(READY)
 	$(BIN)/mypy
 
 clean:
-	rm -rf .venv
+	rm -rf .venv $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

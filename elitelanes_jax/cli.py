@@ -1,0 +1,167 @@
+"""The command ``elitelanes``.
+
+What the user got wrong ends in one line on standard error and exit code 2; too few maps, in exit code 1.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from elitelanes_jax.version import __version__
+
+__all__ = ["main", "run"]
+
+# What is slow to import (JAX, OpenCV) is imported by the commands that need it.
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        return options.run(options)
+    except ValueError as error:
+        return _fail(str(error), 2)
+    except OSError as error:
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
+    except KeyboardInterrupt:
+        return _fail("interrupted; nothing was written", 130)
+
+
+def run() -> NoReturn:
+    """The console script."""
+    raise SystemExit(main())
+
+
+def _fail(message: str, code: int) -> int:
+    print(f"elitelanes: {message}", file=sys.stderr)
+    return code
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_generate(commands)
+    _add_render(commands)
+    tiles = commands.add_parser("tiles", help="look after tile sets")
+    _add_tiles_check(tiles.add_subparsers(title="commands", required=True, metavar="COMMAND"))
+    return parser
+
+
+class _Version(argparse.Action):
+    def __call__(self, *_: Any) -> NoReturn:
+        print(f"elitelanes {__version__}")
+        raise SystemExit(0)
+
+
+def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.strip().lstrip("+-").isdigit() or not least <= int(text) <= most:
+            limit = f"{least} or more" if most == 2**31 - 1 else f"{least} to {most}"
+            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {text!r}")
+        return int(text)
+
+    return parse
+
+
+def _add_generate(commands: Any) -> None:
+    command = commands.add_parser(
+        "generate", help="evolve maps and draw them", formatter_class=argparse.ArgumentDefaultsHelpFormatter
+    )
+    command.add_argument("--out", type=Path, required=True, help="folder to write to, new or empty")
+    command.add_argument("--size", type=_whole(2, 1024), nargs=2, default=[12, 12], metavar=("ROWS", "COLUMNS"))
+    command.add_argument("--maps", type=_whole(1), default=16, help="how many maps")
+    command.add_argument("--seeds", type=_whole(1), default=8, help="how many independent runs to choose from")
+    command.add_argument("--seed", type=_whole(0, 2**32 - 1), default=0, help="of everything random")
+    command.add_argument("--method", default="map-elites", help="map-elites or ea")
+    command.add_argument("--preset", default="paper", help="settings of the method")
+    command.add_argument(
+        "--parents", choices=("archive", "population"), default="archive", help="where map-elites takes parents from"
+    )
+    command.add_argument("--generations", type=_whole(0), default=2000, help="of 40 maps a seed")
+    command.add_argument("--tiles", type=Path, help="folder of tile pictures; by default the package's own")
+    command.add_argument("--tile-px", type=_whole(16, 512), default=64, help="side of a tile in pixels")
+    command.set_defaults(run=_generate)
+
+
+def _generate(options: argparse.Namespace) -> int:
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.generate import NotEnoughMapsError, Settings, generate
+
+    use_compile_cache()
+    settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | {"size": tuple(options.size)})
+    try:
+        maps = generate(settings, options.out)
+    except NotEnoughMapsError as error:
+        return _fail(str(error), 1)
+    columns = (
+        "fitness",
+        "cyclomatic",
+        "crossings",
+        "bridges",
+        "adjacent_crossings",
+        "adjacent_turns",
+        "straight_score",
+    )
+    heads = ("map", *(name.replace("_", " ") for name in columns))
+    print("  ".join(heads))
+    for number, road_map in enumerate(maps):
+        figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
+        row = [f"{number:04d}", *(str(figures[name]) for name in columns)]
+        print("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
+    print(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'overview.png'}")
+    return 0
+
+
+def _add_render(commands: Any) -> None:
+    command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
+    command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
+    command.add_argument("--out", type=Path, required=True, help="folder to write to, new or empty")
+    command.add_argument("--tiles", type=Path, help="folder of tile pictures; by default the package's own")
+    command.add_argument("--tile-px", type=_whole(16, 512), default=64, help="side of a tile in pixels, by default 64")
+    command.add_argument(
+        "--seed", type=_whole(0, 2**32 - 1), help="draw other variants; by default the map's own, if the set has them"
+    )
+    command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
+    command.set_defaults(run=_render)
+
+
+def _render(options: argparse.Namespace) -> int:
+    from elitelanes_jax.folders import new_folder
+    from elitelanes_jax.render import overlay, recall_tiles, render, write_picture, write_png
+    from elitelanes_jax.roadmap import read_map
+    from elitelanes_jax.tilesets import load_tiles
+
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    chosen = recall_tiles(road_map, tiles) if options.seed is None else None
+    picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
+    with new_folder(options.out) as folder:
+        write_picture(folder, picture)
+        if options.overlay:
+            write_png(folder / "overlay.png", overlay(picture))
+    print(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {options.out}")
+    return 0
+
+
+def _add_tiles_check(commands: Any) -> None:
+    command = commands.add_parser("check", help="say what a tile set can draw, or all that is wrong with it")
+    command.add_argument("folder", type=Path, metavar="DIR")
+    command.set_defaults(run=_tiles_check)
+
+
+def _tiles_check(options: argparse.Namespace) -> int:
+    from elitelanes_jax.tilesets import check_tiles, describe_tiles
+
+    tiles, problems = check_tiles(options.folder)
+    if tiles is None:
+        print("\n".join(problems), file=sys.stderr)
+        return 2
+    print(describe_tiles(tiles))
+    return 0

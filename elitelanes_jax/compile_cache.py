@@ -1,0 +1,24 @@
+"""Compiled programs kept between processes, so that only the first run on a machine waits for the compiler."""
+
+import os
+from pathlib import Path
+
+import jax
+
+__all__ = ["use_compile_cache"]
+
+
+def use_compile_cache() -> None:
+    """Keeps compiled programs in the user's cache folder, unless JAX has been given another place.
+
+    For programs, not for libraries: it changes JAX's settings for the whole process.
+    """
+    if jax.config.values.get("jax_compilation_cache_dir"):
+        return
+    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
+    try:
+        cache.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return  # slower, and no worse
+    jax.config.update("jax_compilation_cache_dir", str(cache))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

@@ -1,0 +1,47 @@
+"""A sheet of many maps with their figures."""
+
+from collections.abc import Sequence
+from math import ceil, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["overview"]
+
+_GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
+_GAP, _LINE = 28, 19
+
+
+def overview(title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[Sequence[str]]) -> NDArray[np.uint8]:
+    """Pictures in rows, each with lines of text below it, the first darker than the others.
+
+    Args:
+      title: ASCII text above them all.
+      pictures: uint8 ``[H, W, 3]``, RGB, all of one size.
+      captions: ASCII lines for each, as many for one as for another.
+
+    Returns:
+      uint8 ``[., ., 3]``, RGB.
+    """
+    height, width = pictures[0].shape[:2]
+    columns = max(1, ceil(sqrt(len(pictures) * height / width)))
+    rows = ceil(len(pictures) / columns)
+    below = _GAP + _LINE * len(captions[0])
+    top = 3 * _GAP
+    sheet = np.full((top + rows * (height + below), _GAP + columns * (width + _GAP), 3), _GROUND, np.uint8)
+    _write(sheet, title, (_GAP, 2 * _GAP - 6), 0.8, _INK)
+    for number, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
+        row, column = divmod(number, columns)
+        y, x = top + row * (height + below), _GAP + column * (width + _GAP)
+        sheet[y : y + height, x : x + width] = picture
+        for place, line in enumerate(lines):
+            ink = _FAINT if place else _INK
+            _write(sheet, line, (x, y + height + _LINE * (place + 1)), 0.46, ink)
+    return sheet
+
+
+def _write(
+    sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
+) -> None:
+    cv2.putText(sheet, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)

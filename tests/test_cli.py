@@ -1,0 +1,237 @@
+"""The command, as its users call it."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax import measure
+from elitelanes_jax.cli import main
+from elitelanes_jax.symmetry import canonical
+from elitelanes_jax.tilesets import default_tiles
+
+SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "40", "--tile-px", "16"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cache(tmp_path_factory):
+    """Compiled programs go to a folder of the tests' own."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    out = tmp_path_factory.mktemp("generated") / "out"
+    assert main(["generate", *SMALL, "--out", str(out)]) == 0
+    return out
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def read(file):
+    return cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+
+
+def test_what_is_written(generated):
+    names = set(files(generated))
+    one = {"image.png", "road.png", "red.png", "yellow.png", "labels.png", "map.json"}
+    maps = {f"maps/{number:04d}/{name}" for number in range(6) for name in one}
+    assert names == maps | {"overview.png", "archive.npz", "run.json"}
+
+
+def test_each_map_is_what_its_file_says(generated):
+    forms = set()
+    for number in range(6):
+        folder = generated / "maps" / f"{number:04d}"
+        road_map = json.loads((folder / "map.json").read_text())
+        codes = np.array(road_map["codes"])
+        metrics = measure(codes)
+        assert codes.shape == tuple(road_map["shape"]) == (5, 6)
+        assert road_map["metrics"] == {name: value.item() for name, value in metrics._asdict().items()}
+        assert (metrics.components, metrics.dead_ends, metrics.boundary_violations, metrics.coverage) == (1, 0, 0, 1)
+        assert road_map["descriptor"]["cyclomatic"] == metrics.cyclomatic
+        assert len(road_map["niche"]) == 5
+        assert road_map["seed"][0] == 0
+        assert np.shape(road_map["drawn"]["tiles"]) == (5, 6)
+        forms.add(canonical(codes))
+        labels = read(folder / "labels.png")
+        assert labels.shape == (80, 96)
+        masks = [read(folder / f"{name}.png") for name in ("road", "red", "yellow")]
+        np.testing.assert_array_equal(labels, np.select([mask > 0 for mask in masks[::-1]], [3, 2, 1]))
+        assert read(folder / "image.png").shape == (80, 96, 3)
+    assert len(forms) == 6
+
+
+def test_the_run_record_and_the_archive(generated):
+    run = json.loads((generated / "run.json").read_text())
+    assert run["settings"]["size"] == [5, 6]
+    assert run["settings"]["seeds"] == 3
+    assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
+    assert run["tile_set"]["name"] == "Elite Lanes drawn tiles"
+    archive = np.load(generated / "archive.npz")
+    assert archive["grids"].shape == (3, 400, 5, 6)
+    assert archive["history.best_fitness"].shape == (3, 40)
+    assert archive["metrics.bridges"].shape == archive["valid"].shape == (3, 400)
+    assert archive["axes"].tolist() == [axis["metric"] for axis in run["axes"]]
+
+
+def test_the_same_command_writes_the_same_files(generated, tmp_path):
+    assert main(["generate", *SMALL, "--out", str(tmp_path / "again")]) == 0
+    one, other = files(generated), files(tmp_path / "again")
+    runs = [json.loads(written.pop("run.json")) for written in (one, other)]
+    for run in runs:
+        run.pop("times")
+    assert runs[0] == runs[1]
+    assert one == other
+
+
+def test_another_seed_finds_other_maps(generated, tmp_path):
+    assert main(["generate", *SMALL, "--seed", "5", "--out", str(tmp_path / "other")]) == 0
+    assert (generated / "archive.npz").read_bytes() != (tmp_path / "other" / "archive.npz").read_bytes()
+
+
+def test_the_table_that_is_printed(tmp_path, capsys):
+    assert main(["generate", *SMALL, "--method", "ea", "--maps", "3", "--out", str(tmp_path / "out")]) == 0
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
+    assert lines[0].split()[:3] == ["map", "fitness", "cyclomatic"]
+    assert len(lines) == 5
+    assert "3 maps in" in lines[-1]
+    assert captured.err == ""
+
+
+def test_photographed_tiles(real_tiles, tmp_path):
+    from conftest import REAL_TILES
+
+    assert main(["generate", *SMALL, "--tiles", str(REAL_TILES), "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["tile_set"]["name"] == "real_tiles"
+
+
+def test_rendering_a_map_again_gives_the_same_picture(generated, tmp_path):
+    folder = generated / "maps" / "0002"
+    assert main(["render", str(folder / "map.json"), "--tile-px", "16", "--out", str(tmp_path / "same")]) == 0
+    written = files(tmp_path / "same")
+    assert written == {name: content for name, content in files(folder).items() if name != "map.json"}
+    arguments = ["render", str(folder / "map.json"), "--tile-px", "40", "--seed", "3", "--overlay"]
+    assert main([*arguments, "--out", str(tmp_path / "other")]) == 0
+    assert read(tmp_path / "other" / "overlay.png").shape == (200, 240, 3)
+
+
+def test_checking_tiles(capsys, tmp_path):
+    assert main(["tiles", "check", str(default_tiles())]) == 0
+    assert "12 tiles" in capsys.readouterr().out
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    (tmp_path / "tiles" / "turn_1" / "red.png").unlink()
+    (tmp_path / "tiles" / "turn_2" / "red.png").unlink()
+    assert main(["tiles", "check", str(tmp_path / "tiles")]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert len(captured.err.splitlines()) == 2
+
+
+def test_too_few_maps(tmp_path, capsys):
+    arguments = ["generate", "--size", "3", "3", "--maps", "50", "--seeds", "1", "--generations", "20"]
+    assert main([*arguments, "--out", str(tmp_path / "out")]) == 1
+    captured = capsys.readouterr()
+    assert captured.err.startswith("elitelanes: found ")
+    assert "of 50 maps among" in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+WRONG = {
+    "no maps": (["--maps", "0"], "argument --maps: expected a whole number, 1 or more, got '0'"),
+    "half a seed": (["--seeds", "0.5"], "argument --seeds: expected a whole number, 1 or more, got '0.5'"),
+    "a thin grid": (["--size", "1", "5"], "argument --size: expected a whole number, 2 to 1024, got '1'"),
+    "huge tiles": (["--tile-px", "1000"], "argument --tile-px: expected a whole number, 16 to 512, got '1000'"),
+    "a negative seed": (["--seed", "-1"], "argument --seed: expected a whole number, 0 to 4294967295, got '-1'"),
+    "no such method": (["--method", "luck"], "method: expected one of ea, map-elites, got 'luck'"),
+    "no such preset": (["--preset", "luck"], "preset: expected one of paper, got 'luck'"),
+    "no such option": (["--luck"], "unrecognized arguments: --luck"),
+    "no such tiles": (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_what_the_user_got_wrong_is_one_line_and_exit_code_2(wrong, tmp_path, capsys):
+    arguments, message = WRONG[wrong]
+    try:
+        code = main(["generate", *SMALL, "--out", str(tmp_path / "out"), *arguments])
+    except SystemExit as stop:
+        code = stop.code
+    captured = capsys.readouterr()
+    assert code == 2
+    assert message in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert captured.out == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_folders_that_are_not_new_are_left_alone(tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    for out, message in (
+        (tmp_path, "expected a folder that is new or empty, got one with files in it"),
+        (tmp_path / "file", "expected a folder that is new or empty, got a file"),
+        (tmp_path / "file" / "out", "expected a place that can be written to"),
+    ):
+        for command in (["generate"], ["render", str(default_tiles())]):
+            if command == ["render", str(default_tiles())]:
+                (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
+                command = ["render", str(tmp_path / "map.json")]
+            assert main([*command, "--out", str(out)]) == 2
+            captured = capsys.readouterr()
+            assert message in captured.err
+            assert len(captured.err.splitlines()) == 1
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_disk_that_fails_is_one_line_and_leaves_nothing(tmp_path, capsys, monkeypatch):
+    def fail(file, *_):
+        raise OSError(28, "No space left on device", str(file))
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", fail)
+    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 2
+    captured = capsys.readouterr()
+    assert "image.png: No space left on device" in captured.err
+    assert len(captured.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_interrupted(tmp_path, capsys, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("elitelanes_jax.generate.render", interrupt)
+    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 130
+    assert capsys.readouterr().err == "elitelanes: interrupted; nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_maps_that_cannot_be_read_or_drawn(tmp_path, capsys):
+    file = tmp_path / "map.json"
+    for text, message in (
+        ('{"codes": [[6, 99], [12, 9]]}', "map.json: grid: expected tile codes 0 to 15, got 99"),
+        ('{"codes": [[8, 3], [12, 9]]}', "got 8 (stub) at row 0, column 0"),
+    ):
+        file.write_text(text)
+        assert main(["render", str(file), "--out", str(tmp_path / "out")]) == 2
+        assert message in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["map.json"]
+
+
+def test_as_a_program():
+    command = shutil.which("elitelanes", path=Path(sys.executable).parent)
+    assert command, "the console script is installed"
+    shown = subprocess.run([command, "--version"], capture_output=True, text=True, check=True)
+    assert shown.stdout.startswith("elitelanes 0.")
+    wrong = subprocess.run([command, "generate"], capture_output=True, text=True, check=False)
+    assert wrong.returncode == 2
+    assert wrong.stderr == "elitelanes generate: the following arguments are required: --out\n"

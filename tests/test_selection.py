@@ -1,0 +1,115 @@
+"""Choosing maps: valid, different, spread."""
+
+from collections import Counter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import evolve, measure, mirror, repair, rotate
+from elitelanes_jax.archive import describe, paper_axes
+from elitelanes_jax.search import Found, History, Result, RunState
+from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.symmetry import canonical
+
+AXES = paper_axes((6, 6))
+
+
+def result(grids, fitness, alphabet=None):
+    """A result of some seeds with the given elites ``[S][N]``."""
+    grids = jnp.asarray(np.array(grids, np.int8))
+    metrics = jax.vmap(jax.vmap(lambda grid: measure(grid, alphabet)))(grids)
+    valid = jnp.ones(grids.shape[:2], bool)
+    found = Found(grids, jnp.asarray(fitness), describe(metrics, AXES), valid, metrics)
+    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None), AXES)
+
+
+@pytest.fixture(scope="module")
+def evolved():
+    keys = jax.random.split(jax.random.key(2), 4)
+    return evolve(keys, (6, 6), generations=300, fill=True, config=None)
+
+
+def test_what_is_chosen_is_valid_and_different(evolved):
+    choice = choose_maps(evolved, 30, seed=9)
+    assert len(choice.maps) == 30
+    forms = {canonical(road_map.codes) for road_map in choice.maps}
+    assert len(forms) == 30
+    for road_map in choice.maps:
+        metrics = measure(road_map.codes)
+        assert (metrics.components, metrics.dead_ends, metrics.boundary_violations, metrics.mismatches) == (1, 0, 0, 0)
+        assert road_map.metrics == {name: value.item() for name, value in metrics._asdict().items()}
+        assert road_map.descriptor["cyclomatic"] == metrics.cyclomatic
+        assert road_map.seed[0] == 9
+        grids = evolved.elites.grids[road_map.seed[1]]
+        assert (grids == road_map.codes).all(axis=(1, 2)).any()
+
+
+def test_all_niches_have_a_turn_before_any_has_a_second(evolved):
+    everything = choose_maps(evolved, 10**6).maps
+    niches = {tuple(road_map.niche) for road_map in everything}
+    few = choose_maps(evolved, len(niches) - 2).maps
+    assert len({tuple(road_map.niche) for road_map in few}) == len(few)
+    more = Counter(tuple(road_map.niche) for road_map in choose_maps(evolved, len(niches) + 3).maps)
+    assert set(more) == niches
+    assert max(more.values()) == 2
+
+
+def test_niches_that_lie_apart_come_first(evolved):
+    two = choose_maps(evolved, 2).maps
+    everything = choose_maps(evolved, 10**6).maps
+    cyclomatic = [road_map.metrics["cyclomatic"] for road_map in everything]
+    fittest = min(everything, key=lambda road_map: road_map.fitness)
+    assert fittest.niche in [road_map.niche for road_map in two]
+    assert abs(two[0].metrics["cyclomatic"] - two[1].metrics["cyclomatic"]) >= np.ptp(cyclomatic) / 3
+
+
+def test_choosing_is_the_same_every_time_and_sorted_by_niche(evolved):
+    one, other = choose_maps(evolved, 12).maps, choose_maps(evolved, 12).maps
+    assert [str(road_map) for road_map in one] == [str(road_map) for road_map in other]
+    assert [road_map.niche for road_map in one] == sorted(road_map.niche for road_map in one)
+
+
+def test_seeds_take_turns():
+    rings = np.array(
+        [repair(grid, fill=True) for grid in np.random.default_rng(0).integers(0, 16, (60, 6, 6)).astype(np.int8)]
+    )
+    whole = [grid for grid in rings if measure(grid).components == 1][:12]
+    choice = choose_maps(result([whole[:6], whole[6:]], [[0] * 6, [1] * 6]), 6)
+    assert Counter(road_map.seed[1] for road_map in choice.maps) == {0: 3, 1: 3}
+
+
+def test_images_of_one_map_are_one_map_and_the_fittest_stays():
+    ring = np.array([[6, 5, 7, 3], [10, 6, 13, 11], [14, 13, 5, 11], [12, 5, 5, 9]])
+    images = [ring, rotate(ring), mirror(ring), rotate(mirror(ring), 2)]
+    choice = choose_maps(result([images], [[5, 3, 4, 3]]), 4)
+    assert len(choice.maps) == 1
+    assert choice.maps[0].fitness == 3
+    np.testing.assert_array_equal(choice.maps[0].codes, images[1])
+    assert (choice.found, choice.alike, choice.rejected) == (4, 3, {})
+
+
+def test_useless_maps_are_counted_by_their_flaw():
+    grids = [
+        [[6, 5, 3], [12, 5, 9]],
+        [[0, 0, 0], [0, 0, 0]],
+        [[6, 3, 8], [12, 9, 0]],
+        [[6, 3, 0], [12, 13, 1]],
+        [[6, 7, 3], [12, 13, 9]],
+        [[6, 3, 0], [12, 9, 0]],
+    ]
+    choice = choose_maps(result([grids], [[0] * 6], alphabet=[0, 3, 5, 6, 9, 12]), 6)
+    assert len(choice.maps) == 1
+    assert choice.rejected == {
+        "not in one piece": 2,
+        "with dead ends": 1,
+        "with tiles that the tile set lacks": 1,
+        "with empty cells": 1,
+    }
+
+
+def test_nothing_to_choose_from():
+    choice = choose_maps(result([[np.zeros((3, 3))]], [[0]]), 3)
+    assert choice.maps == []
+    assert choice.rejected == {"not in one piece": 1}
