@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint clean
+.PHONY: demo test test-slow lint benchmark clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -21,6 +21,9 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+benchmark: $(READY)
+	$(BIN)/python experiments/benchmark.py
 
 clean:
 	rm -rf .venv $(DEMO)

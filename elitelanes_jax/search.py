@@ -38,7 +38,7 @@ METHODS = {
 # Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take,
 # and so many generations it has at most.
 _SECONDS_A_CALL = 0.2
-_MOST = 100
+_MOST = 256
 
 
 class Found(NamedTuple):
@@ -157,7 +157,7 @@ def evolve(
     first, last = done + 1, done + int(generations)
     rows: list[Info] = []
     speeds: list[float] = []
-    stretch = 8
+    stretch = _MOST // 2
     if done < last:
         jax.block_until_ready(_advance(setup, numbers, keys, inner, first, done))  # nothing to do but compile
     with Progress(f"{method} {setup.shape[0]}x{setup.shape[1]}", done, last, shown=progress) as bar:
@@ -165,7 +165,7 @@ def evolve(
             count = min(stretch, last - done)
             began = time.perf_counter()
             inner, info = _advance(setup, numbers, keys, inner, done + 1, done + count)
-            rows.append(jax.tree.map(lambda field, count=count: np.asarray(field[:count]), info))
+            rows.append(jax.tree.map(lambda field, count=count: np.asarray(field)[:count], info))
             seconds = time.perf_counter() - began
             done += count
             speeds += [count * evaluations * keys.size / seconds] * count
@@ -175,9 +175,9 @@ def evolve(
 
     generation = np.arange(first, last + 1)
     info = jax.tree.map(lambda *parts: np.concatenate(parts).T, *rows) if rows else _no_rows(keys.size)
-    found = _found(setup, numbers, inner)
+    found, inner = _found(setup, numbers, inner, single)
     if single:
-        info, found, inner = jax.tree.map(lambda array: array[0], (info, found, inner))
+        info = jax.tree.map(lambda row: row[0], info)
     history = History(
         generation, generation * evaluations, info.best_fitness, info.elites, evaluations_per_second=np.array(speeds)
     )
@@ -188,7 +188,7 @@ class _Numbers(NamedTuple):
     """Settings that may change without a second compilation: weights, and a configuration's real numbers."""
 
     weights: Weights
-    config: tuple[Array, ...]
+    config: tuple[np.float32, ...]
 
 
 class _Setup(NamedTuple):
@@ -242,8 +242,8 @@ def _setup(
         config_tree=tree,
     )
     weights = check_weights(Weights() if weights is None else weights, shape)
-    reals = tuple(jnp.float32(leaf) for leaf in leaves if isinstance(leaf, float))
-    return setup, _Numbers(jax.tree.map(jnp.int32, weights), reals)
+    reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
+    return setup, _Numbers(Weights(*map(np.int32, weights)), reals)
 
 
 def _keys(key: Any) -> tuple[PRNGKey, bool]:
@@ -290,7 +290,9 @@ def _advance(
     return advance(setup.optimizer(numbers), keys, states, first, last, most=_MOST)
 
 
-@partial(jax.jit, static_argnames="setup")
-def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree) -> Found:
+@partial(jax.jit, static_argnames=("setup", "single"))
+def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree, single: bool) -> tuple[Found, ArrayTree]:
+    """What was found, and the states; where there was one key alone, both without the axis of seeds."""
     elites = jax.vmap(setup.optimizer(numbers).elites)(states)
-    return Found(*elites, metrics=jax.vmap(jax.vmap(setup.problem(numbers).measure))(elites.grids))
+    found = Found(*elites, metrics=jax.vmap(jax.vmap(setup.problem(numbers).measure))(elites.grids))
+    return jax.tree.map(lambda array: array[0], (found, states)) if single else (found, states)

@@ -1,0 +1,43 @@
+"""The README's examples run, and its commands are ones that there are."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from elitelanes_jax.cli import _parser
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+PROGRAMS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+COMMANDS = re.findall(r"^elitelanes .*$", README, re.MULTILINE)
+TARGETS = re.findall(r"^make (\S+)", README, re.MULTILINE)
+
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_programs_run_and_print_what_they_say(program, capsys):
+    exec(compile(program, "README.md", "exec"), {})
+    printed = capsys.readouterr().out.splitlines()
+    said = re.findall(r"print\(.*\)  # (.*)$", program, re.MULTILINE)
+    for line, words in zip(printed, said, strict=False):
+        assert words.split(":")[0] == line
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_commands_are_understood(command):
+    assert callable(_parser().parse_args(shlex.split(command)[1:]).run)
+
+
+def test_there_is_something_to_test():
+    assert len(PROGRAMS) == 2
+    assert len(COMMANDS) >= 4
+    assert len(PROGRAMS[0].splitlines()) == 10
+
+
+def test_make_targets_and_links_are_there():
+    makefile = (ROOT / "Makefile").read_text()
+    for target in TARGETS:
+        assert f"\n{target}:" in makefile
+    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", README):
+        assert (ROOT / link).exists(), link
