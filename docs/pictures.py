@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.optimizers import MapElitesConfig
 from elitelanes_jax.render import overlay, render
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.tilesets import load_tiles
@@ -25,7 +24,7 @@ def main() -> None:
         jax.random.split(jax.random.key(0), 16),
         fill=True,
         generations=10_000,
-        config=MapElitesConfig(parents="archive"),
+        preset="standard",
     )
     maps = sorted(choose_maps(result, 200).maps, key=lambda road_map: road_map.fitness or 0)
     picture = render(maps[0].codes, tiles, tile_px=64, seed=1)

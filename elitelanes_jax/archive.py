@@ -4,25 +4,38 @@ Paper, section "Behavior Descriptors"; Mouret and Clune, "Illuminating search sp
 """
 
 from math import prod
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from chex import Array
 
-from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.metrics import COUNTED
 
-__all__ = ["Archive", "Axis", "describe", "empty_archive", "insert", "niche_bins", "niche_of", "paper_axes"]
+__all__ = [
+    "Archive",
+    "Axis",
+    "check_axes",
+    "describe",
+    "empty_archive",
+    "insert",
+    "niche_bins",
+    "niche_of",
+    "paper_axes",
+]
 
-_VACANT = jnp.iinfo(jnp.int32).max
+_VACANT = np.iinfo(np.int32).max
 
 
 class Axis(NamedTuple):
     """One axis of the descriptor space: a metric in bins of equal width, the first and the last one open.
 
-    metric: the name of an integer field of `Metrics`.
-    bins: how many.
-    width: of a bin, in the metric's unit.
-    start: where the first bin starts.
+    Attributes:
+      metric: the name of a whole number in `Metrics`.
+      bins: how many.
+      width: of a bin, in the metric's unit.
+      start: where the first bin starts.
     """
 
     metric: str
@@ -34,8 +47,8 @@ class Axis(NamedTuple):
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """The paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
 
-    A flag's first niche is the favourable value. The paper does not give the width of its bins; 2 at 12 x 12,
-    growing with the grid's area, takes in what its archive holds.
+    A flag's first niche is the favourable value. The paper does not give the width of its bins; 2 at 12 x 12, growing
+    with the grid's area, takes in what its archive holds.
     """
     width = max(1, round(2 * shape[0] * shape[1] / 144))
     return (
@@ -47,36 +60,58 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     )
 
 
-def describe(metrics: Metrics, axes: tuple[Axis, ...]) -> Array:
-    """The descriptor of a grid, int32 ``[D]``: the plain values of the axes' metrics."""
-    return jnp.stack([getattr(metrics, axis.metric) for axis in axes], axis=-1)
+def check_axes(axes: Any) -> tuple[Axis, ...]:
+    """The axes as a tuple.
+
+    Raises:
+      InputError: if there is none, or one that is no `Axis`, of an unknown metric, without bins or width.
+    """
+    axes = tuple(axes)
+    if not axes:
+        raise InputError("axes: expected at least one axis, got none")
+    for axis in axes:
+        if not isinstance(axis, Axis):
+            raise InputError(f"axes: expected records of type Axis, got {axis!r}")
+        if axis.metric not in COUNTED:
+            raise InputError(f"axes: expected metrics among {', '.join(COUNTED)}, got {axis.metric!r}")
+        numbers = (axis.bins, axis.width, axis.start)
+        if not all(isinstance(number, int) for number in numbers) or min(axis.bins, axis.width) < 1:
+            raise InputError(f"axes: expected whole numbers, at least one bin and a width of 1 or more, got {axis}")
+    return axes
 
 
-def niche_bins(descriptor: Array, axes: tuple[Axis, ...]) -> Array:
-    """The bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]``."""
-    bins, width, start = (jnp.array([getattr(axis, name) for axis in axes]) for name in ("bins", "width", "start"))
-    return jnp.clip((descriptor - start) // width, 0, bins - 1)
+def describe(counts: Array, axes: tuple[Axis, ...]) -> Array:
+    """The descriptor int32 ``[..., D]`` of grids with these `counts_of` metrics: the plain values of the axes' own."""
+    return counts[..., np.array([COUNTED.index(axis.metric) for axis in axes])]
 
 
-def niche_of(descriptor: Array, axes: tuple[Axis, ...]) -> Array:
+def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
+    """The bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]``: of JAX or NumPy, as they are."""
+    bins, width, start = (np.array([getattr(axis, name) for axis in axes], np.int32) for name in Axis._fields[1:])
+    return ((descriptor - start) // width).clip(0, bins - 1)
+
+
+def niche_of(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
     """The index of the niche, int32 ``[...]``, of descriptors ``[..., D]``: the last axis runs fastest."""
-    niche = jnp.zeros(descriptor.shape[:-1], jnp.int32)
-    for number, axis in enumerate(axes):
-        niche = niche * axis.bins + niche_bins(descriptor, axes)[..., number]
+    bins = niche_bins(descriptor, axes)
+    niche = bins[..., 0]
+    for number, axis in enumerate(axes[1:], start=1):
+        niche = niche * axis.bins + bins[..., number]
     return niche
 
 
 class Archive(NamedTuple):
     """One place for each of N niches.
 
-    grids: int8 ``[N, H, W]``.
-    fitness: int32 ``[N]``; in a vacant niche the largest int32.
-    descriptor: int32 ``[N, D]``.
+    Attributes:
+      grids: int8 ``[N, H, W]``.
+      fitness: int32 ``[N]``; in a vacant niche the largest int32.
+      counts: int32 ``[N, M]``, the `counts_of` metrics.
     """
 
     grids: Array
     fitness: Array
-    descriptor: Array
+    counts: Array
 
     @property
     def filled(self) -> Array:
@@ -89,32 +124,32 @@ def empty_archive(axes: tuple[Axis, ...], shape: tuple[int, int]) -> Archive:
     return Archive(
         grids=jnp.zeros((niches, *shape), jnp.int8),
         fitness=jnp.full(niches, _VACANT, jnp.int32),
-        descriptor=jnp.zeros((niches, len(axes)), jnp.int32),
+        counts=jnp.zeros((niches, len(COUNTED)), jnp.int32),
     )
 
 
-def insert(archive: Archive, axes: tuple[Axis, ...], grids: Array, fitness: Array, descriptor: Array) -> Archive:
+def insert(archive: Archive, axes: tuple[Axis, ...], grids: Array, fitness: Array, counts: Array) -> Archive:
     """The archive after each grid has had its chance at its niche.
 
-    The lower fitness takes the niche. Among equals the elite already there stays, then the first in the batch
-    comes in: the result does not depend on the order in which a device writes.
+    The lower fitness takes the niche. Among equals the elite already there stays, then the first in the batch comes in:
+    the result does not depend on the order in which a device writes.
 
     Args:
       archive: with N niches on `axes`.
-      axes: of the descriptors.
+      axes: of the descriptor space.
       grids: int8 ``[P, H, W]``.
       fitness: int32 ``[P]``.
-      descriptor: int32 ``[P, D]``.
+      counts: int32 ``[P, M]``.
     """
-    niche = niche_of(descriptor, axes)
-    batch, niches = jnp.arange(niche.size), archive.fitness.size
+    niche = niche_of(describe(counts, axes), axes)
+    batch, niches = jnp.arange(niche.size, dtype=jnp.int32), archive.fitness.size
     lowest = archive.fitness.at[niche].min(fitness)
     contends = (fitness == lowest[niche]) & (fitness < archive.fitness[niche])
-    first = jnp.full(niches, batch.size).at[niche].min(jnp.where(contends, batch, batch.size))
+    first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
     # Winners write to their own niche, each the only one; the others to places beyond the end.
     place = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
         return into.at[place].set(values, mode="drop", unique_indices=True)
 
-    return Archive(write(archive.grids, grids), lowest, write(archive.descriptor, descriptor))
+    return Archive(write(archive.grids, grids), lowest, write(archive.counts, counts))

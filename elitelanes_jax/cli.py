@@ -1,14 +1,18 @@
 """The command ``elitelanes``.
 
-What the user got wrong ends in one line on standard error and exit code 2; too few maps, in exit code 1.
+What the user got wrong ends in one line on standard error and exit code 2; too few maps or too little memory, in exit
+code 1.
 """
 
 import argparse
+import contextlib
+import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.version import __version__
 
 __all__ = ["main", "run"]
@@ -21,17 +25,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         return options.run(options)
-    except ValueError as error:
+    except InputError as error:
         return _fail(str(error), 2)
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:
         return _fail("interrupted; nothing was written", 130)
+    except Exception as error:
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
+            return _fail("not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
+        raise
 
 
 def run() -> NoReturn:
     """The console script."""
+    for name in ("SIGTERM", "SIGHUP"):
+        with contextlib.suppress(AttributeError, ValueError):  # a system or a thread that has no such signal
+            signal.signal(getattr(signal, name), _interrupt)
     raise SystemExit(main())
+
+
+def _interrupt(*_: Any) -> NoReturn:
+    raise KeyboardInterrupt
 
 
 def _fail(message: str, code: int) -> int:
@@ -73,21 +88,37 @@ def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
 
 def _add_generate(commands: Any) -> None:
     command = commands.add_parser(
-        "generate", help="evolve maps and draw them", formatter_class=argparse.ArgumentDefaultsHelpFormatter
+        "generate",
+        help="evolve maps and draw them",
+        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
     )
-    command.add_argument("--out", type=Path, required=True, help="folder to write to, new or empty")
-    command.add_argument("--size", type=_whole(2, 1024), nargs=2, default=[12, 12], metavar=("ROWS", "COLUMNS"))
-    command.add_argument("--maps", type=_whole(1), default=16, help="how many maps")
-    command.add_argument("--seeds", type=_whole(1), default=8, help="how many independent runs to choose from")
-    command.add_argument("--seed", type=_whole(0, 2**32 - 1), default=0, help="of everything random")
-    command.add_argument("--method", default="map-elites", help="map-elites or ea")
-    command.add_argument("--preset", default="paper", help="settings of the method")
+    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to, new or empty")
     command.add_argument(
-        "--parents", choices=("archive", "population"), default="archive", help="where map-elites takes parents from"
+        "--size",
+        type=_whole(2, 1024),
+        nargs=2,
+        default=[12, 12],
+        metavar=("ROWS", "COLUMNS"),
+        help="of each map, in tiles; by default 12 12",
     )
-    command.add_argument("--generations", type=_whole(0), default=2000, help="of 40 maps a seed")
-    command.add_argument("--tiles", type=Path, help="folder of tile pictures; by default the package's own")
-    command.add_argument("--tile-px", type=_whole(16, 512), default=64, help="side of a tile in pixels")
+    command.add_argument("--maps", type=_whole(1), default=16, metavar="N", help="how many maps; by default 16")
+    command.add_argument(
+        "--seeds", type=_whole(1), default=8, metavar="N", help="how many independent runs to choose from; by default 8"
+    )
+    command.add_argument(
+        "--seed", type=_whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
+    )
+    command.add_argument("--method", default="map-elites", help="map-elites (the default) or ea")
+    command.add_argument(
+        "--preset", help="settings of the method: standard (map-elites only, and its default) or paper"
+    )
+    command.add_argument(
+        "--generations", type=_whole(0), default=2000, metavar="N", help="of each run, 40 maps each; by default 2000"
+    )
+    command.add_argument("--tiles", type=Path, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument(
+        "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
+    )
     command.set_defaults(run=_generate)
 
 
@@ -123,11 +154,18 @@ def _generate(options: argparse.Namespace) -> int:
 def _add_render(commands: Any) -> None:
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
     command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
-    command.add_argument("--out", type=Path, required=True, help="folder to write to, new or empty")
-    command.add_argument("--tiles", type=Path, help="folder of tile pictures; by default the package's own")
-    command.add_argument("--tile-px", type=_whole(16, 512), default=64, help="side of a tile in pixels, by default 64")
     command.add_argument(
-        "--seed", type=_whole(0, 2**32 - 1), help="draw other variants; by default the map's own, if the set has them"
+        "--out", type=Path, metavar="DIR", help="folder to write to, new or empty; by default map/ beside map.json"
+    )
+    command.add_argument("--tiles", type=Path, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument(
+        "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
+    )
+    command.add_argument(
+        "--seed",
+        type=_whole(0, 2**32 - 1),
+        metavar="N",
+        help="draw other variants of the tiles; by default the map's own, if the set has them",
     )
     command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
     command.set_defaults(run=_render)
@@ -141,12 +179,13 @@ def _render(options: argparse.Namespace) -> int:
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     chosen = recall_tiles(road_map, tiles) if options.seed is None else None
+    out = options.out or options.map.with_suffix("")
     picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
-    with new_folder(options.out) as folder:
+    with new_folder(out) as folder:
         write_picture(folder, picture)
         if options.overlay:
             write_png(folder / "overlay.png", overlay(picture))
-    print(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {options.out}")
+    print(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0
 
 

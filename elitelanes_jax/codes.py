@@ -1,12 +1,15 @@
 """Tile codes: four connection bits a tile, and what they make of it (NumPy constants).
 
-A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation"): each bit
-says whether the tile connects in that direction.
+A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation"): each bit says whether
+the tile connects in that direction.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
+
+from elitelanes_jax.errors import InputError
 
 __all__ = [
     "CONNECTIONS",
@@ -23,10 +26,9 @@ __all__ = [
 
 NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1
 
-#: Number of connections of each of the 16 codes.
 CONNECTIONS = np.array([code.bit_count() for code in range(16)], np.int8)
+"""int8 ``[16]``: the number of connections of each code."""
 
-#: The codes of each kind of tile.
 KINDS: dict[str, tuple[int, ...]] = {
     "empty": (0,),
     "stub": (1, 2, 4, 8),
@@ -35,13 +37,13 @@ KINDS: dict[str, tuple[int, ...]] = {
     "crossing3": (7, 11, 13, 14),
     "crossing4": (15,),
 }
+"""The codes of each kind of tile."""
 
-#: Codes with three or four connections.
 CROSSINGS = KINDS["crossing3"] + KINDS["crossing4"]
+"""The codes with three or four connections."""
 
-#: The codes with two or more connections: every tile that has a picture. Tiles are drawn from it
-#: unless another alphabet is given.
 ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
+"""The 11 codes with two or more connections: every tile that has a picture. New tiles are drawn from it by default."""
 
 
 def turned(code: int, quarter_turns: int = 1) -> int:
@@ -51,15 +53,19 @@ def turned(code: int, quarter_turns: int = 1) -> int:
     return code
 
 
-def alphabet_of(codes: Iterable[int]) -> tuple[int, ...]:
+def alphabet_of(codes: Iterable[Any]) -> tuple[int, ...]:
     """A set of tile codes as a sorted tuple without repeats.
 
     Raises:
-      ValueError: if it is empty or holds anything but whole numbers 0..15.
+      InputError: if it is empty or holds anything but whole numbers 0..15.
     """
-    unique = set(codes)
-    wrong = [code for code in unique if not (isinstance(code, int | np.integer) and 0 <= code <= 15)]
-    if wrong or not unique:
-        found = "none" if not unique else f"{wrong[0]!r}"
-        raise ValueError(f"alphabet: expected tile codes, whole numbers 0 to 15, got {found}")
-    return tuple(sorted(int(code) for code in unique))
+    try:
+        listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
+    except TypeError:
+        raise InputError(f"alphabet: expected tile codes, whole numbers 0 to 15, got {codes!r}") from None
+    wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
+    if wrong or not listed:
+        raise InputError(
+            f"alphabet: expected tile codes, whole numbers 0 to 15, got {repr(wrong[0]) if wrong else 'none'}"
+        )
+    return tuple(sorted(set(listed)))

@@ -15,10 +15,12 @@ def use_compile_cache() -> None:
     """
     if jax.config.values.get("jax_compilation_cache_dir"):
         return
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
     try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
         cache.mkdir(parents=True, exist_ok=True)
-    except OSError:
+    except (OSError, RuntimeError):  # the latter where there is no home
         return  # slower, and no worse
+    if not os.access(cache, os.W_OK | os.X_OK):
+        return
     jax.config.update("jax_compilation_cache_dir", str(cache))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

@@ -1,4 +1,4 @@
-"""Random choices made from raw bits: whole numbers and chances, exact enough and the same everywhere."""
+"""Random choices made from raw bits: whole numbers and chances, exact and the same everywhere."""
 
 from math import prod
 
@@ -22,14 +22,17 @@ def below(word: Array, count: Numeric) -> Array:
 
     Args:
       word: uint32, any shape.
-      count: 1 to 65,536, a number or an array that broadcasts against `word`.
+      count: 1 to 2**31 - 1, a number or an array that broadcasts against `word`.
 
     Returns:
       int32, of the broadcast shape.
     """
     count = jnp.asarray(count, jnp.uint32)
     high, low = word >> 16, word & 0xFFFF
-    return ((high * count + (low * count >> 16)) >> 16).astype(jnp.int32)
+    count_high, count_low = count >> 16, count & 0xFFFF
+    middle = high * count_low + (low * count_low >> 16)
+    carry = (middle & 0xFFFF) + low * count_high
+    return (high * count_high + (middle >> 16) + (carry >> 16)).astype(jnp.int32)
 
 
 def chance(word: Array, probability: Numeric) -> Array:

@@ -1,16 +1,18 @@
 """The evolutionary loop: parents by tournament, mutation, repair, survivors by truncation.
 
-The paper has one such loop, with and without an archive (section "Evolutionary Algorithm with MAP-Elites").
-Lower fitness is better, and every tie is decided: what came first wins.
+The paper has one such loop, with and without an archive (section "Evolutionary Algorithm with MAP-Elites"). Lower
+fitness is better, and every tie is decided: what came first wins.
 """
 
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.draws import below
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.problem import Problem
 from elitelanes_jax.variation import Move
 
@@ -20,13 +22,14 @@ __all__ = ["EvolutionConfig", "Population", "breed", "random_population", "survi
 class EvolutionConfig(NamedTuple):
     """Settings of the loop; the defaults are the paper's.
 
-    population: mu, how many survive a generation.
-    offspring: lambda, how many are made in one.
-    tournament: how many compete to become a parent.
-    survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring alone. The
-      paper writes (mu, lambda), but selects from both.
-    tile_rate: probability that an offspring has one tile changed.
-    crossing_rate: probability that it has one tile replaced by a crossing.
+    Attributes:
+      population: mu, how many survive a generation.
+      offspring: lambda, how many are made in one.
+      tournament: how many compete to become a parent.
+      survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring alone. The paper
+        writes (mu, lambda), but selects from both.
+      tile_rate: probability that an offspring has one tile changed.
+      crossing_rate: probability that it has one tile replaced by a crossing.
     """
 
     population: int = 20
@@ -36,24 +39,53 @@ class EvolutionConfig(NamedTuple):
     tile_rate: Numeric = 0.7
     crossing_rate: Numeric = 0.5
 
+    def checked(self) -> "EvolutionConfig":
+        """The settings with rates as floats; a rate that is an array stays one: it may be swept.
+
+        Raises:
+          InputError: for a setting out of its range.
+        """
+        for name in ("population", "offspring", "tournament"):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or value < 1:
+                raise InputError(f"config: expected {name} to be a whole number, 1 or more, got {value!r}")
+        if self.survivors not in ("plus", "comma"):
+            raise InputError(f"config: expected survivors to be 'plus' or 'comma', got {self.survivors!r}")
+        if self.survivors == "comma" and self.offspring < self.population:
+            raise InputError(
+                f"config: expected at least as many offspring as the population of {self.population} "
+                f"when survivors is 'comma', got {self.offspring}"
+            )
+        return self._replace(
+            tile_rate=_rate("tile", self.tile_rate), crossing_rate=_rate("crossing", self.crossing_rate)
+        )
+
+
+def _rate(name: str, rate: Numeric) -> Numeric:
+    if isinstance(rate, jax.Array | np.ndarray):
+        return rate
+    if not isinstance(rate, int | float | np.number) or not 0 <= rate <= 1:
+        raise InputError(f"config: expected {name}_rate to be a probability, 0 to 1, got {rate!r}")
+    return float(rate)
+
 
 class Population(NamedTuple):
     """Grids and what they are worth.
 
-    grids: int8 ``[P, H, W]``.
-    fitness: int32 ``[P]``.
-    descriptor: int32 ``[P, D]``.
+    Attributes:
+      grids: int8 ``[P, H, W]``.
+      fitness: int32 ``[P]``.
+      counts: int32 ``[P, M]``, the `counts_of` metrics.
     """
 
     grids: Array
     fitness: Array
-    descriptor: Array
+    counts: Array
 
 
 def random_population(problem: Problem, key: PRNGKey, count: int) -> Population:
     """Random repaired grids, sorted, best first."""
-    grids = problem.random(key, count)
-    return _best(Population(grids, *problem.evaluate(grids)), count)
+    return _best(_evaluated(problem, problem.random(key, count)), count)
 
 
 def tournament(words: Array, population: Population) -> Array:
@@ -80,8 +112,7 @@ def breed(problem: Problem, mutate: Move, words: Array, parents: Array) -> Popul
     def offspring(words: Array, parent: Array) -> Array:
         return problem.repair(*mutate.apply(words, parent))
 
-    grids = jax.vmap(offspring)(words, parents)
-    return Population(grids, *problem.evaluate(grids))
+    return _evaluated(problem, jax.vmap(offspring)(words, parents))
 
 
 def survivors(config: EvolutionConfig, parents: Population, offspring: Population) -> Population:
@@ -90,6 +121,11 @@ def survivors(config: EvolutionConfig, parents: Population, offspring: Populatio
         return _best(offspring, config.population)
     both = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), parents, offspring)
     return _best(both, config.population)
+
+
+def _evaluated(problem: Problem, grids: Array) -> Population:
+    evaluation = problem.evaluate(grids)
+    return Population(grids, evaluation.fitness, evaluation.counts)
 
 
 def _best(population: Population, count: int) -> Population:

@@ -34,21 +34,19 @@ from elitelanes_jax.lattice import Lattice, Links
 
 __all__ = ["Faces", "faces"]
 
-# Sweeps between two looks at whether anything still changes: a look costs as much as a sweep or two.
-_SWEEPS_A_LOOK = 4
-
-# Sweeps before long corridors get the dearer method. Random grids need fewer, 64 x 64 ones about 50.
+# Sweeps after which long corridors get the costlier method. Random grids need fewer, 64 x 64 ones about 50.
 _PATIENCE = 60
 
 _OUTER = 0
 
 
 class Faces(NamedTuple):
-    """What the faces tell, as bool vectors ``[size]`` on the lattice.
+    """What the faces tell, as vectors ``[size]`` on the lattice.
 
-    first: the corner is the first one of an inner face.
-    east_bridge: the link to the east is a bridge.
-    south_bridge: the link to the south is a bridge.
+    Attributes:
+      first: bool, the corner is the first one of an inner face.
+      east_bridge: bool, the link to the east is a bridge.
+      south_bridge: bool, the link to the south is a bridge.
     """
 
     first: Array
@@ -57,7 +55,7 @@ class Faces(NamedTuple):
 
 
 def faces(lattice: Lattice, links: Links) -> Faces:
-    """Finds the faces between one grid's roads, in time that hardly depends on their shape."""
+    """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
     labels = _labeller(lattice)(links.east, links.south)
     corner = lattice.here(labels)
     own = lattice.here(_own_labels(lattice))
@@ -95,13 +93,13 @@ def _labeller(lattice: Lattice) -> Callable[[Array, Array], Array]:
     own = _own_labels(lattice)
     stride = lattice.stride
     followable = own.dtype != np.uint8
-    closed = np.iinfo(own.dtype).max  # or-ed onto a label it loses every comparison
+    closed = own.dtype.type(np.iinfo(own.dtype).max)  # or-ed onto a label it loses every comparison
 
     def sweep(labels: Array, walls: Links, into: Array) -> Array:
-        """Each corner takes the least label among itself and its open neighbours.
+        """Gives each corner the least label among itself and its open neighbours.
 
-        The result overwrites another vector, for then it is computed in place, in one pass. Both ends of the
-        vector stay as they are: they belong to the outer face.
+        Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
+        the vector belong to the outer face and stay as they are.
         """
         length = labels.size - 2 * stride
 
@@ -122,26 +120,26 @@ def _labeller(lattice: Lattice) -> Callable[[Array, Array], Array]:
         """Sweeps to and fro between two vectors until they are equal, or patience ends."""
         patience = _PATIENCE if followable else own.size
 
-        def sweeps(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        def sweep_twice(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
             here, there, _, done = carry
-            for _ in range(_SWEEPS_A_LOOK // 2):
-                there = sweep(here, walls, there)
-                here = sweep(there, walls, here)
+            there = sweep(here, walls, there)
+            here = sweep(there, walls, here)
             # The largest difference is found faster than whether there is any.
-            return here, there, jnp.max(here ^ there) > 0, done + _SWEEPS_A_LOOK
+            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2
 
         def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
             _, _, changing, done = carry
             return changing & (done < patience)
 
-        labels, _, changing, _ = lax.while_loop(unsettled, sweeps, (labels, labels, jnp.array(True), 0))
+        changing = labels[:1].any() | True
+        labels, _, changing, _ = lax.while_loop(unsettled, sweep_twice, (labels, labels, changing, 0))
         return labels, changing
 
     def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
         """Hands each better label on to the corner that the old one names, then follows every label once.
 
-        A corridor gets shorter by a factor a round, so that the longest spiral takes about log(corners)
-        rounds: the idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
+        A corridor gets shorter by a factor a round, so that the longest spiral takes about log(corners) rounds: the
+        idea of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
         """
         starts = jnp.repeat(jnp.arange(labels.size // own.size) * own.size, own.size)
 
@@ -156,15 +154,14 @@ def _labeller(lattice: Lattice) -> Callable[[Array, Array], Array]:
     @jax.custom_batching.custom_vmap
     def label(east: Array, south: Array) -> Array:
         batch = east.shape[:-1]
+        if 0 in batch:
+            return jnp.zeros((*batch, own.size), own.dtype)
+        ends = [(0, 0)] * len(batch) + [(stride, stride)]
         walls = Links(
-            *(
-                jnp.pad(
-                    jnp.where(link, closed, 0).astype(own.dtype), [(0, 0)] * len(batch) + [(stride, stride)]
-                ).reshape(-1)
-                for link in (east, south)
-            )
+            *(jnp.pad(jnp.where(link, closed, own.dtype.type(0)), ends).reshape(-1) for link in (east, south))
         )
-        labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1)
+        # Or-ed with nothing, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+        labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1) | (walls.east & 0)
         labels, changing = propagate(labels, walls)
         if followable:
             labels = hook_and_jump(labels, walls, changing)

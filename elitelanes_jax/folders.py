@@ -7,38 +7,60 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["check_new_folder", "new_folder"]
+from elitelanes_jax.errors import InputError
 
-
-def check_new_folder(folder: str | Path) -> None:
-    """Raises ValueError unless the folder can be made: it is not there yet, or empty, and its parent is writable."""
-    folder = Path(folder)
-    if folder.exists() and not folder.is_dir():
-        raise ValueError(f"{folder}: expected a folder that is new or empty, got a file")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise ValueError(f"{folder}: expected a folder that is new or empty, got one with files in it")
-    parent = next(place for place in folder.absolute().parents if place.exists())
-    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
-        raise ValueError(f"{folder}: expected a place that can be written to, got {parent}, which cannot")
+__all__ = ["new_folder"]
 
 
 @contextmanager
 def new_folder(folder: str | Path) -> Iterator[Path]:
-    """A folder to write in beside the given one; when all is written it takes that one's place.
+    """A folder to write in, hidden; when all is written it takes the place of the given one.
 
-    Where the block is left by an error, nothing remains of it.
+    The given folder is new, or empty: then it stays, and is filled. Where the block is left by an error, all is as it
+    was before.
 
     Raises:
-      ValueError: see `check_new_folder`.
+      InputError: if the folder is a file, is not empty, or cannot be made or written to.
     """
-    folder = Path(folder)
-    check_new_folder(folder)
-    folder.absolute().parent.mkdir(parents=True, exist_ok=True)
-    aside = folder.absolute().parent / f".{folder.name}-{uuid.uuid4().hex[:8]}"
-    aside.mkdir()
+    asked, folder = folder, Path(os.path.realpath(folder))
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
+    there = folder.is_dir()
+    try:
+        if there and any(folder.iterdir()):
+            raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it")
+        made = _make_parents(folder)
+        aside = (folder if there else folder.parent) / f".{folder.name}-{uuid.uuid4().hex[:8]}"
+        aside.mkdir()
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise InputError(f"{asked}: expected a place that can be written to, got {error.filename}: {why}") from None
+    moved: list[Path] = []
     try:
         yield aside
-        aside.replace(folder)
+        if there:
+            for entry in sorted(aside.iterdir()):
+                moved += [entry.replace(folder / entry.name)]
+            aside.rmdir()
+        else:
+            aside.replace(folder)
     except BaseException:
-        shutil.rmtree(aside, ignore_errors=True)
+        for place in (aside, *moved):
+            _remove(place)
+        for parent in made:
+            parent.rmdir()
         raise
+
+
+def _remove(place: Path) -> None:
+    if place.is_dir():
+        shutil.rmtree(place, ignore_errors=True)
+    else:
+        place.unlink(missing_ok=True)
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    """Makes the folders above one that are not there; returns them, the deepest first."""
+    missing = [parent for parent in folder.parents if not parent.exists()]
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    return missing

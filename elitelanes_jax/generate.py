@@ -4,45 +4,50 @@ import json
 import platform
 import time
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import cv2
 import jax
 import jaxlib
 import numpy as np
 
-from elitelanes_jax.folders import check_new_folder, new_folder
-from elitelanes_jax.optimizers import MapElitesConfig
+from elitelanes_jax.folders import new_folder
+from elitelanes_jax.objective import Weights
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
-from elitelanes_jax.search import Result, evolve
+from elitelanes_jax.search import Result, evolve, preset_config
 from elitelanes_jax.selection import Choice, choose_maps
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.version import __version__
 
 __all__ = ["NotEnoughMapsError", "Settings", "generate"]
 
-_OVERVIEW_PX = 24
+# What is asked for is many different maps: there the archive pays as a source of parents.
+_DEFAULT_PRESETS = {"ea": "paper", "map-elites": "standard"}
+
+# A map's longer side on the overview, in pixels, and the limits of a tile's.
+_OVERVIEW_PX, _OVERVIEW_TILE_PX = 288, (16, 96)
 
 
 class Settings(NamedTuple):
     """What to generate.
 
-    size: (height, width) of the maps in tiles.
-    method, preset, generations: see `evolve`.
-    parents: of MAP-Elites, see `MapElitesConfig`.
-    seeds: how many independent runs to choose from.
-    maps: how many maps.
-    seed: of everything random.
-    tiles: folder of the tile set; the package's own by default.
-    tile_px: side of a tile in pixels.
+    Attributes:
+      size: (height, width) of the maps in tiles.
+      method: see `evolve`.
+      preset: see `evolve`; by default "standard" for MAP-Elites, "paper" for any other method.
+      generations: of each run.
+      seeds: how many independent runs to choose from.
+      maps: how many maps.
+      seed: of everything random.
+      tiles: folder of the tile set; the package's own by default.
+      tile_px: side of a tile in pixels.
     """
 
     size: tuple[int, int] = (12, 12)
     method: str = "map-elites"
-    preset: str = "paper"
-    parents: Literal["population", "archive"] = "archive"
+    preset: str | None = None
     generations: int = 2000
     seeds: int = 8
     maps: int = 16
@@ -65,55 +70,59 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
       The maps, as they were written.
 
     Raises:
-      ValueError: for settings out of their range, a bad tile set, or a folder that is not new.
+      InputError: for settings out of their range, a bad tile set, or a folder that is not new.
       NotEnoughMapsError: if there are fewer valid and different maps than asked for.
       OSError: if the folder cannot be written.
     """
-    check_new_folder(out)
     tiles = load_tiles(settings.tiles)
-    began = time.perf_counter()
-    result = evolve(
-        jax.vmap(lambda number: jax.random.fold_in(jax.random.key(settings.seed), number))(np.arange(settings.seeds)),
+    settings = settings._replace(preset=settings.preset or _DEFAULT_PRESETS.get(settings.method, "paper"))
+    with new_folder(out) as folder:
+        began = time.perf_counter()
+        result = _evolved(settings, tiles)
+        choice = choose_maps(result, settings.maps, settings.seed)
+        if len(choice.maps) < settings.maps:
+            raise NotEnoughMapsError(_shortage(choice, settings))
+        evolved = time.perf_counter()
+        maps = _write_maps(folder, choice, settings, tiles)
+        _write_archive(folder / "archive.npz", result)
+        seconds = {"evolve": evolved - began, "draw": time.perf_counter() - evolved}
+        run = _run_record(settings, tiles, choice, seconds, result)
+        (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+    return maps
+
+
+def _evolved(settings: Settings, tiles: TileSet) -> Result:
+    key = jax.random.key(settings.seed)
+    return evolve(
+        jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(settings.seeds)),
         settings.size,
         method=settings.method,
-        preset=settings.preset,
-        config=MapElitesConfig(parents=settings.parents) if settings.method == "map-elites" else None,
+        preset=settings.preset or "",
         generations=settings.generations,
         alphabet=tiles.alphabet,
         fill=True,
     )
-    choice = choose_maps(result, settings.maps, settings.seed)
-    if len(choice.maps) < settings.maps:
-        raise NotEnoughMapsError(_shortage(choice, settings))
-    evolved = time.perf_counter()
 
-    maps = []
-    with new_folder(out) as folder:
-        small = []
-        for number, plain in enumerate(choice.maps):
-            chosen = choose_tiles(plain.codes, tiles, [settings.seed, number])
-            road_map = plain._replace(
-                drawn=Drawn(
-                    tiles.name,
-                    [[tiles.tiles[tile].name for tile, _ in row] for row in chosen],
-                    chosen[..., 1].tolist(),
-                )
-            )
-            place = folder / "maps" / f"{number:04d}"
-            place.mkdir(parents=True)
-            write_picture(place, render(plain.codes, tiles, tile_px=settings.tile_px, chosen=chosen))
-            (place / "map.json").write_text(to_json(road_map))
-            small.append(render(plain.codes, tiles, tile_px=_OVERVIEW_PX, chosen=chosen).image)
-            maps.append(road_map)
-        title = (
-            f"{len(maps)} road maps of {settings.size[0]} x {settings.size[1]} tiles, {settings.method}, "
-            f"{settings.seeds} seeds, {settings.generations:,} generations, seed {settings.seed}"
-        )
-        write_png(folder / "overview.png", overview(title, small, [_caption(*item) for item in enumerate(maps)]))
-        _write_archive(folder / "archive.npz", result)
-        seconds = {"evolve": evolved - began, "draw": time.perf_counter() - evolved}
-        run = _run_record(settings, tiles, choice, seconds, result)
-        (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n")
+
+def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet) -> list[RoadMap]:
+    """Writes each map in a folder of its own, and the overview; returns them as drawn."""
+    overview_px = int(np.clip(_OVERVIEW_PX // max(settings.size), *_OVERVIEW_TILE_PX))
+    maps, small = [], []
+    for number, plain in enumerate(choice.maps):
+        chosen = choose_tiles(plain.codes, tiles, [settings.seed, number])
+        names = [[tiles.tiles[tile].name for tile, _ in row] for row in chosen]
+        road_map = plain._replace(drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+        place = folder / "maps" / f"{number:04d}"
+        place.mkdir(parents=True)
+        write_picture(place, render(plain.codes, tiles, tile_px=settings.tile_px, chosen=chosen))
+        (place / "map.json").write_text(to_json(road_map), encoding="utf-8")
+        small.append(render(plain.codes, tiles, tile_px=overview_px, chosen=chosen).image)
+        maps.append(road_map)
+    title = (
+        f"{len(maps)} road maps of {settings.size[0]} x {settings.size[1]} tiles, {settings.method}, "
+        f"{settings.seeds} seeds, {settings.generations:,} generations, seed {settings.seed}"
+    )
+    write_png(folder / "overview.png", overview(title, small, [_caption(*item) for item in enumerate(maps)]))
     return maps
 
 
@@ -134,8 +143,15 @@ def _shortage(choice: Choice, settings: Settings) -> str:
     return (
         f"found {len(choice.maps)} of {settings.maps} maps among {choice.found} elites"
         + (f" ({', '.join(rejected)})" if rejected else "")
-        + "; more seeds or generations find more"
+        + f"; {_remedy(choice, settings)} find more"
     )
+
+
+def _remedy(choice: Choice, settings: Settings) -> str:
+    if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
+        return "a tile set with more kinds of tiles, more seeds or generations"
+    # The population of an evolutionary algorithm becomes more alike with time.
+    return "more seeds" if settings.method == "ea" else "more seeds or generations"
 
 
 def _write_archive(file: Path, result: Result) -> None:
@@ -147,7 +163,7 @@ def _write_archive(file: Path, result: Result) -> None:
             arrays[f"history.{name}"] = values
     arrays["axes"] = np.array([axis.metric for axis in result.axes])
     with file.open("wb") as stream:
-        np.savez_compressed(stream, allow_pickle=False, **{name: np.asarray(array) for name, array in arrays.items()})
+        np.savez_compressed(stream, **{name: np.asarray(array) for name, array in arrays.items()})  # type: ignore[arg-type]
 
 
 def _run_record(
@@ -155,6 +171,8 @@ def _run_record(
 ) -> dict[str, Any]:
     return {
         "settings": settings._asdict() | {"tiles": settings.tiles and str(settings.tiles)},
+        "config": _plain(preset_config(settings.method, settings.preset or "")),
+        "weights": Weights()._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
         "axes": [axis._asdict() for axis in result.axes],
         "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
@@ -172,3 +190,10 @@ def _run_record(
             "evaluations_per_second": round(float(np.median(result.history.evaluations_per_second))),
         },
     }
+
+
+def _plain(record: Any) -> Any:
+    """Records within records as tables within tables."""
+    if hasattr(record, "_asdict"):
+        return {name: _plain(value) for name, value in record._asdict().items()}
+    return record

@@ -23,10 +23,14 @@ __all__ = ["Lattice", "Links", "links_of"]
 
 
 class Lattice(NamedTuple):
-    """The layout of a (height, width) grid as one vector.
+    """The layout of a grid as one vector.
 
-    `pad` makes the padded vector of a grid. `here`, `east`, `west`, `south` and `north` cut out of a padded
-    vector what each tile sees there: vectors of length `size` = height x stride, guard cells included.
+    `pad` makes the padded vector of a grid. `here`, `east`, `west`, `south` and `north` cut out of a padded vector what
+    each tile sees there: vectors of length `size` = height x stride, guard cells included.
+
+    Attributes:
+      height: rows of the grid.
+      width: columns of the grid.
     """
 
     height: int
@@ -76,10 +80,11 @@ class Lattice(NamedTuple):
 
 
 class Links(NamedTuple):
-    """Which neighbouring tiles are joined by a road: bool vectors ``[size]`` on the lattice.
+    """Which neighbouring tiles are joined by a road: vectors ``[size]`` on the lattice.
 
-    east: the tile and its eastern neighbour.
-    south: the tile and its southern neighbour.
+    Attributes:
+      east: bool, the tile and its eastern neighbour.
+      south: bool, the tile and its southern neighbour.
     """
 
     east: Array

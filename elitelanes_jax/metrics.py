@@ -9,35 +9,36 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array
 
+from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST, alphabet_of
 from elitelanes_jax.faces import faces
-from elitelanes_jax.grids import check_grid
 from elitelanes_jax.lattice import Lattice, links_of
 
-__all__ = ["Metrics", "measure"]
+__all__ = ["COUNTED", "Metrics", "counts_of", "measure", "metrics_of"]
 
 
 class Metrics(NamedTuple):
     """What `measure` finds in a grid: int32 scalars, `coverage` a float32.
 
-    The graph's nodes are the non-empty tiles, its edges the links: neighbouring tiles that both connect to
-    each other. A connection that is not answered, or that leaves the grid, is unmatched.
+    The graph's nodes are the non-empty tiles, its edges the links: neighbouring tiles that both connect to each other.
+    A connection that is not answered, or that leaves the grid, is unmatched.
 
-    components: connected components (paper: CO).
-    cyclomatic: cyclomatic number, edges - tiles + components (CY).
-    dead_ends: tiles with exactly one connection or with an unmatched one (DE).
-    boundary_violations: tiles with a connection that leaves the grid (BV).
-    bridges: cut-edges, edges whose removal adds a component.
-    crossings: tiles with three or four connections (CR).
-    adjacent_crossings: linked pairs of crossings, counted from both tiles, so 2 a pair.
-    adjacent_crossing_score: sum of the connections of both tiles over linked pairs of crossings (ACV).
-    adjacent_turns: pairs of turns that share a side, linked or not (AT).
-    straight_score: sum of L² over maximal runs of L straight tiles of one orientation, lined up along it (SR).
-    tiles: non-empty tiles.
-    edges: links.
-    mismatches: unmatched connections inside the grid.
-    off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 where none is given.
-    coverage: tiles / all cells, in [0, 1] (CV).
+    Attributes:
+      components: connected components (paper: CO).
+      cyclomatic: cyclomatic number, edges - tiles + components (CY).
+      dead_ends: tiles with exactly one connection or with an unmatched one (DE).
+      boundary_violations: tiles with a connection that leaves the grid (BV).
+      bridges: cut-edges, edges whose removal adds a component.
+      crossings: tiles with three or four connections (CR).
+      adjacent_crossings: linked pairs of crossings, counted from both tiles, so 2 a pair.
+      adjacent_crossing_score: sum of the connections of both tiles over linked pairs of crossings (ACV).
+      adjacent_turns: pairs of turns that share a side, linked or not (AT).
+      straight_score: sum of L² over maximal runs of L straight tiles of one orientation, lined up along it (SR).
+      tiles: non-empty tiles.
+      edges: links.
+      mismatches: unmatched connections inside the grid.
+      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 where none is given.
+      coverage: tiles / all cells, in [0, 1] (CV).
     """
 
     components: Array
@@ -57,6 +58,10 @@ class Metrics(NamedTuple):
     coverage: Array
 
 
+COUNTED = Metrics._fields[:-1]
+"""The metrics that are whole numbers: all but the coverage, which follows from the tiles."""
+
+
 def measure(grid: Any, alphabet: Iterable[int] | None = None) -> Metrics:
     """All metrics of one grid; `jax.vmap` it for many.
 
@@ -68,9 +73,25 @@ def measure(grid: Any, alphabet: Iterable[int] | None = None) -> Metrics:
       `Metrics` of scalars.
 
     Raises:
-      ValueError: for a bad grid (see `check_grid`) or alphabet.
+      InputError: for a bad grid (see `check_grid`) or alphabet.
     """
     return _measure(check_grid(grid), None if alphabet is None else alphabet_of(alphabet))
+
+
+def counts_of(metrics: Metrics) -> Array:
+    """The whole numbers side by side, int32 ``[..., M]`` in the order of `COUNTED`: one array to carry about."""
+    return jnp.stack([getattr(metrics, name) for name in COUNTED], axis=-1)
+
+
+def metrics_of(counts: Array, cells: int) -> Metrics:
+    """`Metrics` of arrays ``[...]`` from `counts_of` ``[..., M]``, of grids with so many cells."""
+    columns = dict(zip(COUNTED, jnp.moveaxis(counts, -1, 0), strict=True))
+    return Metrics(**columns, coverage=_share(columns["tiles"], cells))
+
+
+def _share(tiles: Array, cells: int) -> Array:
+    # Always true: a divisor known to the compiler would become a product with its reciprocal, which rounds otherwise.
+    return tiles / jnp.where(tiles >= 0, cells, 1)
 
 
 @partial(jax.jit, static_argnames="alphabet")
@@ -106,12 +127,10 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
     count = _sums(
         {
             "tiles": (here > 0, 1),
-            "empty": ((here == 0) & (columns < lattice.width), 1),
             "edges": (links.east.astype(jnp.int8) + links.south, 2),
             "cyclomatic": (dual.first, 1),
             "bridges": (dual.east_bridge.astype(jnp.int8) + dual.south_bridge, 2),
-            "connections": (own, 4),
-            "outward": (outward, 2),
+            "mismatches": (own - answered - outward, 4),
             "dead_ends": ((own == 1) | (own != answered), 1),
             "boundary_violations": (outward > 0, 1),
             "crossings": (lattice.here(crossing), 1),
@@ -147,10 +166,9 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
         straight_score=count["straight_score"],
         tiles=count["tiles"],
         edges=count["edges"],
-        mismatches=count["connections"] - 2 * count["edges"] - count["outward"],
+        mismatches=count["mismatches"],
         off_alphabet=count["off_alphabet"],
-        # A constant divisor would be compiled to a product with its reciprocal, which rounds otherwise.
-        coverage=count["tiles"] / (count["tiles"] + count["empty"]),
+        coverage=_share(count["tiles"], area),
     )
 
 
@@ -180,12 +198,12 @@ def _odd_numbers(straight: Array, step: int, longest: int) -> Array:
 def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Array]:
     """The sum of each vector, given the most that one place can hold.
 
-    As many counters as fit are laid side by side in the bits of one word and summed together: reductions
-    are what a small grid's metrics spend their time on.
+    As many counters as fit, the widest first, are laid side by side in the bits of one word and summed together:
+    reductions are what a small grid's metrics spend their time on.
     """
     words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
-    for name, (_, most) in terms.items():
-        bits = (most * cells).bit_length()
+    widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}
+    for name, bits in sorted(widths.items(), key=lambda item: -item[1]):
         for word in words:
             used = word[-1][1] + word[-1][2]
             if used + bits <= 32:

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
 
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.metrics import Metrics
 
 __all__ = ["Weights", "check_weights", "fitness"]
@@ -14,12 +15,13 @@ __all__ = ["Weights", "check_weights", "fitness"]
 class Weights(NamedTuple):
     """What one unit of each metric adds to the fitness: integers, negative ones reward.
 
-    The default is the paper's equation, a(x) read as adjacent crossings and b(x) as bridges. Other readings
-    are other records, and an array in place of a number sweeps it under `jax.vmap`.
+    The default is the paper's equation, a(x) read as adjacent crossings and b(x) as bridges. Other readings are other
+    records, and an array in place of a number sweeps it under `jax.vmap`.
 
-    components: for each component beyond the first.
-    constant: added once.
-    others: for each unit of the metric of that name.
+    Attributes:
+      components: for each component beyond the first.
+      constant: added once.
+      others: each for a unit of the metric of its name.
     """
 
     components: Numeric = 300
@@ -44,18 +46,27 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Array:  # noqa: B
 
     Args:
       metrics: of one grid, or of many with the same leading axes.
-      weights: integers, or integer arrays that broadcast against the metrics.
+      weights: integers, or integer arrays that broadcast against the metrics; see `check_weights` for how large.
 
     Returns:
       int32, of the metrics' shape.
+
+    Raises:
+      InputError: for weights that are not integers.
     """
-    total = jnp.asarray(weights.constant, jnp.int32)
+    total = _integer("constant", weights.constant)
     for name in Weights._fields[:-1]:
         value = getattr(metrics, name)
         if name == "components":
             value = jnp.maximum(value - 1, 0)
-        total = total + getattr(weights, name) * value
+        total = total + _integer(name, getattr(weights, name)) * value
     return total
+
+
+def _integer(name: str, weight: Numeric) -> Array:
+    if not jnp.issubdtype(jnp.result_type(weight), jnp.integer):
+        raise InputError(f"weights: expected integers, got {name} of type {jnp.result_type(weight)}")
+    return jnp.asarray(weight, jnp.int32)
 
 
 def check_weights(weights: Weights, shape: tuple[int, int]) -> Weights:
@@ -66,21 +77,36 @@ def check_weights(weights: Weights, shape: tuple[int, int]) -> Weights:
       shape: (height, width) of the grids they are meant for.
 
     Raises:
-      ValueError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
+      InputError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
     """
     if not isinstance(weights, Weights):
-        raise ValueError(f"weights: expected Weights, got {type(weights).__name__}")
+        raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
     for name, weight in weights._asdict().items():
         if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
-            raise ValueError(f"weights: expected whole numbers, got {name}={weight!r}")
+            raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
     exact = Weights(*(int(weight) for weight in weights))
-    area, side = shape[0] * shape[1], max(shape)
-    # No metric is more than 32 a tile (8 connections in each of at most 4 pairs of crossings), but for the
-    # straight score: at most one run of L² in each row or column.
-    largest = sum(abs(weight) for weight in exact) * 32 * area + abs(exact.straight_score) * side * area
+    largest = sum(abs(getattr(exact, name)) * most for name, most in _most(shape).items())
     if largest >= 2**31:
-        raise ValueError(
+        raise InputError(
             f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
             f"got weights with which it might reach {largest:,}"
         )
     return exact
+
+
+def _most(shape: tuple[int, int]) -> dict[str, int]:
+    """No grid of the shape has more than so many units of what each weight is for."""
+    area = shape[0] * shape[1]
+    # Two links and two pairs a tile, four connections a tile; a pair of crossings counts twice, and eight at most for
+    # its score; one run of L² in each row or column.
+    others = {
+        "bridges": 2 * area,
+        "edges": 2 * area,
+        "adjacent_turns": 2 * area,
+        "adjacent_crossings": 4 * area,
+        "mismatches": 4 * area,
+        "adjacent_crossing_score": 16 * area,
+        "straight_score": max(shape) * area,
+        "constant": 1,
+    }
+    return {name: others.get(name, area) for name in Weights._fields}

@@ -11,6 +11,7 @@ __all__ = ["overview"]
 
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
+_FONT, _TITLE, _CAPTION = cv2.FONT_HERSHEY_SIMPLEX, 0.8, 0.46
 
 
 def overview(title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[Sequence[str]]) -> NDArray[np.uint8]:
@@ -25,23 +26,30 @@ def overview(title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequen
       uint8 ``[., ., 3]``, RGB.
     """
     height, width = pictures[0].shape[:2]
-    columns = max(1, ceil(sqrt(len(pictures) * height / width)))
-    rows = ceil(len(pictures) / columns)
+    step = _GAP + max(width, *(_length(line, _CAPTION) for lines in captions for line in lines))
     below = _GAP + _LINE * len(captions[0])
+    columns = max(1, round(sqrt(len(pictures) * (height + below) / step)))
+    rows = ceil(len(pictures) / columns)
     top = 3 * _GAP
-    sheet = np.full((top + rows * (height + below), _GAP + columns * (width + _GAP), 3), _GROUND, np.uint8)
-    _write(sheet, title, (_GAP, 2 * _GAP - 6), 0.8, _INK)
+    across = _GAP + max(columns * step, _length(title, _TITLE) + _GAP)
+    sheet = np.full((top + rows * (height + below), across, 3), _GROUND, np.uint8)
+    _write(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
     for number, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
         row, column = divmod(number, columns)
-        y, x = top + row * (height + below), _GAP + column * (width + _GAP)
+        y, x = top + row * (height + below), _GAP + column * step
         sheet[y : y + height, x : x + width] = picture
         for place, line in enumerate(lines):
             ink = _FAINT if place else _INK
-            _write(sheet, line, (x, y + height + _LINE * (place + 1)), 0.46, ink)
+            _write(sheet, line, (x, y + height + _LINE * (place + 1)), _CAPTION, ink)
     return sheet
+
+
+def _length(text: str, scale: float) -> int:
+    """The width of a line of text in pixels; fonts differ between versions of OpenCV."""
+    return cv2.getTextSize(text, _FONT, scale, 1)[0][0]
 
 
 def _write(
     sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
 ) -> None:
-    cv2.putText(sheet, text, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)
+    cv2.putText(sheet, text, place, _FONT, scale, ink, 1, cv2.LINE_AA)

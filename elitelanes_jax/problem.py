@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 from chex import Array, PRNGKey
 
-from elitelanes_jax.archive import Axis, describe
+from elitelanes_jax.archive import Axis
+from elitelanes_jax.checks import check_shape
 from elitelanes_jax.codes import KINDS, ROAD_ALPHABET, alphabet_of
-from elitelanes_jax.grids import check_shape, random_grids
-from elitelanes_jax.metrics import Metrics, measure
+from elitelanes_jax.grids import random_grids
+from elitelanes_jax.metrics import counts_of, measure
 from elitelanes_jax.objective import Weights, fitness
 from elitelanes_jax.repairs import raster_rank, repair
 
@@ -21,24 +22,25 @@ __all__ = ["Evaluation", "Problem", "road_problem"]
 class Evaluation(NamedTuple):
     """What an optimiser learns of a population.
 
-    fitness: int32 ``[P]``, lower is better.
-    descriptor: int32 ``[P, D]``.
+    Attributes:
+      fitness: int32 ``[P]``, lower is better.
+      counts: int32 ``[P, M]``, the `counts_of` metrics.
     """
 
     fitness: Array
-    descriptor: Array
+    counts: Array
 
 
 class Problem(NamedTuple):
     """All that an optimiser knows of road networks: what to draw, how to mend it, what it is worth.
 
-    shape: (height, width).
-    alphabet: the codes that new tiles are drawn from.
-    axes: of the descriptor space.
-    random: (key, count) -> int8 ``[count, H, W]``, repaired.
-    repair: (grid, dirty) -> grid, all ``[H, W]``.
-    measure: grid -> `Metrics`, the ones that the fitness is made of.
-    evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
+    Attributes:
+      shape: (height, width).
+      alphabet: the codes that new tiles are drawn from.
+      axes: of the descriptor space.
+      random: (key, count) -> int8 ``[count, H, W]``, repaired.
+      repair: (grid, dirty) -> grid, all ``[H, W]``.
+      evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
     """
 
     shape: tuple[int, int]
@@ -46,7 +48,6 @@ class Problem(NamedTuple):
     axes: tuple[Axis, ...]
     random: Callable[[PRNGKey, int], Array]
     repair: Callable[[Array, Array], Array]
-    measure: Callable[[Array], Metrics]
     evaluate: Callable[[Array], Evaluation]
 
 
@@ -63,18 +64,18 @@ def road_problem(
     Args:
       shape: (height, width), each at least 2.
       axes: of the descriptor space.
-      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may
-        hold others: stubs and empty cells are what `dead_ends` and `coverage` count, any other code is counted
-        by `off_alphabet`.
+      alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
+        others: stubs and empty cells are what `dead_ends` and `coverage` count, any other code is counted by
+        `off_alphabet`.
       weights: of the fitness; its numbers may be traced.
       fill: whether repair also fills (see `repair`).
 
     Raises:
-      ValueError: for a bad shape or alphabet.
+      InputError: for a bad shape or alphabet.
     """
     shape = check_shape(shape)
     alphabet = ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet)
-    countenanced = (*alphabet, *KINDS["stub"], *KINDS["empty"])
+    allowed = (*alphabet, *KINDS["stub"], *KINDS["empty"])
 
     def mend(grid: Array, dirty: Array) -> Array:
         return repair(grid, dirty, fill=fill)
@@ -83,13 +84,10 @@ def road_problem(
         rank = jnp.asarray(raster_rank(shape))
         return jax.vmap(lambda grid: mend(grid, rank))(random_grids(key, count, shape, alphabet=alphabet))
 
-    def measure_road(grid: Array) -> Metrics:
-        return measure(grid, countenanced)
-
     def evaluate(grids: Array) -> Evaluation:
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
-        metrics = jax.vmap(measure_road)(grids)
-        return Evaluation(fitness(metrics, weights), describe(metrics, axes))
+        metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
+        return Evaluation(fitness(metrics, weights), counts_of(metrics))
 
-    return Problem(shape, alphabet, axes, random, mend, measure_road, evaluate)
+    return Problem(shape, alphabet, axes, random, mend, evaluate)

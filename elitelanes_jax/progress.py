@@ -1,5 +1,6 @@
-"""A progress bar on standard error."""
+"""A progress bar, in a terminal or a notebook."""
 
+import shutil
 import sys
 from types import TracebackType
 from typing import Any
@@ -14,27 +15,27 @@ class Progress:
       name: of the run.
       done: generations done before.
       last: generations to be done in all.
-      shown: whether to show it at once; by default on a terminal, when the run takes over a second.
+      shown: whether to show it at once; by default in a terminal or notebook, when the run takes over a second.
     """
 
     def __init__(self, name: str, done: int, last: int, *, shown: bool | None = None) -> None:
         self._bar: Any = None
-        if shown if shown is not None else sys.stderr.isatty():
+        if shown if shown is not None else sys.stderr.isatty() or "ipykernel" in sys.modules:
             from tqdm import tqdm  # here, so that the kernels can be imported without it
 
             self._bar = tqdm(
                 desc=name,
                 initial=done,
                 total=last,
-                unit="gen",
                 delay=0 if shown else 1,
-                bar_format="{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} generations, "
-                "{remaining} left{postfix}",
+                ncols=None if sys.stderr.isatty() else shutil.get_terminal_size((100, 24)).columns,
+                # The figures stand first: what does not fit into a narrow terminal is cut off at the end.
+                bar_format="{desc} {n_fmt}/{total_fmt}{postfix}, {remaining} left |{bar}|",
             )
 
     def show(self, done: int, best: float, elites: float, speed: float) -> None:
         if self._bar is not None:
-            postfix = f"best {best:,.0f}, {elites:,.0f} elites, {_short(speed)} evaluations/s"
+            postfix = f"best {best:,.0f}, {elites:,.0f} elites, {_short(speed)} evals/s"
             self._bar.set_postfix_str(postfix, refresh=False)
             self._bar.update(done - self._bar.n)
 

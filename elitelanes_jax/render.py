@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import KINDS
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.roadmap import RoadMap
 from elitelanes_jax.tilesets import MASKS, TileSet
 
@@ -24,11 +26,11 @@ __all__ = [
     "write_png",
 ]
 
-#: The classes of a label map: a label is the place in this list. A line lies over the road.
 LABELS = ("background", "road", "stop line", "lane separator")
+"""The classes of a label map: a label is the place in this list. A line lies over the road."""
 
-#: A colour for each label, RGB.
 LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
+"""A colour for each label, RGB."""
 
 _SMALLEST, _LARGEST = 16, 512
 
@@ -36,9 +38,12 @@ _SMALLEST, _LARGEST = 16, 512
 class Picture(NamedTuple):
     """A rendered grid of H x W tiles of P pixels each.
 
-    image: uint8 ``[H·P, W·P, 3]``, RGB.
-    road, red, yellow: uint8 ``[H·P, W·P]``, 0 or 255.
-    labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
+    Attributes:
+      image: uint8 ``[H·P, W·P, 3]``, RGB.
+      road: uint8 ``[H·P, W·P]``, 0 or 255, the drivable surface.
+      red: likewise, the stop lines.
+      yellow: likewise, the lane separators.
+      labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
     """
 
     image: NDArray[np.uint8]
@@ -60,13 +65,13 @@ def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArra
       int ``[H, W, 2]``: the place of the tile in the set, and its quarter turns counter-clockwise.
 
     Raises:
-      ValueError: if the set has no picture for a cell.
+      InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
     """
-    grid = np.asarray(grid)
+    grid = np.asarray(check_grid(grid))
     for row, column in np.argwhere(~np.isin(grid, tiles.alphabet)):
         code = grid[row, column]
         kind = next((kind for kind, codes in KINDS.items() if code in codes), "none")
-        raise ValueError(
+        raise InputError(
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {', '.join(map(str, tiles.alphabet))}), "
             f"got {code} ({kind}) at row {row}, column {column}"
         )
@@ -89,11 +94,12 @@ def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chose
       chosen: that choice, to be taken in place of the seed's.
 
     Raises:
-      ValueError: if the set has no picture for a cell, or the size is out of its range.
+      InputError: for a bad grid, a cell without picture in the set, a choice that does not show the grid, or a size
+        out of its range.
     """
     if not isinstance(tile_px, int | np.integer) or not _SMALLEST <= tile_px <= _LARGEST:
-        raise ValueError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
-    chosen = choose_tiles(grid, tiles, seed) if chosen is None else np.asarray(chosen)
+        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+    chosen = choose_tiles(grid, tiles, seed) if chosen is None else _checked_choice(grid, tiles, chosen)
     images, masks = _scaled(tiles, int(tile_px))
     place = chosen[..., 0] * 4 + chosen[..., 1]
     image = _laid_out(images[place])
@@ -112,11 +118,31 @@ def recall_tiles(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     if not names.shape == turns.shape == road_map.codes.shape or not set(names.flat) <= set(places):
         return None
     chosen = np.stack([np.vectorize(places.__getitem__)(names), turns], axis=-1)
-    fits = all(
-        tuple(choice) in tiles.turned.get(int(code), ())
-        for choice, code in zip(chosen.reshape(-1, 2), road_map.codes.flat, strict=True)
-    )
-    return chosen if fits else None
+    return chosen if _misfits(road_map.codes, tiles, chosen).size == 0 else None
+
+
+def _checked_choice(grid: Any, tiles: TileSet, chosen: Any) -> NDArray[np.int_]:
+    grid, chosen = np.asarray(check_grid(grid)), np.asarray(chosen)
+    if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
+        raise InputError(
+            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {chosen.dtype} of shape {chosen.shape}"
+        )
+    for row, column in _misfits(grid, tiles, chosen):
+        raise InputError(
+            f"chosen: expected a tile of the set {tiles.name!r} turned to show code {grid[row, column]} at row {row}, "
+            f"column {column}, got tile {chosen[row, column, 0]} turned {chosen[row, column, 1]} times"
+        )
+    return chosen
+
+
+def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Row and column of the cells whose chosen tile does not show their code."""
+    shown = np.full((len(tiles.tiles), 4), -1)
+    for code, draws in tiles.turned.items():
+        shown[tuple(np.array(draws).T)] = code
+    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.tiles)) & (chosen[..., 1] < 4)
+    place = np.where(known[..., None], chosen, 0)
+    return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
 
 
 def write_picture(folder: Path, picture: Picture) -> None:
@@ -160,13 +186,14 @@ def _resized(picture: NDArray[Any], size: int) -> NDArray[Any]:
 def _resized_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
     """A mask through the same transform as its image: the pixels that it covers by half or more.
 
-    Lines are at some sizes thinner than a pixel, and would cover none by half. Of a line as many pixels stay as it has
-    area, those that it covers most; what is covered alike stays or goes together. So a class has its share at any size.
+    Lines are at some sizes about as thin as a pixel, and would grow or vanish. Where a line's area does not come out
+    within a third, as many of its pixels stay as it has area, those that it covers most; what is covered alike stays or
+    goes together. So each class has its share of the picture at any size.
     """
     cover = _resized(mask.astype(np.float32), size)
-    area = round(float(cover.sum()))
-    if name == "road" or not area:
-        return cover >= 0.5
+    half, area = cover >= 0.5, round(float(cover.sum()))
+    if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
+        return half
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 
 

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array
 
+from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.grids import check_grid
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.lattice import Lattice, Links
 
 __all__ = ["raster_rank", "repair"]
@@ -33,12 +34,12 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False) -> Array:
       int8 ``[H, W]``.
 
     Raises:
-      ValueError: for a bad grid (see `check_grid`), or a mask of another shape or kind.
+      InputError: for a bad grid (see `check_grid`), or a mask of another shape or kind.
     """
     grid = check_grid(grid)
     dirty = np.zeros(grid.shape, bool) if dirty is None else jnp.asarray(dirty)
     if dirty.shape != grid.shape or jnp.issubdtype(dirty.dtype, jnp.inexact):
-        raise ValueError(
+        raise InputError(
             f"dirty: expected bool or integers of the grid's shape {grid.shape}, got {dirty.dtype} {dirty.shape}"
         )
     return _repair(grid, dirty, fill)

@@ -1,14 +1,15 @@
 """A road map with its figures, and the JSON file that keeps it."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.grids import check_grid
+from elitelanes_jax.checks import check_grid
+from elitelanes_jax.errors import InputError
 
 __all__ = ["Drawn", "RoadMap", "read_map", "to_json"]
 
@@ -18,9 +19,10 @@ _FORMAT = "elitelanes map, version 1"
 class Drawn(NamedTuple):
     """Which pictures a map is drawn with.
 
-    tile_set: the name of the set.
-    tiles: names ``[H][W]``.
-    quarter_turns: ints ``[H][W]``, counter-clockwise.
+    Attributes:
+      tile_set: the name of the set.
+      tiles: names ``[H][W]``.
+      quarter_turns: ints ``[H][W]``, counter-clockwise.
     """
 
     tile_set: str
@@ -31,13 +33,14 @@ class Drawn(NamedTuple):
 class RoadMap(NamedTuple):
     """One map; what is not known of it is left out.
 
-    codes: int8 ``[H, W]``.
-    metrics: by name.
-    fitness: of the run that found it; lower is better.
-    descriptor: the values of the niche's axes, by metric.
-    niche: the bins on the axes.
-    seed: of the run, and which of the run's seeds found the map, from 0.
-    drawn: its pictures.
+    Attributes:
+      codes: int8 ``[H, W]``.
+      metrics: by name.
+      fitness: of the run that found it; lower is better.
+      descriptor: the values of the niche's axes, by metric.
+      niche: the bins on the axes.
+      seed: of the run, and which of the run's seeds found the map, from 0.
+      drawn: its pictures.
     """
 
     codes: NDArray[np.int8]
@@ -79,34 +82,72 @@ def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one.
 
     Raises:
-      ValueError: if it cannot be read, or holds no grid of codes; the message names the file.
+      InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
     """
     try:
-        values = json.loads(Path(file).read_text())
+        values = json.loads(Path(file).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise ValueError(f"{file}: expected a readable JSON file, got: {error}") from None
+        raise InputError(f"{file}: expected a readable JSON file, got: {error}") from None
+    except RecursionError:
+        raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
     if not isinstance(values, dict) or "codes" not in values:
-        raise ValueError(f'{file}: expected a map, {{"codes": [[...], ...]}}, got no "codes"')
+        raise InputError(f'{file}: expected a map, {{"codes": [[...], ...]}}, got no "codes"')
+    if values.get("format", _FORMAT) != _FORMAT:
+        raise InputError(f"{file}: format: expected {_FORMAT!r}, got {values['format']!r}")
     try:
-        codes = np.array(check_grid(_table(values["codes"])))
-    except ValueError as error:
-        raise ValueError(f"{file}: {error}") from None
-    seed, drawn = values.get("seed"), values.get("drawn")
-    if drawn is not None and not (isinstance(drawn, dict) and set(drawn) == set(Drawn._fields)):
-        raise ValueError(f"{file}: drawn: expected {', '.join(Drawn._fields)}, got {drawn!r}")
+        codes = np.array(check_grid(values["codes"]))
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    for name, (fits, expected) in _FIELDS.items():
+        if name in values and not fits(values[name]):
+            raise InputError(f"{file}: {name}: expected {expected}, got {json.dumps(values[name])[:60]}")
+    drawn = Drawn(**values["drawn"]) if "drawn" in values else None
+    if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
+        raise InputError(f"{file}: drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
     return RoadMap(
         codes,
         values.get("metrics"),
         values.get("fitness"),
         values.get("descriptor"),
         values.get("niche"),
-        seed and tuple(seed),
-        Drawn(**drawn) if drawn else None,
+        tuple(values["seed"]) if "seed" in values else None,
+        drawn,
     )
 
 
-def _table(rows: Any) -> NDArray[Any]:
-    try:
-        return np.array(rows)
-    except ValueError:
-        raise ValueError("grid: expected rows of one length, got rows of several") from None
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _all(fits: Callable[[Any], bool], values: Any) -> bool:
+    return isinstance(values, list) and all(map(fits, values))
+
+
+def _extent(table: list[list[Any]]) -> tuple[int, ...]:
+    widths = {len(row) for row in table}
+    return (len(table), *widths)
+
+
+def _is_drawn(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and set(value) == set(Drawn._fields)
+        and isinstance(value["tile_set"], str)
+        and _all(lambda row: _all(lambda name: isinstance(name, str), row), value["tiles"])
+        and _all(lambda row: _all(lambda turns: _whole(turns) and 0 <= turns < 4, row), value["quarter_turns"])
+    )
+
+
+def _numbers_by_name(value: Any) -> bool:
+    return isinstance(value, dict) and all(_whole(number) or isinstance(number, float) for number in value.values())
+
+
+# What a map file may hold beside the codes: how to tell, and in words.
+_FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "metrics": (_numbers_by_name, "numbers by name"),
+    "fitness": (_whole, "a whole number"),
+    "descriptor": (_numbers_by_name, "numbers by name"),
+    "niche": (lambda value: _all(_whole, value), "whole numbers"),
+    "seed": (lambda value: _all(_whole, value) and len(value) == 2, "two whole numbers"),
+    "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
+}

@@ -1,7 +1,9 @@
 """One call from a key to evolved road networks."""
 
 import time
+import zlib
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -10,18 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array, ArrayTree, PRNGKey
 
-from elitelanes_jax.archive import Axis, paper_axes
+from elitelanes_jax.archive import Axis, check_axes, describe, paper_axes
+from elitelanes_jax.checks import check_shape
 from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
-from elitelanes_jax.evolution import EvolutionConfig
-from elitelanes_jax.grids import check_shape
-from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.metrics import Metrics, metrics_of
 from elitelanes_jax.objective import Weights, check_weights
-from elitelanes_jax.optimizers import Info, MapElitesConfig, Optimizer, ea, map_elites
+from elitelanes_jax.optimizers import EvolutionConfig, Info, MapElitesConfig, Optimizer, ea, map_elites
 from elitelanes_jax.problem import Problem, road_problem
 from elitelanes_jax.progress import Progress
 from elitelanes_jax.run import advance, start
 
-__all__ = ["METHODS", "Found", "History", "Result", "RunState", "evolve"]
+__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config"]
 
 
 class _Method(NamedTuple):
@@ -29,26 +31,26 @@ class _Method(NamedTuple):
     presets: dict[str, Any]
 
 
-#: The methods by name, each with its optimiser and its presets.
-METHODS = {
+_METHODS = {
     "ea": _Method(ea, {"paper": EvolutionConfig()}),
-    "map-elites": _Method(map_elites, {"paper": MapElitesConfig()}),
+    "map-elites": _Method(map_elites, {"paper": MapElitesConfig(), "standard": MapElitesConfig(parents="archive")}),
 }
 
-# Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take,
-# and so many generations it has at most.
+# Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take, and so
+# many generations it has at most.
 _SECONDS_A_CALL = 0.2
 _MOST = 256
 
 
-class Found(NamedTuple):
+class MeasuredElites(NamedTuple):
     """What a run has found, in N places, some of which may be vacant.
 
-    grids: int8 ``[N, H, W]``.
-    fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
-    descriptor: int32 ``[N, D]``, the values of the axes' metrics.
-    valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
-    metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
+    Attributes:
+      grids: int8 ``[N, H, W]``.
+      fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
+      descriptor: int32 ``[N, D]``, the values of the axes' metrics.
+      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
+      metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
     """
 
     grids: Array
@@ -61,48 +63,56 @@ class Found(NamedTuple):
 class History(NamedTuple):
     """A run by generation, as NumPy arrays.
 
-    generation: int ``[G]``, counted from 1.
-    evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
-    best_fitness: int32 ``[G]``, the lowest among the elites.
-    elites: int32 ``[G]``, how many there are: niches filled, or the size of the population.
-    evaluations_per_second: float ``[G]``, of all seeds together, as the clock had it.
+    Attributes:
+      generation: int ``[G]``, counted from 1.
+      evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
+      best_fitness: int32 ``[G]``, the lowest among the elites.
+      elite_count: int32 ``[G]``, how many there are: niches filled, or the size of the population.
+      evaluations_per_second: float ``[G]``, of all seeds together, as the clock had it.
     """
 
     generation: np.ndarray
     evaluations: np.ndarray
     best_fitness: np.ndarray
-    elites: np.ndarray
+    elite_count: np.ndarray
     evaluations_per_second: np.ndarray
 
 
 class RunState(NamedTuple):
     """What a run goes on from, beside its key and settings.
 
-    generation: int, how many are done.
-    inner: the optimiser's own state.
+    Attributes:
+      generation: int, how many are done.
+      inner: the optimiser's own state.
+      fingerprint: int, of the key and the settings, so that a run is not gone on with by mistake with others.
     """
 
     generation: int
     inner: ArrayTree
+    fingerprint: int
 
 
-class Result(NamedTuple):
-    """What `evolve` returns.
+@partial(jax.tree_util.register_dataclass)
+@dataclass(frozen=True)
+class Result:
+    """What `evolve` returns; a pytree.
 
-    elites: what was found, measured.
-    history: of the generations of this call.
-    state: to go on from.
-    axes: of the descriptor.
+    Attributes:
+      elites: what was found, with its metrics.
+      history: of the generations of this call.
+      state: to go on from.
+      axes: of the descriptor.
     """
 
-    elites: Found
+    elites: MeasuredElites
     history: History
     state: RunState
-    axes: tuple[Axis, ...]
+    axes: tuple[Axis, ...] = field(metadata={"static": True})
 
     def best(self) -> Array:
         """The grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
-        place = jnp.argmin(self.elites.fitness, axis=-1)[..., None, None, None]
+        worth = jnp.where(self.elites.valid, self.elites.fitness, np.iinfo(np.int32).max)
+        place = jnp.argmin(worth, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
 
 
@@ -116,6 +126,7 @@ def evolve(
     generations: int = 200,
     alphabet: Iterable[int] | None = None,
     weights: Weights | None = None,
+    axes: Iterable[Axis] | None = None,
     fill: bool = False,
     state: RunState | None = None,
     progress: bool | None = None,
@@ -123,44 +134,59 @@ def evolve(
     """Evolves road networks.
 
     Args:
-      key: one `jax.random.key`, or an array of keys ``[S]``: many seeds in one compiled call, and a leading
-        seed axis ``[S, ...]`` in everything that is returned, but for the two counts and the speed in the
-        history. A seed gives the same result alone and among others, bit for bit.
+      key: one `jax.random.key`, or an array of keys ``[S]``: many seeds in one compiled call, and a leading seed axis
+        ``[S, ...]`` in everything that is returned, but for the counts and the speed in the history. With JAX's default
+        kind of key a seed gives the same result alone and among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
       method: "map-elites" or "ea".
-      preset: "paper".
+      preset: "paper"; for "map-elites" also "standard", whose parents come from the archive.
       config: of the method, to be taken in place of the preset's.
       generations: how many to run now, at least 0.
       alphabet: the tile codes to draw from, by default all with two or more connections.
       weights: of the fitness, by default the paper's.
+      axes: of the descriptor space, by default the paper's (see `paper_axes`).
       fill: whether repair also gives every tile at least two connections, so that all have a picture.
-      state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit, where key
-        and settings are the same.
-      progress: whether to show a progress bar; by default on a terminal, when a run takes over a second.
+      state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit.
+      progress: whether to show a progress bar; by default in a terminal or notebook, when a run takes over a second.
 
     Returns:
       A `Result`.
 
     Raises:
-      ValueError: for an argument out of its range, or a state that does not belong to the other arguments.
+      InputError: for an argument out of its range, or a state of a run with another key or other settings.
     """
     keys, single = _keys(key)
     if not isinstance(generations, int | np.integer) or generations < 0:
-        raise ValueError(f"generations: expected a whole number, 0 or more, got {generations!r}")
-    setup, numbers = _setup(shape, method, preset, config, alphabet, weights, fill)
+        raise InputError(f"generations: expected a whole number, 0 or more, got {generations!r}")
+    shape = check_shape(shape)
+    config = preset_config(method, preset) if config is None else _checked(config, method, preset)
+    leaves, tree = jax.tree.flatten(config)
+    setup = _Setup(
+        method=method,
+        shape=shape,
+        alphabet=ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet),
+        fill=bool(fill),
+        axes=paper_axes(shape) if axes is None else check_axes(axes),
+        config=tuple(None if isinstance(leaf, float) else leaf for leaf in leaves),
+        config_tree=tree,
+    )
+    weights = check_weights(Weights() if weights is None else weights, shape)
+    reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
+    numbers = _Numbers(Weights(*map(np.int32, weights)), reals)
+    fingerprint = _fingerprint(setup, numbers, keys)
     if state is None:
         done, inner = 0, _start(setup, numbers, keys)
     else:
-        done, inner = _resumed(setup, numbers, keys, state, single)
+        done, inner = _resumed(setup, numbers, keys, state, fingerprint, single)
 
-    evaluations = setup.optimizer(numbers).offspring
+    evaluations = setup.optimizer(numbers).evaluations_per_step
     first, last = done + 1, done + int(generations)
     rows: list[Info] = []
     speeds: list[float] = []
     stretch = _MOST // 2
     if done < last:
         jax.block_until_ready(_advance(setup, numbers, keys, inner, first, done))  # nothing to do but compile
-    with Progress(f"{method} {setup.shape[0]}x{setup.shape[1]}", done, last, shown=progress) as bar:
+    with Progress(f"{method} {shape[0]}x{shape[1]}", done, last, shown=progress) as bar:
         while done < last:
             count = min(stretch, last - done)
             began = time.perf_counter()
@@ -169,7 +195,7 @@ def evolve(
             seconds = time.perf_counter() - began
             done += count
             speeds += [count * evaluations * keys.size / seconds] * count
-            bar.show(done, rows[-1].best_fitness[-1].min(), rows[-1].elites[-1].mean(), speeds[-1])
+            bar.show(done, rows[-1].best_fitness[-1].min(), rows[-1].elite_count[-1].mean(), speeds[-1])
             wanted = count * _SECONDS_A_CALL / seconds
             stretch = int(min(max(wanted, 1), 2 * stretch, _MOST))
 
@@ -179,9 +205,38 @@ def evolve(
     if single:
         info = jax.tree.map(lambda row: row[0], info)
     history = History(
-        generation, generation * evaluations, info.best_fitness, info.elites, evaluations_per_second=np.array(speeds)
+        generation=generation,
+        evaluations=generation * evaluations,
+        best_fitness=info.best_fitness,
+        elite_count=info.elite_count,
+        evaluations_per_second=np.array(speeds),
     )
-    return Result(found, history, RunState(last, inner), setup.axes)
+    return Result(found, history, RunState(last, inner, fingerprint), setup.axes)
+
+
+def preset_config(method: str, preset: str) -> EvolutionConfig | MapElitesConfig:
+    """The settings of a method under a name.
+
+    Raises:
+      InputError: if there is no such method, or it has no such preset.
+    """
+    if method not in _METHODS:
+        raise InputError(f"method: expected one of {', '.join(_METHODS)}, got {method!r}")
+    presets = _METHODS[method].presets
+    if preset not in presets:
+        raise InputError(f"preset: expected one of {', '.join(presets)} for {method}, got {preset!r}")
+    return presets[preset]
+
+
+def _checked(config: Any, method: str, preset: str) -> EvolutionConfig | MapElitesConfig:
+    kind = type(preset_config(method, preset))
+    if type(config) is not kind:
+        raise InputError(f"config: expected {kind.__name__} for {method}, got {type(config).__name__}")
+    config = config.checked()
+    for leaf in jax.tree.leaves(config):
+        if isinstance(leaf, jax.Array | np.ndarray):
+            raise InputError(f"config: expected plain numbers, got an array of shape {leaf.shape}")
+    return config
 
 
 class _Numbers(NamedTuple):
@@ -209,41 +264,7 @@ class _Setup(NamedTuple):
         reals = iter(numbers.config)
         leaves = [next(reals) if leaf is None else leaf for leaf in self.config]
         config = jax.tree.unflatten(self.config_tree, leaves)
-        return METHODS[self.method].factory(self.problem(numbers), config)
-
-
-def _setup(
-    shape: Any,
-    method: str,
-    preset: str,
-    config: Any,
-    alphabet: Iterable[int] | None,
-    weights: Weights | None,
-    fill: bool,
-) -> tuple[_Setup, _Numbers]:
-    shape = check_shape(shape)
-    if method not in METHODS:
-        raise ValueError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
-    presets = METHODS[method].presets
-    if preset not in presets:
-        raise ValueError(f"preset: expected one of {', '.join(presets)}, got {preset!r}")
-    if config is None:
-        config = presets[preset]
-    elif type(config) is not type(presets[preset]):
-        raise ValueError(f"config: expected {type(presets[preset]).__name__} for {method}, got {type(config).__name__}")
-    leaves, tree = jax.tree.flatten(config)
-    setup = _Setup(
-        method=method,
-        shape=shape,
-        alphabet=ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet),
-        fill=bool(fill),
-        axes=paper_axes(shape),
-        config=tuple(None if isinstance(leaf, float) else leaf for leaf in leaves),
-        config_tree=tree,
-    )
-    weights = check_weights(Weights() if weights is None else weights, shape)
-    reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
-    return setup, _Numbers(Weights(*map(np.int32, weights)), reals)
+        return _METHODS[self.method].factory(self.problem(numbers), config)
 
 
 def _keys(key: Any) -> tuple[PRNGKey, bool]:
@@ -251,25 +272,32 @@ def _keys(key: Any) -> tuple[PRNGKey, bool]:
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        raise ValueError(f"key: expected a jax.random.key or an array of them, got {key!r}")
+        raise InputError(f"key: expected a jax.random.key or an array of them, got {key!r}")
     if key.ndim > 1 or key.size == 0:
-        raise ValueError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
+        raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
     return jnp.atleast_1d(key), key.ndim == 0
 
 
-def _resumed(setup: _Setup, numbers: _Numbers, keys: PRNGKey, state: RunState, single: bool) -> tuple[int, ArrayTree]:
+def _fingerprint(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> int:
+    said = repr((setup, [leaf.item() for leaf in jax.tree.leaves(numbers)], str(keys.dtype)))
+    return zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes())
+
+
+def _resumed(
+    setup: _Setup, numbers: _Numbers, keys: PRNGKey, state: Any, fingerprint: int, single: bool
+) -> tuple[int, ArrayTree]:
     if not isinstance(state, RunState):
-        raise ValueError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
+        raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     inner = jax.tree.map(lambda array: jnp.asarray(array)[None], state.inner) if single else state.inner
-    expected = jax.eval_shape(lambda: start(setup.optimizer(numbers), keys))
+    expected = _start.eval_shape(setup, numbers, keys)
     kinds = [
         [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)] + [jax.tree.structure(tree)]
         for tree in (inner, expected)
     ]
-    if kinds[0] != kinds[1]:
-        raise ValueError(
-            f"state: expected one of {setup.method} on {setup.shape[0]} x {setup.shape[1]} with {keys.size} "
-            "seeds, got that of another run"
+    if state.fingerprint != fingerprint or kinds[0] != kinds[1]:
+        raise InputError(
+            f"state: expected one of the run to go on with ({setup.method} on {setup.shape[0]} x {setup.shape[1]}, "
+            f"seeds: {keys.size}), got one of a run with another key or other settings"
         )
     return int(state.generation), inner
 
@@ -291,8 +319,14 @@ def _advance(
 
 
 @partial(jax.jit, static_argnames=("setup", "single"))
-def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree, single: bool) -> tuple[Found, ArrayTree]:
+def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree, single: bool) -> tuple[MeasuredElites, ArrayTree]:
     """What was found, and the states; where there was one key alone, both without the axis of seeds."""
     elites = jax.vmap(setup.optimizer(numbers).elites)(states)
-    found = Found(*elites, metrics=jax.vmap(jax.vmap(setup.problem(numbers).measure))(elites.grids))
+    found = MeasuredElites(
+        grids=elites.grids,
+        fitness=elites.fitness,
+        descriptor=describe(elites.counts, setup.axes),
+        valid=elites.valid,
+        metrics=metrics_of(elites.counts, setup.shape[0] * setup.shape[1]),
+    )
     return jax.tree.map(lambda array: array[0], (found, states)) if single else (found, states)

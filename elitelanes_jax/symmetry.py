@@ -1,17 +1,19 @@
-"""Turning and mirroring a grid: places and codes together, so that roads stay roads."""
+"""Turning and mirroring a grid: places and codes together, so that roads stay roads.
+
+NumPy arrays give NumPy arrays, those of JAX give those of JAX.
+"""
 
 from typing import Any
 
 import numpy as np
-from chex import Array
 
+from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.grids import check_grid
 
 __all__ = ["canonical", "mirror", "rotate"]
 
 
-def rotate(grid: Any, quarter_turns: int = 1) -> Array:
+def rotate(grid: Any, quarter_turns: int = 1) -> Any:
     """The grid turned counter-clockwise by quarter turns, as `numpy.rot90` turns.
 
     Args:
@@ -28,7 +30,7 @@ def rotate(grid: Any, quarter_turns: int = 1) -> Array:
     return grid
 
 
-def mirror(grid: Any) -> Array:
+def mirror(grid: Any) -> Any:
     """The grid mirrored east to west, as `numpy.fliplr` mirrors.
 
     Args:

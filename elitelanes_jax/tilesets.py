@@ -25,24 +25,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, turned
+from elitelanes_jax.errors import InputError
 
 __all__ = ["MASKS", "Tile", "TileSet", "Turned", "check_tiles", "default_tiles", "describe_tiles", "load_tiles"]
 
-#: The masks of a tile, by the names of their files.
 MASKS = ("road", "red", "yellow")
+"""The masks of a tile, by the names of their files."""
 
 _SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
 _FILES = ("image", *MASKS)
+_KEYS = ("name", "licence", "opens")
+_MOST_PIXELS = 2**26
 
 
 class Tile(NamedTuple):
     """One elementary tile.
 
-    name: of its folder, ``<kind>_<n>``.
-    code: the sides it opens, as a tile code.
-    image: uint8 ``[S, S, 3]``, RGB.
-    road, red, yellow: bool ``[S, S]``.
+    Attributes:
+      name: of its folder, ``<kind>_<n>``.
+      code: the sides it opens, as a tile code.
+      image: uint8 ``[S, S, 3]``, RGB.
+      road: bool ``[S, S]``, the drivable surface.
+      red: likewise, the stop lines.
+      yellow: likewise, the lane separators.
     """
 
     name: str
@@ -54,7 +60,12 @@ class Tile(NamedTuple):
 
 
 class Turned(NamedTuple):
-    """A tile of a set, by its place in it, and how many quarter turns counter-clockwise it is turned."""
+    """A tile of a set, turned.
+
+    Attributes:
+      tile: its place in the set.
+      quarter_turns: counter-clockwise, 0 to 3.
+    """
 
     tile: int
     quarter_turns: int
@@ -64,9 +75,10 @@ class Turned(NamedTuple):
 class TileSet:
     """Elementary tiles.
 
-    name: of the set.
-    licence: of its pictures, as its makers state it; empty where they do not.
-    tiles: sorted by kind and number.
+    Attributes:
+      name: of the set.
+      licence: of its pictures, as its makers state it; empty where they do not.
+      tiles: sorted by kind and number.
     """
 
     name: str
@@ -98,12 +110,12 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     """Loads a tile set, the package's own by default.
 
     Raises:
-      ValueError: if anything about the folder is not as it should be; the message names the file.
+      InputError: if anything about the folder is not as it should be; the message names the file.
     """
     tiles, problems = check_tiles(default_tiles() if folder is None else folder)
     if tiles is None:
         more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
-        raise ValueError(problems[0] + more)
+        raise InputError(problems[0] + more)
     return tiles
 
 
@@ -115,7 +127,10 @@ def check_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
     problems: list[str] = []
     about = _about(folder, problems)
     tiles = []
-    for place in _tile_folders(folder, problems):
+    places = _tile_folders(folder, problems)
+    strangers = set(about.get("opens", {})) - set(_OPENS) - {place.name for place in places}
+    problems += [f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {name!r}" for name in strangers]
+    for place in places:
         tile = _load_tile(place, about.get("opens", {}), problems)
         if tile is not None:
             tiles.append(tile)
@@ -150,10 +165,12 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
     if not file.exists():
         return {}
     try:
-        about = tomllib.loads(file.read_text())
+        about = tomllib.loads(file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         problems.append(f"{file}: expected a readable TOML file, got: {error}")
         return {}
+    unknown = [key for key in about if key not in _KEYS]
+    problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {key!r}" for key in unknown]
     words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
     problems += [f"{file}: expected {key} to be text, got {about[key]!r}" for key in words]
     opens = about.get("opens", {})
@@ -184,7 +201,7 @@ def _tile_folders(folder: Path, problems: list[str]) -> list[Path]:
         match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
         if place.is_dir() and match and match[1] in _OPENS:
             found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
-        elif place.is_dir() and (place / "image.png").exists():
+        elif place.is_dir() and any((place / f"{name}.png").exists() for name in _FILES):
             problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
     return [place for _, place in sorted(found)]
 
@@ -211,13 +228,14 @@ def _read(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     """A picture with the channels in RGB order, or None, and why, if the file is there."""
     if not file.is_file():
         return None
+    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
+    picture = None
     try:
         content = file.read_bytes()
-        whole = _is_whole_png(content)
-    except OSError:
-        whole = False
-    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags) if whole else None
+        if _is_whole_png(content):
+            picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except (OSError, cv2.error, zlib.error):
+        pass
     if picture is None or picture.dtype != np.uint8:
         got = "one that cannot be read" if picture is None else str(picture.dtype)
         problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
@@ -228,15 +246,21 @@ def _read(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
 
 
 def _is_whole_png(content: bytes) -> bool:
-    """Whether all chunks of a PNG file are there and unharmed: given another, the decoder writes to the terminal."""
-    place = 8
+    """Whether a PNG file is whole and of a reasonable size: given another, the decoder writes to the terminal."""
+    place, packed, pixels = 8, bytearray(), 0
     while content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= place + 12:
         end = place + 8 + int.from_bytes(content[place : place + 4])
-        kind = content[place + 4 : place + 8]
+        kind, data = content[place + 4 : place + 8], content[place + 8 : end]
         if zlib.crc32(content[place + 4 : end]) != int.from_bytes(content[end : end + 4]):
             return False
-        if kind == b"IEND":
-            return True
+        if kind == b"IHDR":
+            pixels = int.from_bytes(data[:4]) * int.from_bytes(data[4:8])
+        elif kind == b"IDAT":
+            packed += data
+        elif kind == b"IEND":
+            unpacked = zlib.decompressobj()
+            # Eight bytes for each pixel are the most there are, and one for each row.
+            return 0 < pixels <= _MOST_PIXELS and bool(unpacked.decompress(packed, 9 * pixels)) and unpacked.eof
         place = end + 4
     return False
 

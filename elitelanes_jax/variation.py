@@ -13,15 +13,17 @@ from chex import Array, Numeric
 
 from elitelanes_jax.codes import CROSSINGS
 from elitelanes_jax.draws import below, chance
+from elitelanes_jax.errors import InputError
 
-__all__ = ["Move", "Varied", "change_tile", "in_turn", "insert_crossing", "paper_mutation", "sometimes"]
+__all__ = ["Move", "Variation", "change_tile", "in_turn", "insert_crossing", "paper_mutation", "sometimes"]
 
 
-class Varied(NamedTuple):
+class Variation(NamedTuple):
     """What a move returns.
 
-    grid: int8 ``[H, W]``.
-    dirty: bool ``[H, W]``, the tiles that were changed.
+    Attributes:
+      grid: int8 ``[H, W]``.
+      dirty: bool ``[H, W]``, the tiles that were changed.
     """
 
     grid: Array
@@ -31,12 +33,13 @@ class Varied(NamedTuple):
 class Move(NamedTuple):
     """A random change of a grid.
 
-    words: int, how many random words it uses.
-    apply: (uint32 ``[words]``, int8 ``[H, W]``) -> `Varied`.
+    Attributes:
+      words: int, how many random words it uses.
+      apply: (uint32 ``[words]``, int8 ``[H, W]``) -> `Variation`.
     """
 
     words: int
-    apply: Callable[[Array, Array], Varied]
+    apply: Callable[[Array, Array], Variation]
 
 
 def change_tile(alphabet: tuple[int, ...]) -> Move:
@@ -45,13 +48,13 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
     # The place of each code in the alphabet; what is not in it stands behind the last.
     place = jnp.array([alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)])
 
-    def apply(words: Array, grid: Array) -> Varied:
+    def apply(words: Array, grid: Array) -> Variation:
         dirty = _one_tile(words, grid)
         own = place[jnp.max(jnp.where(dirty, grid, 0))]
         others = len(alphabet) - (own < len(alphabet))
         choice = below(words[2], jnp.maximum(others, 1))
         code = codes[jnp.minimum(choice + (choice >= own), len(alphabet) - 1)]
-        return Varied(jnp.where(dirty, code, grid), dirty)
+        return Variation(jnp.where(dirty, code, grid), dirty)
 
     return Move(3, apply)
 
@@ -60,15 +63,15 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
     """One random tile becomes a crossing of the alphabet, each equally likely, perhaps the same again.
 
     Raises:
-      ValueError: if the alphabet has no crossing.
+      InputError: if the alphabet has no crossing.
     """
     crossings = jnp.array([code for code in alphabet if code in CROSSINGS], jnp.int8)
     if not crossings.size:
-        raise ValueError(f"alphabet: expected at least one crossing among {CROSSINGS}, got {alphabet}")
+        raise InputError(f"alphabet: expected at least one crossing among {CROSSINGS}, got {alphabet}")
 
-    def apply(words: Array, grid: Array) -> Varied:
+    def apply(words: Array, grid: Array) -> Variation:
         dirty = _one_tile(words, grid)
-        return Varied(jnp.where(dirty, crossings[below(words[2], crossings.size)], grid), dirty)
+        return Variation(jnp.where(dirty, crossings[below(words[2], crossings.size)], grid), dirty)
 
     return Move(3, apply)
 
@@ -76,10 +79,10 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
 def sometimes(probability: Numeric, move: Move) -> Move:
     """The move with the given probability, else the grid as it was and no tile dirty."""
 
-    def apply(words: Array, grid: Array) -> Varied:
+    def apply(words: Array, grid: Array) -> Variation:
         happens = chance(words[-1], probability)
         varied = move.apply(words[:-1], grid)
-        return Varied(jnp.where(happens, varied.grid, grid), varied.dirty & happens)
+        return Variation(jnp.where(happens, varied.grid, grid), varied.dirty & happens)
 
     return Move(move.words + 1, apply)
 
@@ -87,12 +90,12 @@ def sometimes(probability: Numeric, move: Move) -> Move:
 def in_turn(*moves: Move) -> Move:
     """All the moves one after another, with the tiles of all of them dirty."""
 
-    def apply(words: Array, grid: Array) -> Varied:
+    def apply(words: Array, grid: Array) -> Variation:
         dirty, used = jnp.zeros(grid.shape, bool), 0
         for move in moves:
             grid, changed = move.apply(words[used : used + move.words], grid)
             dirty, used = dirty | changed, used + move.words
-        return Varied(grid, dirty)
+        return Variation(grid, dirty)
 
     return Move(sum(move.words for move in moves), apply)
 
@@ -100,8 +103,8 @@ def in_turn(*moves: Move) -> Move:
 def paper_mutation(alphabet: tuple[int, ...], tile_rate: Numeric = 0.7, crossing_rate: Numeric = 0.5) -> Move:
     """The paper's two mutations, each with its probability (table "Algorithm-specific parameters").
 
-    The "mutation rate 0.3" of the paper's base configuration has no role in it that could be identified: taken
-    as a probability per tile it fits the paper's results worst, and nothing here uses it.
+    The "mutation rate 0.3" of the paper's base configuration has no role in it that could be identified: taken as a
+    probability per tile it fits the paper's results worst, and nothing here uses it.
     """
     return in_turn(sometimes(tile_rate, change_tile(alphabet)), sometimes(crossing_rate, insert_crossing(alphabet)))
 

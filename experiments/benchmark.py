@@ -92,6 +92,7 @@ def evaluation(repetitions: int) -> list[dict[str, Any]]:
 def corridors(repetitions: int) -> dict[str, float]:
     """A 64 x 64 spiral in a batch: how many times a batch of random grids."""
     import jax
+    from corridors import spiral
 
     from elitelanes_jax import measure
 
@@ -100,7 +101,7 @@ def corridors(repetitions: int) -> dict[str, float]:
     def evaluate(grids: Grids) -> None:
         jax.block_until_ready(kernel(grids))
 
-    slow = spiral(64)
+    slow = spiral((64, 64))
     seconds: dict[str, list[float]] = {"random": [], "with a spiral": []}
     for repetition in range(repetitions // 2 + 1):
         for name, values in seconds.items():
@@ -180,40 +181,6 @@ def fresh_grids(count: int, shape: tuple[int, int]) -> Grids:
     grids[:, :-1] |= np.where(south, 2, 0).astype(np.int8)
     grids[:, 1:] |= np.where(south, 8, 0).astype(np.int8)
     return grids
-
-
-def spiral(size: int) -> Grids:
-    """All links but those across one corridor that winds from the first corner inwards."""
-    grid = np.full((size, size), 15, np.int8)
-    grid[0] &= 7
-    grid[-1] &= 13
-    grid[:, 0] &= 14
-    grid[:, -1] &= 11
-    open_, row, column, down, right = np.ones((size - 1, size - 1), bool), 0, 0, 0, 1
-    open_[0, 0] = False
-
-    def free(y: int, x: int) -> bool:
-        return 0 <= y < size - 1 and 0 <= x < size - 1 and bool(open_[y, x])
-
-    def beyond(y: int, x: int) -> bool:
-        return not (0 <= y < size - 1 and 0 <= x < size - 1) or bool(open_[y, x])
-
-    turned = 0
-    while turned < 2:
-        if free(row + down, column + right) and beyond(row + 2 * down, column + 2 * right):
-            if right:
-                tile = column + max(right, 0)
-                grid[row, tile] &= 13
-                grid[row + 1, tile] &= 7
-            else:
-                tile = row + max(down, 0)
-                grid[tile, column] &= 11
-                grid[tile, column + 1] &= 14
-            row, column, turned = row + down, column + right, 0
-            open_[row, column] = False
-        else:
-            down, right, turned = right, -down, turned + 1
-    return grid
 
 
 def timed(call: Callable[[], Any]) -> float:

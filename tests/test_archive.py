@@ -8,33 +8,38 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax import measure
-from elitelanes_jax.archive import Axis, describe, empty_archive, insert, niche_bins, niche_of, paper_axes
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.archive import Axis, check_axes, describe, empty_archive, insert, niche_bins, niche_of, paper_axes
+from elitelanes_jax.metrics import COUNTED, counts_of
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2))
 
 
+insert_jit = jax.jit(insert, static_argnums=1)
+
+
 def one_by_one(batches):
-    """Niche -> (grid, fitness, descriptor), the first of the best."""
+    """Niche -> (grid, fitness, counts), the first of the best."""
     best = {}
-    for grids, fitness, descriptors in batches:
-        for grid, value, descriptor in zip(grids, fitness, descriptors, strict=True):
-            niche = min(descriptor[0] // 2, 2) * 2 + min(descriptor[1], 1)
+    for grids, fitness, many_counts in batches:
+        for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
+            cyclomatic, dead_ends = counts[COUNTED.index("cyclomatic")], counts[COUNTED.index("dead_ends")]
+            niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
             if niche not in best or value < best[niche][1]:
-                best[niche] = (grid, value, descriptor)
+                best[niche] = (grid, value, counts)
     return best
 
 
 @st.composite
 def some_batches(draw):
-    count = draw(st.integers(1, 12))
+    count = draw(st.sampled_from([1, 4, 12]))  # each is compiled once
     batches = []
     for number in range(draw(st.integers(1, 3))):
         fitness = draw(hnp.arrays(np.int32, count, elements=st.integers(-2, 2)))  # ties abound
-        descriptors = draw(hnp.arrays(np.int32, (count, 2), elements=st.integers(0, 7)))
+        counts = draw(hnp.arrays(np.int32, (count, len(COUNTED)), elements=st.integers(0, 7)))
         grids = np.zeros((count, 2, 2), np.int8)
         grids[:, 0, 0], grids[:, 0, 1] = number, np.arange(count)  # each bears its own number
-        batches.append((grids, fitness, descriptors))
+        batches.append((grids, fitness, counts))
     return batches
 
 
@@ -42,19 +47,19 @@ def some_batches(draw):
 def test_insertion_is_that_of_one_after_another(batches):
     archive = empty_archive(AXES, (2, 2))
     for batch in batches:
-        archive = insert(archive, AXES, *map(jnp.asarray, batch))
+        archive = insert_jit(archive, AXES, *map(jnp.asarray, batch))
     expected = one_by_one(batches)
     assert set(np.flatnonzero(archive.filled)) == set(expected)
-    for niche, (grid, value, descriptor) in expected.items():
+    for niche, (grid, value, counts) in expected.items():
         np.testing.assert_array_equal(archive.grids[niche], grid)
         assert archive.fitness[niche] == value
-        np.testing.assert_array_equal(archive.descriptor[niche], descriptor)
+        np.testing.assert_array_equal(archive.counts[niche], counts)
 
 
 def test_ties():
     """The elite that is there stays; of newcomers the first in the batch comes in."""
     grids = jnp.arange(3, dtype=jnp.int8)[:, None, None] * jnp.ones((3, 2, 2), jnp.int8)
-    same = jnp.zeros((3, 2), jnp.int32)
+    same = jnp.zeros((3, len(COUNTED)), jnp.int32)
     archive = insert(empty_archive(AXES, (2, 2)), AXES, grids, jnp.array([5, 4, 4]), same)
     assert (archive.grids[0] == 1).all()
     archive = insert(archive, AXES, grids + 10, jnp.array([4, 9, 4]), same)
@@ -83,10 +88,10 @@ def test_the_papers_niches():
         (121, 1, 0, 0, 8): (24, 0, 0, 0, 1),
     }
     descriptors, bins = np.array(list(cases)), np.array(list(cases.values()))
-    np.testing.assert_array_equal(niche_bins(jnp.asarray(descriptors), axes), bins)
-    np.testing.assert_array_equal(
-        niche_of(jnp.asarray(descriptors), axes), [np.ravel_multi_index(tuple(bin_), (25, 2, 2, 2, 2)) for bin_ in bins]
-    )
+    niches = [np.ravel_multi_index(tuple(bin_), (25, 2, 2, 2, 2)) for bin_ in bins]
+    for array in (np.asarray, jnp.asarray):
+        np.testing.assert_array_equal(niche_bins(array(descriptors), axes), bins)
+        np.testing.assert_array_equal(niche_of(array(descriptors), axes), niches)
 
 
 @pytest.mark.parametrize(("shape", "width"), [((12, 12), 2), ((2, 2), 1), ((24, 24), 8), ((8, 8), 1), ((14, 14), 3)])
@@ -97,6 +102,19 @@ def test_bins_grow_with_the_area(shape, width):
 def test_descriptors_are_the_metrics_of_the_axes():
     grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
     metrics = jax.vmap(measure)(grids)
-    descriptor = describe(metrics, AXES)
+    descriptor = describe(counts_of(metrics), AXES)
     np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
     np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
+
+
+def test_axes_are_checked():
+    assert check_axes([Axis("bridges", 3)]) == (Axis("bridges", 3),)
+    for axes, message in (
+        ([], "axes: expected at least one axis, got none"),
+        (["bridges"], "axes: expected records of type Axis, got 'bridges'"),
+        ([Axis("coverage", 3)], "axes: expected metrics among components, .*, got 'coverage'"),
+        ([Axis("bridges", 0)], "axes: expected whole numbers, at least one bin and a width of 1 or more, got Axis"),
+        ([Axis("bridges", 3, width=0.5)], "axes: expected whole numbers, at least one bin and a width"),
+    ):
+        with pytest.raises(InputError, match=message):
+            check_axes(axes)

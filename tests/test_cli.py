@@ -3,11 +3,14 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import cv2
+import jax
 import numpy as np
 import pytest
 
@@ -20,9 +23,11 @@ SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "40
 
 
 @pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory):
+def _cache(tmp_path_factory):
     """Compiled programs go to a folder of the tests' own."""
-    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +79,10 @@ def test_the_run_record_and_the_archive(generated):
     run = json.loads((generated / "run.json").read_text())
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
+    assert run["settings"]["preset"] == "standard"
+    assert run["config"]["parents"] == "archive"
+    assert run["config"]["loop"]["tile_rate"] == 0.7
+    assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
     assert run["tile_set"]["name"] == "Elite Lanes drawn tiles"
     archive = np.load(generated / "archive.npz")
@@ -154,7 +163,7 @@ WRONG = {
     "huge tiles": (["--tile-px", "1000"], "argument --tile-px: expected a whole number, 16 to 512, got '1000'"),
     "a negative seed": (["--seed", "-1"], "argument --seed: expected a whole number, 0 to 4294967295, got '-1'"),
     "no such method": (["--method", "luck"], "method: expected one of ea, map-elites, got 'luck'"),
-    "no such preset": (["--preset", "luck"], "preset: expected one of paper, got 'luck'"),
+    "no such preset": (["--preset", "luck"], "preset: expected one of paper, standard for map-elites, got 'luck'"),
     "no such option": (["--luck"], "unrecognized arguments: --luck"),
     "no such tiles": (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
 }
@@ -180,7 +189,7 @@ def test_folders_that_are_not_new_are_left_alone(tmp_path, capsys):
     for out, message in (
         (tmp_path, "expected a folder that is new or empty, got one with files in it"),
         (tmp_path / "file", "expected a folder that is new or empty, got a file"),
-        (tmp_path / "file" / "out", "expected a place that can be written to"),
+        (tmp_path / "file" / "out", "out: expected a place that can be written to"),
     ):
         for command in (["generate"], ["render", str(default_tiles())]):
             if command == ["render", str(default_tiles())]:
@@ -235,3 +244,86 @@ def test_as_a_program():
     wrong = subprocess.run([command, "generate"], capture_output=True, text=True, check=False)
     assert wrong.returncode == 2
     assert wrong.stderr == "elitelanes generate: the following arguments are required: --out\n"
+
+
+def test_rendering_beside_the_map(generated, tmp_path, capsys):
+    file = tmp_path / "mine.json"
+    shutil.copy(generated / "maps" / "0001" / "map.json", file)
+    assert main(["render", str(file), "--tile-px", "16"]) == 0
+    assert (tmp_path / "mine" / "image.png").exists()
+    assert f"96 x 80 pixels in {tmp_path / 'mine'}" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes.")]
+)
+def test_too_little_memory_is_one_line(error, tmp_path, capsys, monkeypatch):
+    def fail(*_, **__):
+        raise error
+
+    monkeypatch.setattr("elitelanes_jax.generate.evolve", fail)
+    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 1
+    assert capsys.readouterr().err == (
+        "elitelanes: not enough memory; fewer seeds, smaller maps or smaller tiles need less\n"
+    )
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_fault_of_the_program_is_not_blamed_on_the_user(tmp_path, monkeypatch):
+    def fail(*_, **__):
+        raise ValueError("a bug")
+
+    monkeypatch.setattr("elitelanes_jax.generate.evolve", fail)
+    with pytest.raises(ValueError, match="a bug"):
+        main(["generate", *SMALL, "--out", str(tmp_path / "out")])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
+def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path):
+    command = [
+        sys.executable,
+        "-c",
+        "from elitelanes_jax.cli import run; run()",
+        "generate",
+        "--generations",
+        "9999999",
+    ]
+    with subprocess.Popen([*command, "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True) as process:
+        while not list(tmp_path.iterdir()):
+            assert process.poll() is None
+            time.sleep(0.1)
+        process.send_signal(signal.SIGTERM)
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said == "elitelanes: interrupted; nothing was written\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_helps_against_a_shortage(tmp_path, capsys):
+    small = ["generate", "--size", "3", "3", "--maps", "400", "--seeds", "1", "--generations", "5"]
+    for arguments, remedy in (
+        ([], "; more seeds or generations find more"),
+        (["--method", "ea"], "; more seeds find more"),
+    ):
+        assert main([*small, *arguments, "--out", str(tmp_path / "out")]) == 1
+        assert capsys.readouterr().err.rstrip().endswith(remedy)
+
+
+def test_without_a_place_for_compiled_programs_it_is_only_slower(monkeypatch):
+    from elitelanes_jax.compile_cache import use_compile_cache
+
+    settings = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", None)
+    try:
+        monkeypatch.delenv("XDG_CACHE_HOME")
+
+        def no_home():
+            raise RuntimeError("Could not determine home directory.")
+
+        monkeypatch.setattr("pathlib.Path.home", no_home)
+        use_compile_cache()
+        monkeypatch.setenv("XDG_CACHE_HOME", os.devnull)
+        use_compile_cache()
+        assert jax.config.values["jax_compilation_cache_dir"] is None
+    finally:
+        jax.config.update("jax_compilation_cache_dir", settings)

@@ -5,23 +5,24 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from elitelanes_jax import InputError
 from elitelanes_jax.archive import paper_axes
 from elitelanes_jax.evolution import EvolutionConfig, Population, breed, random_population, survivors, tournament
 from elitelanes_jax.problem import road_problem
-from elitelanes_jax.variation import Move, Varied
+from elitelanes_jax.variation import Move, Variation
 
 PROBLEM = road_problem((4, 5), paper_axes((4, 5)))
 
 
 def population(fitness, start=0):
-    """Each with its own number in its descriptor."""
+    """Each with its own number in its counts."""
     count = len(fitness)
     numbers = jnp.arange(start, start + count)
     return Population(jnp.zeros((count, 4, 5), jnp.int8), jnp.array(fitness, jnp.int32), numbers[:, None])
 
 
 def numbers(population):
-    return population.descriptor[:, 0].tolist()
+    return population.counts[:, 0].tolist()
 
 
 def test_survivors_are_sorted_and_ties_go_to_what_came_first():
@@ -55,13 +56,13 @@ def test_tournament_winners_are_as_good_as_they_should_be():
 
 def test_offspring_are_repaired_and_in_their_parents_order():
     dirty = jnp.zeros((4, 5), bool).at[0, 0].set(True)
-    mark = Move(1, lambda words, grid: Varied(jnp.where(dirty, words[0].astype(jnp.int8), grid), dirty))
+    mark = Move(1, lambda words, grid: Variation(jnp.where(dirty, words[0].astype(jnp.int8), grid), dirty))
     parents = random_population(PROBLEM, jax.random.key(2), 6).grids
     offspring = breed(PROBLEM, mark, jnp.array([[15], [0], [4], [2], [9], [6]], jnp.uint32), parents)
     assert offspring.grids[:, 0, 0].tolist() == [6, 0, 4, 2, 0, 6]
     expected = PROBLEM.evaluate(offspring.grids)
     np.testing.assert_array_equal(offspring.fitness, expected.fitness)
-    np.testing.assert_array_equal(offspring.descriptor, expected.descriptor)
+    np.testing.assert_array_equal(offspring.counts, expected.counts)
 
 
 def test_the_first_population_is_sorted_and_repaired():
@@ -75,3 +76,25 @@ def test_an_evaluation_asks_for_what_it_was_made_for():
         PROBLEM.evaluate(jnp.zeros((3, 5, 4), jnp.int8))
     with pytest.raises(AssertionError):
         PROBLEM.evaluate(jnp.zeros((3, 4, 5), jnp.int32))
+
+
+def test_the_defaults_are_the_papers():
+    assert EvolutionConfig() == (20, 40, 3, "plus", 0.7, 0.5)
+
+
+def test_settings_are_checked():
+    assert EvolutionConfig(tile_rate=1).checked().tile_rate == 1.0
+    swept = jnp.array([0.1, 0.2])
+    assert EvolutionConfig(tile_rate=swept).checked().tile_rate is swept
+    for wrong, message in (
+        ({"population": 0}, "config: expected population to be a whole number, 1 or more, got 0"),
+        ({"offspring": 2.0}, "config: expected offspring to be a whole number, 1 or more, got 2.0"),
+        ({"tournament": -1}, "config: expected tournament to be"),
+        ({"survivors": "best"}, "config: expected survivors to be 'plus' or 'comma', got 'best'"),
+        ({"survivors": "comma", "offspring": 10}, "at least as many offspring as the population of 20 .*, got 10"),
+        ({"tile_rate": 1.5}, "config: expected tile_rate to be a probability, 0 to 1, got 1.5"),
+        ({"crossing_rate": "often"}, "config: expected crossing_rate to be a probability, 0 to 1, got 'often'"),
+        ({"crossing_rate": float("nan")}, "config: expected crossing_rate to be a probability"),
+    ):
+        with pytest.raises(InputError, match=message):
+            EvolutionConfig(**wrong).checked()

@@ -2,7 +2,8 @@
 
 import pytest
 
-from elitelanes_jax.folders import check_new_folder, new_folder
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.folders import new_folder
 
 
 def everything(folder):
@@ -25,26 +26,82 @@ def test_an_empty_folder_is_as_good_as_none(tmp_path):
     assert everything(tmp_path) == ["out", "out/file"]
 
 
+@pytest.mark.parametrize("out", ["out", "deep/down/out", "empty"])
 @pytest.mark.parametrize("error", [OSError, KeyboardInterrupt])
-def test_nothing_remains_of_what_went_wrong(tmp_path, error):
+def test_nothing_remains_of_what_went_wrong(tmp_path, out, error):
+    (tmp_path / "empty").mkdir()
+
     def write():
-        with new_folder(tmp_path / "out") as folder:
+        with new_folder(tmp_path / out) as folder:
             (folder / "file").write_text("text")
+            (folder / "sub").mkdir()
+            (folder / "sub" / "file").write_text("text")
             raise error
 
     with pytest.raises(error):
         write()
-    assert everything(tmp_path) == []
+    assert everything(tmp_path) == ["empty"]
+
+
+def test_nothing_remains_when_the_last_step_goes_wrong(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir()
+    replace = type(out).replace
+
+    def fail(path, target):
+        if path.name == "two":
+            raise OSError(28, "No space left on device", str(path))
+        return replace(path, target)
+
+    monkeypatch.setattr(type(out), "replace", fail)
+
+    def write():
+        with new_folder(out) as folder:
+            (folder / "one").mkdir()
+            (folder / "two").write_text("text")
+
+    with pytest.raises(OSError, match="No space"):
+        write()
+    assert everything(tmp_path) == ["out"]
+
+
+def test_a_second_run_into_the_same_folder_is_refused(tmp_path):
+    (tmp_path / "out").mkdir()
+    with new_folder(tmp_path / "out") as folder:
+        (folder / "file").write_text("text")
+        with pytest.raises(InputError, match="got one with files in it"), new_folder(tmp_path / "out"):
+            pass
+    assert everything(tmp_path) == ["out", "out/file"]
+
+
+def test_links_and_dots_lead_where_they_lead(tmp_path, monkeypatch):
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "there")
+    with new_folder(tmp_path / "link") as folder:
+        (folder / "file").write_text("text")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "there" / "file").exists()
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    with new_folder(".") as folder:
+        (folder / "file").write_text("text")
+    assert (tmp_path / "here" / "file").exists()
+
+
+def refused(folder, message):
+    with pytest.raises(InputError, match=message), new_folder(folder):
+        pass
 
 
 def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("mine")
-    for folder, got in ((tmp_path / "file", "got a file"), (tmp_path, "got one with files in it")):
-        with pytest.raises(ValueError, match=f"expected a folder that is new or empty, {got}"):
-            check_new_folder(folder)
-    with pytest.raises(ValueError, match="expected a place that can be written to, got .*file, which cannot"):
-        check_new_folder(tmp_path / "file" / "out")
-    monkeypatch.setattr("os.access", lambda *_: False)
-    with pytest.raises(ValueError, match="new: expected a place that can be written to"):
-        check_new_folder(tmp_path / "new")
-    assert (tmp_path / "file").read_text() == "mine"
+    refused(tmp_path / "file", "file: expected a folder that is new or empty, got a file")
+    refused(tmp_path, "expected a folder that is new or empty, got one with files in it")
+    refused(tmp_path / "file" / "out", "out: expected a place that can be written to, got .*file: ")
+    assert everything(tmp_path) == ["file"]
+
+    def fail(path, *_, **__):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr("pathlib.Path.mkdir", fail)
+    refused(tmp_path / "out", "out: expected a place that can be written to, got .*: permission denied")

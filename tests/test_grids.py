@@ -4,9 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import random_grids
+from elitelanes_jax import InputError, random_grids
+from elitelanes_jax.checks import check_grid, check_shape
 from elitelanes_jax.codes import ROAD_ALPHABET
-from elitelanes_jax.grids import check_grid, check_shape
 
 
 def test_random_grids_are_uniform_over_the_alphabet():
@@ -41,3 +41,9 @@ def test_checked_grids_are_int8_and_the_same():
         np.testing.assert_array_equal(grid.ravel(), np.arange(16))
     assert check_grid([[1, 2], [3, 4]]).tolist() == [[1, 2], [3, 4]]
     assert isinstance(check_grid(jax.numpy.zeros((2, 2), int)), jax.Array)
+    assert isinstance(check_grid([[1, 2], [3, 4]]), np.ndarray)
+
+
+def test_a_count_below_none_is_refused():
+    with pytest.raises(InputError, match="count: expected a whole number, 0 or more, got -1"):
+        random_grids(jax.random.key(0), -1)

@@ -1,15 +1,15 @@
 """Metrics against the oracle: every grid of 2 x 2, many random ones, and the shapes that are hard on labelling."""
 
-from itertools import pairwise
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
 from elitelanes_jax import Metrics, fitness, measure, repair
+from elitelanes_jax.metrics import COUNTED, counts_of, metrics_of
 from elitelanes_jax.repairs import raster_rank
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
@@ -65,58 +65,6 @@ def test_a_hundred_thousand_random_grids():
     assert compared >= 100_000
 
 
-def corridor(path, shape):
-    """All links there are, but for those that part successive corners of a path."""
-    grid = np.zeros(shape, np.int8)
-    grid[:, :-1] |= 4
-    grid[:, 1:] |= 1
-    grid[:-1] |= 2
-    grid[1:] |= 8
-    for (row, column), (next_row, next_column) in pairwise(path):
-        if row == next_row:  # step east or west: over the link south of the tile between the two
-            between = max(column, next_column)
-            grid[row, between] &= ~2
-            grid[row + 1, between] &= ~8
-        else:
-            between = max(row, next_row)
-            grid[between, column] &= ~4
-            grid[between, column + 1] &= ~1
-    return grid
-
-
-def serpentine(shape):
-    """A single corridor of corners through the whole grid, to and fro."""
-    height, width = shape[0] - 1, shape[1] - 1
-    path = []
-    for row in range(0, height, 2):
-        columns = range(width) if row % 4 == 0 else range(width - 1, -1, -1)
-        path += [(row, column) for column in columns]
-        if row + 2 < height:
-            path.append((row + 1, path[-1][1]))
-    return corridor(path, shape)
-
-
-def spiral(shape):
-    """A single corridor of corners, inwards."""
-    height, width = shape[0] - 1, shape[1] - 1
-    steps, heading = [(0, 1), (1, 0), (0, -1), (-1, 0)], 0
-    path = [(0, 0)]
-    seen = {(0, 0)}
-    turned = 0
-    while turned < 2:
-        (down, right), (row, column) = steps[heading % 4], path[-1]
-        ahead, beyond = (row + down, column + right), (row + 2 * down, column + 2 * right)
-        inside = 0 <= ahead[0] < height and 0 <= ahead[1] < width
-        if inside and ahead not in seen and beyond not in seen:
-            path.append(ahead)
-            seen.add(ahead)
-            turned = 0
-        else:
-            heading += 1
-            turned += 1
-    return corridor(path, shape)
-
-
 @pytest.mark.parametrize("shape", [(12, 12), (16, 16), (17, 17), (64, 64), (40, 90)], ids=str)
 def test_long_corridors(shape):
     """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards."""
@@ -126,6 +74,19 @@ def test_long_corridors(shape):
     slow += [grid[:, ::-1].astype(np.int8) for grid in mirrored]
     quick = np.array(repair_many(rng.integers(0, 16, (3, *shape)).astype(np.int8)))
     compare(np.concatenate([np.stack(slow), quick]))
+
+
+# A label is one byte up to 254 inner corners, two up to 65,534 places, then four.
+@pytest.mark.parametrize("shape", [(2, 255), (2, 256), (253, 255), (254, 255), (254, 256)], ids=str)
+def test_where_labels_get_wider(shape):
+    rng = np.random.default_rng(shape)
+    anything = rng.integers(0, 16, (1, *shape)).astype(np.int8)
+    compare(np.concatenate([np.array(repair_many(anything)), serpentine(shape)[None]]))
+
+
+def test_a_batch_of_none():
+    for name, values in jax.vmap(measure)(jnp.zeros((0, 12, 12), jnp.int8))._asdict().items():
+        assert values.shape == (0,), name
 
 
 def test_the_empty_grid_and_the_full_one():
@@ -169,6 +130,17 @@ def test_types_and_shapes():
     types = {name: getattr(measure(np.zeros((3, 3), np.int32)), name).dtype for name in Metrics._fields}
     assert types.pop("coverage") == jnp.float32
     assert set(types.values()) == {jnp.dtype("int32")}
+
+
+def test_metrics_side_by_side_and_back():
+    grids = np.random.default_rng(2).integers(0, 16, (2, 3, 7, 9)).astype(np.int8)
+    metrics = jax.vmap(jax.vmap(measure))(grids)
+    counts = counts_of(metrics)
+    assert counts.shape == (2, 3, len(COUNTED))
+    assert counts.dtype == jnp.int32
+    for back in (metrics_of(counts, 63), jax.jit(metrics_of, static_argnums=1)(counts, 63)):
+        for name in Metrics._fields:
+            np.testing.assert_array_equal(getattr(back, name), getattr(metrics, name), err_msg=name)
 
 
 def test_codes_outside_the_alphabet_are_counted():

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import Metrics, Weights, fitness, measure
+from elitelanes_jax import InputError, Metrics, Weights, fitness, measure
 from elitelanes_jax.objective import check_weights
 
 
@@ -49,7 +49,7 @@ def test_checked_weights():
         (Weights(tiles=float("nan")), "weights: expected whole numbers, got tiles=nan"),
         (Weights(tiles="many"), "weights: expected whole numbers, got tiles='many'"),
         (Weights(edges=True), "weights: expected whole numbers, got edges=True"),
-        (Weights(dead_ends=10**7), "weights: expected a fitness within int32 for every grid of 12 x 12"),
+        (Weights(dead_ends=2 * 10**7), "weights: expected a fitness within int32 for every grid of 12 x 12"),
         ({"bridges": 1}, "weights: expected Weights, got dict"),
     ):
         with pytest.raises(ValueError, match=message):
@@ -57,10 +57,28 @@ def test_checked_weights():
 
 
 def test_the_bound_on_the_fitness_holds():
-    """Whatever grid: no metric is over 32 a tile, the straight score over side x area."""
+    """Whatever grid: no metric is over what `check_weights` reckons with, and some grids come near."""
     grids = np.random.default_rng(6).integers(0, 16, (300, 4, 9)).astype(np.int8)
     grids[0], grids[1], grids[2], grids[3] = 5, 10, 15, 1
     metrics = jax.vmap(lambda grid: measure(grid, [3]))(grids)
+    area = 36
     for name, values in metrics._asdict().items():
-        limit = 36 * 9 if name == "straight_score" else 36 * 32
-        assert (np.abs(values) <= limit).all(), name
+        share = {"straight_score": 9, "adjacent_crossing_score": 16, "adjacent_crossings": 4, "mismatches": 4}.get(
+            name, 2 if name in ("bridges", "edges", "adjacent_turns") else 1
+        )
+        assert (np.asarray(values) >= 0).all(), name
+        assert (np.asarray(values) <= share * area).all(), name
+        if name not in ("coverage", "constant"):
+            most = (2**31 - 1) // (share * area)
+            nothing = Weights(*(0 for _ in Weights._fields))
+            check_weights(nothing._replace(**{name: -most}), (4, 9))
+            with pytest.raises(InputError, match="got weights with which it might reach"):
+                check_weights(nothing._replace(**{name: most + 1}), (4, 9))
+
+
+def test_weights_that_are_not_integers_are_refused():
+    metrics = some_metrics(3)
+    for weight in (0.5, np.float32(2), jnp.array(1.0), True):
+        with pytest.raises(InputError, match="weights: expected integers, got bridges of type"):
+            fitness(metrics, Weights(bridges=weight))
+    assert fitness(metrics, Weights(bridges=np.int8(3), edges=jnp.uint8(4))).dtype == jnp.int32

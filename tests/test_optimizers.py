@@ -11,10 +11,10 @@ from conftest import compilations
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax import measure
-from elitelanes_jax.archive import niche_of, paper_axes
-from elitelanes_jax.evolution import EvolutionConfig
-from elitelanes_jax.optimizers import MapElitesConfig, ea, map_elites
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.archive import describe, niche_of, paper_axes
+from elitelanes_jax.metrics import COUNTED
+from elitelanes_jax.optimizers import EvolutionConfig, MapElitesConfig, ea, map_elites
 from elitelanes_jax.problem import road_problem
 from elitelanes_jax.run import advance, start
 
@@ -54,7 +54,7 @@ def test_each_step_leaves_valid_grids_and_a_best_that_never_gets_worse(name, fil
         assert not metrics.boundary_violations.any()
         assert not (fill and metrics.dead_ends.any())
         assert info.best_fitness == elites.fitness[elites.valid].min() <= best
-        assert info.elites == elites.valid.sum()
+        assert info.elite_count == elites.valid.sum()
         best = info.best_fitness
 
 
@@ -63,11 +63,11 @@ def test_elites_are_worth_what_they_are_said_to_be(name):
     optimizer = MAKERS[name](PROBLEMS[False])
     states, _ = runner(optimizer)(KEYS, start(optimizer, KEYS), 1, 10, most=10)
     elites = jax.vmap(optimizer.elites)(states)
-    chex.assert_type([elites.grids, elites.fitness, elites.descriptor, elites.valid], [jnp.int8, int, int, bool])
+    chex.assert_type([elites.grids, elites.fitness, elites.counts, elites.valid], [jnp.int8, int, int, bool])
     for seed, place in np.argwhere(elites.valid):
         found = oracle(elites.grids[seed, place])
         assert elites.fitness[seed, place] == oracle_fitness(found)
-        assert elites.descriptor[seed, place].tolist() == [found[axis.metric] for axis in AXES]
+        assert elites.counts[seed, place].tolist() == [found[name] for name in COUNTED]
 
 
 @every_optimizer
@@ -121,7 +121,7 @@ def test_one_compilation_serves_every_call(name):
 def test_searching_finds_better_than_chance(name):
     optimizer = MAKERS[name](PROBLEMS[False])
     _, infos = runner(optimizer)(KEYS, start(optimizer, KEYS), 1, 100, most=100)
-    chance = PROBLEMS[False].evaluate(PROBLEMS[False].random(jax.random.key(0), 100 * optimizer.offspring))
+    chance = PROBLEMS[False].evaluate(PROBLEMS[False].random(jax.random.key(0), 100 * optimizer.evaluations_per_step))
     assert (infos.best_fitness[-1] < chance.fitness.min()).all()
 
 
@@ -130,8 +130,9 @@ def test_an_archive_holds_each_elite_in_its_niche():
     states, infos = runner(optimizer)(KEYS, start(optimizer, KEYS), 1, GENERATIONS, most=GENERATIONS)
     elites = jax.vmap(optimizer.elites)(states)
     niches = jnp.broadcast_to(jnp.arange(elites.valid.shape[1]), elites.valid.shape)
-    np.testing.assert_array_equal(niche_of(elites.descriptor, AXES)[elites.valid], niches[elites.valid])
-    assert (jnp.diff(infos.elites, axis=0) >= 0).all()
+    found = niche_of(describe(elites.counts, AXES), AXES)
+    np.testing.assert_array_equal(found[elites.valid], niches[elites.valid])
+    assert (jnp.diff(infos.elite_count, axis=0) >= 0).all()
 
 
 def test_an_archive_changes_nothing_about_the_population():
@@ -160,3 +161,46 @@ def test_settings_can_be_swept():
 
     rates = jnp.array([0.0, 0.7])
     assert best(rates)[1].tolist() == best(jnp.array([0.7]))[0].tolist() != best(rates)[0].tolist()
+
+
+def test_parents_from_the_archive_come_from_every_filled_niche_alike():
+    """With no mutation the offspring are the parents: 20,000 of them, from an archive of a few."""
+    loop = EvolutionConfig(population=12, offspring=20_000, tile_rate=0.0, crossing_rate=0.0)
+    optimizer = map_elites(PROBLEMS[False], MapElitesConfig(loop, parents="archive"))
+    state = optimizer.init(jax.random.key(3))
+    grids = np.asarray(state.archive.grids[state.archive.filled])
+    drawn = []
+    spy = PROBLEMS[False]._replace(evaluate=lambda grids: drawn.append(grids) or PROBLEMS[False].evaluate(grids))
+    map_elites(spy, MapElitesConfig(loop, parents="archive")).step(jax.random.key(4), state)
+    found = np.asarray(drawn[0])
+    counts = [(found == grid).all(axis=(1, 2)).sum() for grid in grids]
+    assert sum(counts) == 20_000
+    expected = 20_000 / len(grids)
+    assert (abs(np.array(counts) - expected) < 5 * np.sqrt(expected)).all()
+
+
+def test_parents_from_the_archive_leave_the_first_population_as_it_is():
+    optimizer = map_elites(PROBLEMS[False], MapElitesConfig(parents="archive"))
+    first = start(optimizer, KEYS)
+    states, _ = runner(optimizer)(KEYS, first, 1, 3, most=3)
+    chex.assert_trees_all_equal(states.population, first.population)
+
+
+def test_the_numbers_that_generations_fold_into_their_key():
+    """The first population is number 0, generation i is number i: what makes results the same for ever."""
+    optimizer = ea(PROBLEMS[False])
+    state = jax.vmap(optimizer.init)(jax.vmap(lambda key: jax.random.fold_in(key, 0))(KEYS))
+    chex.assert_trees_all_equal(start(optimizer, KEYS), state)
+    for generation in (1, 2):
+        keys = jax.vmap(lambda key, generation=generation: jax.random.fold_in(key, generation))(KEYS)
+        state, _ = jax.vmap(optimizer.step)(keys, state)
+    chex.assert_trees_all_equal(runner(optimizer)(KEYS, start(optimizer, KEYS), 1, 2, most=2)[0], state)
+
+
+def test_settings_are_checked_when_an_optimizer_is_made():
+    with pytest.raises(InputError, match="config: expected population"):
+        ea(PROBLEMS[False], EvolutionConfig(population=0))
+    with pytest.raises(InputError, match="config: expected parents to be 'population' or 'archive', got 'none'"):
+        map_elites(PROBLEMS[False], MapElitesConfig(parents="none"))
+    with pytest.raises(InputError, match="config: expected tournament"):
+        map_elites(PROBLEMS[False], MapElitesConfig(EvolutionConfig(tournament=0)))

@@ -23,3 +23,16 @@ def test_captions_leave_their_mark():
     plain = overview("", picture, [("", "")])
     assert (overview("title", picture, [("", "")]) != plain).any()
     assert (overview("", picture, [("", "fitness 3")]) != plain).any()
+
+
+def test_no_text_is_cut_off_or_runs_into_its_neighbour():
+    """With a text of any length the sheet is as wide as the text needs, and the ground shows between the columns."""
+    pictures = [np.zeros((60, 90, 3), np.uint8)] * 4
+    sheet = overview(
+        "A title that is longer than all the pictures below it", pictures, [("a caption of some length",)] * 4
+    )
+    ground = sheet[0, 0]
+    assert (sheet[:, -10:] == ground).all()
+    below = sheet[3 * 28 + 60 : 3 * 28 + 60 + 19]
+    inked = np.flatnonzero((below != ground).any(axis=(0, 2)))
+    assert np.diff(inked).max() > 28 - 8

@@ -43,6 +43,14 @@ def test_a_grid_of_codes_is_enough(tmp_path):
     assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
 
 
+def with_(name, text):
+    return f'{{"codes": [[6, 3], [12, 9]], "{name}": {text}}}'
+
+
+def drawn(tiles, turns):
+    return f'{{"tile_set": "set", "tiles": {tiles}, "quarter_turns": {turns}}}'
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -54,8 +62,20 @@ def test_a_grid_of_codes_is_enough(tmp_path):
         ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected integer tile codes, got float64"),
         ('{"codes": [[1, 2]]}', "expected sides from 2 to 1024, got 1 x 2"),
         ('{"codes": "road"}', "grid: expected"),
-        ('{"codes": [[6, 3], [12, 9]], "drawn": 3}', "drawn: expected"),
-        ('{"codes": [[6, 3], [12, 9]], "drawn": {"tiles": []}}', "drawn: expected"),
+        (with_("drawn", "3"), "drawn: expected a record of tile_set, tiles, quarter_turns, turns 0 to 3, got 3"),
+        (with_("drawn", '{"tiles": []}'), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"], ["c", 3]]', "[[0, 1], [2, 3]]")), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"], ["c", "d"]]', "[[0, 1], [2, 4]]")), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"]]', "[[0, 1]]")), "drawn: expected tables of 2 x 2, like the codes"),
+        (with_("drawn", drawn('[["a", "b"], ["c"]]', "[[0, 1], [2, 3]]")), "drawn: expected tables of 2 x 2"),
+        (with_("seed", "5"), "seed: expected two whole numbers, got 5"),
+        (with_("seed", "[1, 2, 3]"), "seed: expected two whole numbers"),
+        (with_("fitness", '"low"'), 'fitness: expected a whole number, got "low"'),
+        (with_("metrics", '{"components": "one"}'), "metrics: expected numbers by name"),
+        (with_("descriptor", "[1]"), "descriptor: expected numbers by name"),
+        (with_("niche", "[0.5]"), "niche: expected whole numbers"),
+        (with_("format", '"another"'), "format: expected 'elitelanes map, version 1', got 'another'"),
+        ("[" * 100_000, "expected a map, got JSON nested too deeply"),
     ],
 )
 def test_bad_files_are_named(text, message, tmp_path):

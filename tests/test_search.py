@@ -1,6 +1,7 @@
 """`evolve`: one call from a key to road networks."""
 
 import io
+from dataclasses import replace
 
 import chex
 import jax
@@ -10,11 +11,11 @@ import pytest
 from conftest import compilations
 from oracle import measure as oracle
 
-from elitelanes_jax import Weights, evolve, fitness
+from elitelanes_jax import InputError, Weights, evolve, fitness
+from elitelanes_jax.archive import Axis
 from elitelanes_jax.codes import ROAD_ALPHABET
-from elitelanes_jax.evolution import EvolutionConfig
-from elitelanes_jax.optimizers import MapElitesConfig
-from elitelanes_jax.search import RunState
+from elitelanes_jax.optimizers import EvolutionConfig, MapElitesConfig
+from elitelanes_jax.search import RunState, preset_config
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
@@ -41,7 +42,7 @@ def test_shapes_and_types(method):
         chex.assert_type([elites.grids, elites.fitness, elites.valid], [jnp.int8, int, bool])
         assert history.generation.tolist() == list(range(1, 8))
         assert history.evaluations.tolist() == [40 * generation for generation in range(1, 8)]
-        assert history.best_fitness.shape == history.elites.shape == (*seeds, 7)
+        assert history.best_fitness.shape == history.elite_count.shape == (*seeds, 7)
         assert (history.evaluations_per_second > 0).all()
         assert (history.best_fitness[..., -1] == elites.fitness.min(axis=-1)).all()
         assert result.best().shape == (*seeds, *SHAPE)
@@ -53,7 +54,7 @@ def test_stopped_and_gone_on_is_the_whole_run(method):
     whole = evolve(KEY, SHAPE, method=method, generations=200)
     half = evolve(KEY, SHAPE, method=method, generations=100)
     rest = evolve(KEY, SHAPE, method=method, generations=100, state=half.state)
-    same(rest._replace(history=whole.history), whole)
+    same(replace(rest, history=whole.history), whole)
     assert rest.history.generation[0] == 101
     parts = [np.concatenate(pair) for pair in zip(half.history[:4], rest.history[:4], strict=True)]
     chex.assert_trees_all_equal(tuple(parts), tuple(whole.history[:4]))
@@ -68,7 +69,7 @@ def test_a_state_survives_a_file():
     file.seek(0)
     state = jax.tree.unflatten(tree, list(np.load(file).values()))
     whole = evolve(keys, SHAPE, generations=50)
-    same(evolve(keys, SHAPE, generations=20, state=state)._replace(history=whole.history), whole)
+    same(replace(evolve(keys, SHAPE, generations=20, state=state), history=whole.history), whole)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -134,6 +135,9 @@ def test_a_smaller_alphabet_is_steered_to():
     free = evolve(KEY, (8, 8), fill=True, generations=150)
     bound = evolve(KEY, (8, 8), fill=True, generations=150, alphabet=alphabet)
     assert (free.elites.grids[free.elites.valid] == 15).any()
+    unsteered = evolve(KEY, (8, 8), fill=True, generations=150, alphabet=alphabet, weights=Weights(off_alphabet=0))
+    shares = [(run.elites.grids == 15).any(axis=(1, 2)).sum() / run.elites.valid.sum() for run in (bound, unsteered)]
+    assert shares[0] < 0.7 * shares[1]
     best = bound.elites.fitness.argmin()
     assert bound.elites.metrics.off_alphabet[best] == 0
     assert not (bound.best() == 15).any()
@@ -145,12 +149,67 @@ def test_the_whole_alphabet_is_the_default():
     same(evolve(KEY, SHAPE, generations=9), evolve(KEY, SHAPE, generations=9, alphabet=ROAD_ALPHABET))
 
 
+def test_axes_of_ones_own():
+    axes = [Axis("crossings", 8, width=2), Axis("straight_score", 5, width=20, start=10)]
+    result = evolve(KEY, SHAPE, generations=30, axes=axes)
+    assert result.axes == tuple(axes)
+    elites = result.elites
+    assert elites.grids.shape == (40, *SHAPE)
+    for niche in np.flatnonzero(elites.valid):
+        found = oracle(elites.grids[niche])
+        assert elites.descriptor[niche].tolist() == [found["crossings"], found["straight_score"]]
+        assert niche == min(found["crossings"] // 2, 7) * 5 + min(max((found["straight_score"] - 10) // 20, 0), 4)
+
+
+def test_presets():
+    standard = MapElitesConfig(parents="archive")
+    assert preset_config("map-elites", "paper") == MapElitesConfig()
+    assert preset_config("map-elites", "standard") == standard
+    same(evolve(KEY, SHAPE, generations=9, preset="standard"), evolve(KEY, SHAPE, generations=9, config=standard))
+
+
+def test_whole_rates_are_rates():
+    one = evolve(KEY, SHAPE, method="ea", generations=9, config=EvolutionConfig(tile_rate=1))
+    same(one, evolve(KEY, SHAPE, method="ea", generations=9, config=EvolutionConfig(tile_rate=1.0)))
+
+
+def test_a_result_is_a_pytree():
+    result = evolve(jax.random.split(KEY, 2), SHAPE, generations=3)
+    copy = jax.tree.map(lambda array: array, result)
+    assert copy.axes == result.axes
+    same(copy, result)
+
+
+def test_vacant_places_are_never_the_best():
+    result = evolve(KEY, SHAPE, generations=3)
+    spoilt = replace(result, elites=result.elites._replace(fitness=jnp.where(result.elites.valid, 5, -9)))
+    place = int(np.flatnonzero(result.elites.valid)[0])
+    np.testing.assert_array_equal(spoilt.best(), result.elites.grids[place])
+
+
+def test_with_64_bit_numbers_allowed_it_is_the_same():
+    usual = evolve(KEY, (4, 5), generations=12)
+    with jax.enable_x64(True):
+        wide = evolve(jax.random.key(3), (4, 5), generations=12)
+        assert fitness(wide.elites.metrics).dtype == jnp.int32
+    chex.assert_trees_all_equal(usual.elites, wide.elites)
+    chex.assert_trees_all_equal_dtypes(usual.elites, wide.elites)
+    chex.assert_trees_all_equal_dtypes(usual.state.inner, wide.state.inner)
+
+
+def test_evaluations_per_second_are_what_the_clock_says(monkeypatch):
+    ticks = iter(range(1000))
+    monkeypatch.setattr("elitelanes_jax.search.time.perf_counter", lambda: 0.5 * next(ticks))
+    history = evolve(jax.random.split(KEY, 2), SHAPE, generations=10).history
+    assert history.evaluations_per_second[0] in {2 * 40 * count / 0.5 for count in range(1, 11)}
+
+
 def test_progress_is_shown_when_asked_for(capsys):
     evolve(KEY, SHAPE, generations=10)
     assert not capsys.readouterr().err
     evolve(KEY, SHAPE, generations=10, progress=True)
     shown = capsys.readouterr().err
-    for words in ("map-elites 5x6", "100%", "10/10 generations", "best ", "elites", "evaluations/s"):
+    for words in ("map-elites 5x6 10/10, best ", " elites, ", " evals/s, ", " left |"):
         assert words in shown
 
 
@@ -165,7 +224,7 @@ STATE = evolve(KEY, SHAPE, generations=0).state
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024, got 1 x 5"),
         ({"method": "annealing"}, "method: expected one of ea, map-elites, got 'annealing'"),
-        ({"preset": "best"}, "preset: expected one of paper, got 'best'"),
+        ({"preset": "best"}, "preset: expected one of paper, standard for map-elites, got 'best'"),
         ({"config": EvolutionConfig()}, "config: expected MapElitesConfig for map-elites, got EvolutionConfig"),
         ({"generations": -1}, "generations: expected a whole number, 0 or more, got -1"),
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
@@ -173,13 +232,19 @@ STATE = evolve(KEY, SHAPE, generations=0).state
         ({"alphabet": [3, 5]}, "alphabet: expected at least one crossing"),
         ({"weights": Weights(bridges=0.1)}, "weights: expected whole numbers, got bridges=0.1"),
         ({"state": 3}, "state: expected the state of a result of evolve, got int"),
-        ({"state": STATE, "shape": (6, 6)}, "state: expected one of map-elites on 6 x 6 with 1 seeds"),
-        ({"state": STATE, "method": "ea"}, "state: expected one of ea on 5 x 6 with 1 seeds"),
-        ({"state": RunState(0, (1, 2))}, "state: expected one of map-elites"),
-        ({"state": STATE, "key": jax.random.split(KEY, 2)}, "state: expected one of map-elites on 5 x 6 with 2 seeds"),
+        ({"state": STATE, "shape": (6, 6)}, r"state: expected one of the run .*\(map-elites on 6 x 6, seeds: 1\)"),
+        ({"state": STATE, "method": "ea"}, r"state: .* \(ea on 5 x 6, seeds: 1\), got one of a run"),
+        ({"state": RunState(0, (1, 2), STATE.fingerprint)}, "state: expected one of the run to go on with"),
+        ({"state": STATE, "weights": Weights(bridges=3)}, "got one of a run with another key or other settings"),
+        ({"state": STATE, "preset": "standard"}, "got one of a run with another key or other settings"),
+        ({"state": STATE, "key": jax.random.key(4)}, "got one of a run with another key or other settings"),
+        ({"axes": [Axis("luck", 2)]}, "axes: expected metrics among"),
+        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=2))}, "config: expected tile_rate to be a probability"),
+        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
+        ({"state": STATE, "key": jax.random.split(KEY, 2)}, r"state: expected .* seeds: 2\)"),
     ],
 )
 def test_bad_arguments_are_named(change, message):
     arguments = {"key": KEY, "shape": SHAPE, "generations": 1} | change
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises(InputError, match=message):
         evolve(**arguments)

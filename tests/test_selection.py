@@ -1,15 +1,18 @@
 """Choosing maps: valid, different, spread."""
 
 from collections import Counter
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import evolve, measure, mirror, repair, rotate
+from elitelanes_jax import InputError, evolve, measure, mirror, repair, rotate
 from elitelanes_jax.archive import describe, paper_axes
-from elitelanes_jax.search import Found, History, Result, RunState
+from elitelanes_jax.codes import ROAD_ALPHABET
+from elitelanes_jax.metrics import counts_of
+from elitelanes_jax.search import History, MeasuredElites, Result, RunState
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.symmetry import canonical
 
@@ -21,8 +24,8 @@ def result(grids, fitness, alphabet=None):
     grids = jnp.asarray(np.array(grids, np.int8))
     metrics = jax.vmap(jax.vmap(lambda grid: measure(grid, alphabet)))(grids)
     valid = jnp.ones(grids.shape[:2], bool)
-    found = Found(grids, jnp.asarray(fitness), describe(metrics, AXES), valid, metrics)
-    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None), AXES)
+    found = MeasuredElites(grids, jnp.asarray(fitness), describe(counts_of(metrics), AXES), valid, metrics)
+    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None, 0), AXES)
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +49,55 @@ def test_what_is_chosen_is_valid_and_different(evolved):
         assert (grids == road_map.codes).all(axis=(1, 2)).any()
 
 
-def test_all_niches_have_a_turn_before_any_has_a_second(evolved):
-    everything = choose_maps(evolved, 10**6).maps
+def random_maps(count, size, seed=0):
+    """Connected filled grids that have little in common."""
+    rng = np.random.default_rng(seed)
+    maps = []
+    while len(maps) < count:
+        grid = np.array(repair(rng.integers(0, 16, (size, size)).astype(np.int8), fill=True))
+        if measure(grid).components == 1:
+            maps.append(grid)
+    return maps
+
+
+def test_all_niches_have_a_turn_before_any_has_a_second():
+    found = result([random_maps(40, 6)], [np.arange(40)])
+    everything = choose_maps(found, 10**6).maps
+    assert len(everything) == 40
     niches = {tuple(road_map.niche) for road_map in everything}
-    few = choose_maps(evolved, len(niches) - 2).maps
+    few = choose_maps(found, len(niches) - 2).maps
     assert len({tuple(road_map.niche) for road_map in few}) == len(few)
-    more = Counter(tuple(road_map.niche) for road_map in choose_maps(evolved, len(niches) + 3).maps)
+    more = Counter(tuple(road_map.niche) for road_map in choose_maps(found, len(niches) + 1).maps)
     assert set(more) == niches
     assert max(more.values()) == 2
+
+
+def nearly(grid):
+    """The same but for one link."""
+    for row, column in np.ndindex(grid.shape[0], grid.shape[1] - 1):
+        other = grid.copy()
+        other[row, column] ^= 4
+        other[row, column + 1] ^= 1
+        metrics = measure(other, ROAD_ALPHABET)
+        if metrics.components == 1 and not metrics.dead_ends and not metrics.off_alphabet:
+            return other
+    raise AssertionError("no such link")
+
+
+def test_maps_that_hardly_differ_come_last():
+    """Three maps and three near-copies, turned, which would be fitter and have niches of their own."""
+    originals = random_maps(3, 10)
+    copies = [np.asarray(rotate(mirror(nearly(grid)), 1)) for grid in originals]
+    found = result([[*copies, *originals]], [[-9, -9, -9, 5, 5, 5]])
+    first = {canonical(road_map.codes) for road_map in choose_maps(found, 3).maps}
+    for original, copy in zip(originals, copies, strict=True):
+        assert len({canonical(original), canonical(copy)} & first) == 1
+    assert len(choose_maps(found, 6).maps) == 6
+
+
+def test_one_keys_result_is_refused():
+    with pytest.raises(InputError, match="result: expected one of an array of keys, .* got one of a single key"):
+        choose_maps(evolve(jax.random.key(0), (4, 4), generations=1), 3)
 
 
 def test_niches_that_lie_apart_come_first(evolved):
@@ -98,12 +142,14 @@ def test_useless_maps_are_counted_by_their_flaw():
         [[6, 3, 0], [12, 13, 1]],
         [[6, 7, 3], [12, 13, 9]],
         [[6, 3, 0], [12, 9, 0]],
+        [[6, 13, 3], [12, 5, 9]],
+        [[14, 5, 3], [10, 0, 10]],
     ]
-    choice = choose_maps(result([grids], [[0] * 6], alphabet=[0, 3, 5, 6, 9, 12]), 6)
+    choice = choose_maps(result([grids], [[0] * 8], alphabet=[0, 3, 5, 6, 9, 12]), 8)
     assert len(choice.maps) == 1
     assert choice.rejected == {
         "not in one piece": 2,
-        "with dead ends": 1,
+        "with dead ends": 3,
         "with tiles that the tile set lacks": 1,
         "with empty cells": 1,
     }
@@ -113,3 +159,17 @@ def test_nothing_to_choose_from():
     choice = choose_maps(result([[np.zeros((3, 3))]], [[0]]), 3)
     assert choice.maps == []
     assert choice.rejected == {"not in one piece": 1}
+
+
+FLAWS = ("components", "dead_ends", "boundary_violations", "mismatches", "off_alphabet", "coverage")
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_each_flaw_alone_makes_a_map_useless(name):
+    """Even one that no grid has alone: the figures are what counts."""
+    found = result([random_maps(2, 5)], [[0, 0]])
+    spoilt = getattr(found.elites.metrics, name).at[0, 1].set(0.5 if name == "coverage" else 7)
+    elites = found.elites._replace(metrics=found.elites.metrics._replace(**{name: spoilt}))
+    choice = choose_maps(replace(found, elites=elites), 2)
+    assert len(choice.maps) == 1
+    assert sum(choice.rejected.values()) == 1

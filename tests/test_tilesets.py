@@ -1,6 +1,8 @@
 """Tile sets: the drawn one, the photographed one, and all that can be wrong with a folder."""
 
 import shutil
+import struct
+import zlib
 
 import cv2
 import numpy as np
@@ -73,6 +75,21 @@ def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
 
 def write(folder, name, picture):
     cv2.imwrite(str(folder / name), picture)
+
+
+def png(width, height, rows, cut=False):
+    """A PNG file of a grey picture, chunk by chunk."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packed = zlib.compress(rows)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+        + chunk(b"IDAT", packed[:-6] if cut else packed)
+        + chunk(b"IEND", b"")
+    )
 
 
 SPOILS = {
@@ -151,6 +168,33 @@ SPOILS = {
     "opens no table": (
         lambda folder: (folder / "tileset.toml").write_text("opens = 3"),
         r"tileset.toml: expected a table \[opens\], got 3",
+    ),
+    "opens a tile that is not there": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn_9 = "SW"'),
+        r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'",
+    ),
+    "misspelt key": (
+        lambda folder: (folder / "tileset.toml").write_text('license = "MIT"'),
+        r"tileset.toml: expected the keys name, licence, opens, got 'license'",
+    ),
+    "masks without a picture in a misspelt folder": (
+        lambda folder: (
+            [(folder / "turn_1" / f"{name}.png").unlink() for name in ("image", "red")],
+            (folder / "turn_1").rename(folder / "Turn_1"),
+        ),
+        r"Turn_1: expected a folder <kind>_<number>",
+    ),
+    "no pixels": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(0, 0, b"")),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "pixels without end": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(60_000, 60_000, b"\0" * 99)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "pixels that stop short": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 99, cut=True)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
     ),
     "opens unknown": (
         lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),

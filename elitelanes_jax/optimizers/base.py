@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from chex import Array, ArrayTree, PRNGKey
+from chex import Array, PRNGKey
 
 __all__ = ["Elites", "Info", "Optimizer"]
 
@@ -11,45 +11,45 @@ __all__ = ["Elites", "Info", "Optimizer"]
 class Info(NamedTuple):
     """What a step reports. It is not carried on: what a step needs of its past is in the state.
 
-    best_fitness: int32, the lowest among the elites after the step.
-    elites: int32, how many there are: niches filled for an archive, else the size of the population.
+    Attributes:
+      best_fitness: int32, the lowest among the elites after the step.
+      elite_count: int32, how many there are: niches filled for an archive, else the size of the population.
     """
 
     best_fitness: Array
-    elites: Array
+    elite_count: Array
 
 
 class Elites(NamedTuple):
     """What an optimiser has found, in places some of which may be vacant.
 
-    grids: int8 ``[N, H, W]``.
-    fitness: int32 ``[N]``.
-    descriptor: int32 ``[N, D]``.
-    valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
+    Attributes:
+      grids: int8 ``[N, H, W]``.
+      fitness: int32 ``[N]``.
+      counts: int32 ``[N, M]``, the `counts_of` metrics.
+      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
     """
 
     grids: Array
     fitness: Array
-    descriptor: Array
+    counts: Array
     valid: Array
 
 
 class Optimizer(NamedTuple):
     """One algorithm on one problem.
 
-    Keys are consumed. A step takes one generation; all it does follows from its key and the state, so that
-    steps can be the body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once.
+    Keys are consumed. A step takes one generation; all it does follows from its key and the state, so that steps can
+    be the body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once.
 
-    init: key -> state.
-    step: (key, state) -> (state, `Info`).
-    elites: state -> `Elites`.
-    offspring: int, how many grids a step evaluates.
+    Attributes:
+      init: key -> state.
+      step: (key, state) -> (state, `Info`).
+      elites: state -> `Elites`.
+      evaluations_per_step: int, how many grids a step evaluates.
     """
 
     init: Callable[[PRNGKey], Any]
     step: Callable[[PRNGKey, Any], tuple[Any, Info]]
     elites: Callable[[Any], Elites]
-    offspring: int
-
-
-State = ArrayTree
+    evaluations_per_step: int

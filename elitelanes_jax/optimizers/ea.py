@@ -25,7 +25,11 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
     Args:
       problem: with a shape, an alphabet and a fitness.
       config: the defaults are the preset `paper`.
+
+    Raises:
+      InputError: for a setting out of its range.
     """
+    config = config.checked()
     mutate = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 
     def init(key: PRNGKey) -> Population:
@@ -35,9 +39,9 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         words = random_words(key, (config.offspring, config.tournament + mutate.words))
         parents = tournament(words[:, : config.tournament], state)
         state = survivors(config, state, breed(problem, mutate, words[:, config.tournament :], parents))
-        return state, Info(state.fitness[0], jnp.int32(config.population))
+        return state, Info(best_fitness=state.fitness[0], elite_count=jnp.int32(config.population))
 
     def elites(state: Population) -> Elites:
-        return Elites(*state, valid=jnp.ones(state.fitness.shape, bool))
+        return Elites(state.grids, state.fitness, state.counts, valid=jnp.ones(state.fitness.shape, bool))
 
-    return Optimizer(init, step, elites, config.offspring)
+    return Optimizer(init, step, elites, evaluations_per_step=config.offspring)

@@ -7,6 +7,7 @@ from chex import Array, PRNGKey
 
 from elitelanes_jax.archive import Archive, empty_archive, insert
 from elitelanes_jax.draws import below, random_words
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.evolution import (
     EvolutionConfig,
     Population,
@@ -23,19 +24,35 @@ __all__ = ["MapElitesConfig", "MapElitesState", "map_elites"]
 
 
 class MapElitesConfig(NamedTuple):
-    """Settings; the defaults are the preset `paper`.
+    """Settings; the defaults are the preset `paper`, with parents from the archive they are the preset `standard`.
 
-    loop: of the evolutionary loop.
-    parents: "population" draws them by tournament from a population beside the archive, as the paper does;
-      "archive" uniformly from the filled niches, as MAP-Elites is usually defined.
+    Attributes:
+      loop: of the evolutionary loop.
+      parents: "population" draws them by tournament from a population beside the archive, as the paper does;
+        "archive" uniformly from the filled niches, as MAP-Elites is usually defined.
     """
 
     loop: EvolutionConfig = EvolutionConfig()
     parents: Literal["population", "archive"] = "population"
 
+    def checked(self) -> "MapElitesConfig":
+        """The settings with rates as floats.
+
+        Raises:
+          InputError: for a setting out of its range.
+        """
+        if self.parents not in ("population", "archive"):
+            raise InputError(f"config: expected parents to be 'population' or 'archive', got {self.parents!r}")
+        return self._replace(loop=self.loop.checked())
+
 
 class MapElitesState(NamedTuple):
-    """population: sorted, best first.  archive: the best of all grids evaluated so far, by niche."""
+    """What is carried from step to step.
+
+    Attributes:
+      population: sorted, best first; where parents come from the archive, the first population and no other.
+      archive: the best of all grids evaluated so far, by niche.
+    """
 
     population: Population
     archive: Archive
@@ -47,36 +64,44 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     Args:
       problem: with a shape, an alphabet, a fitness and axes.
       config: the defaults are the preset `paper`.
+
+    Raises:
+      InputError: for a setting out of its range.
     """
+    config = config.checked()
     loop = config.loop
     mutate = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 
+    def store(archive: Archive, found: Population) -> Archive:
+        return insert(archive, problem.axes, found.grids, found.fitness, found.counts)
+
     def init(key: PRNGKey) -> MapElitesState:
         population = random_population(problem, key, loop.population)
-        archive = empty_archive(problem.axes, problem.shape)
-        return MapElitesState(population, insert(archive, problem.axes, *population))
+        return MapElitesState(population, store(empty_archive(problem.axes, problem.shape), population))
 
     def step(key: PRNGKey, state: MapElitesState) -> tuple[MapElitesState, Info]:
+        population, archive = state
         words = random_words(key, (loop.offspring, loop.tournament + mutate.words))
         if config.parents == "archive":
-            parents = _uniform(words[:, 0], state.archive)
+            parents = _uniform(words[:, 0], archive)
         else:
-            parents = tournament(words[:, : loop.tournament], state.population)
+            parents = tournament(words[:, : loop.tournament], population)
         offspring = breed(problem, mutate, words[:, loop.tournament :], parents)
-        state = MapElitesState(
-            survivors(loop, state.population, offspring),
-            insert(state.archive, problem.axes, *offspring),
-        )
-        return state, Info(state.archive.fitness.min(), state.archive.filled.sum(dtype=jnp.int32))
+        if config.parents == "population":
+            population = survivors(loop, population, offspring)
+        archive = store(archive, offspring)
+        info = Info(best_fitness=archive.fitness.min(), elite_count=archive.filled.sum(dtype=jnp.int32))
+        return MapElitesState(population, archive), info
 
     def elites(state: MapElitesState) -> Elites:
-        return Elites(*state.archive, valid=state.archive.filled)
+        archive = state.archive
+        return Elites(archive.grids, archive.fitness, archive.counts, valid=archive.filled)
 
-    return Optimizer(init, step, elites, loop.offspring)
+    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring)
 
 
 def _uniform(words: Array, archive: Archive) -> Array:
     """Grids int8 ``[count, H, W]`` from filled niches, each equally likely, by words uint32 ``[count]``."""
-    rank = jnp.cumsum(archive.filled)
+    rank = jnp.cumsum(archive.filled, dtype=jnp.int32)
     drawn = below(words, rank[-1])
     return archive.grids[jnp.searchsorted(rank, drawn, side="right")]

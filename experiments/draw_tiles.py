@@ -1,6 +1,6 @@
-"""Draws the default tile pictures of this folder, to Duckietown's appearance specification.
+"""Draws the default tile pictures, those in tiles/, to Duckietown's appearance specification.
 
-    python tiles/draw.py [FOLDER]
+    python experiments/draw_tiles.py [FOLDER]
 
 Every tile is a square of 60 cm: within the specification's 58.5 to 61 cm, and exactly eight dashes and gaps of
 yellow tape long. All lengths here are centimetres.
@@ -71,14 +71,15 @@ def draw(opens: str, rng: np.random.Generator) -> Picture:
     red = _stop_lines(opens, x, y, rng) if len(opens) > 2 else np.zeros_like(x)
     red = red * (1 - white)
 
-    light = 1 + inside * (_light(x, y, rng) + rng.uniform(-0.05, 0.05))
+    light = 1 + inside * (_light(x, y, rng) + rng.uniform(-0.09, 0.09))
+    tint = 1 + inside[..., None] * rng.uniform(-0.035, 0.035, 3)
     picture = np.ones((*x.shape, 3)) * ASPHALT
     picture += (_grain(inside, rng) + inside * 4.5 * _noise(rng, 40))[..., None]
     for cover, colour in ((red, RED_TAPE), (yellow, YELLOW_TAPE), (white, WHITE_TAPE)):
         worn = cover * (1 - inside * _wear(rng))
         shade = 1 + 0.02 * _noise(rng, 1) + inside * 0.04 * _noise(rng, 14)
         picture += worn[..., None] * (shade[..., None] * colour - picture)
-    image = np.clip(np.rint(picture * light[..., None]), 0, 255).astype(np.uint8)
+    image = np.clip(np.rint(picture * light[..., None] * tint), 0, 255).astype(np.uint8)
     return Picture(image, *(np.where(cover >= 0.5, 255, 0).astype(np.uint8) for cover in (road, red, yellow)))
 
 
@@ -98,7 +99,7 @@ def _between(field: Field, low: float, high: float) -> Field:
     return _beyond(field, low) - _beyond(field, high)
 
 
-def _window(x: Field, y: Field, margin: float = 7.0) -> Field:
+def _window(x: Field, y: Field, margin: float = 9.0) -> Field:
     """0 on the tile's border, 1 further than a margin inside."""
     border = np.minimum(np.minimum(x, TILE - x), np.minimum(y, TILE - y))
     return _smooth(border / margin)
@@ -131,7 +132,7 @@ def _light(x: Field, y: Field, rng: np.random.Generator) -> Field:
     slope = (np.cos(angle) * (x - TILE / 2) + np.sin(angle) * (y - TILE / 2)) / TILE
     spot_x, spot_y = rng.uniform(0.2 * TILE, 0.8 * TILE, 2)
     spot = np.exp(-((x - spot_x) ** 2 + (y - spot_y) ** 2) / (2 * 12.0**2))
-    return rng.uniform(0.05, 0.16) * slope + rng.uniform(-0.1, 0.14) * spot
+    return rng.uniform(0.06, 0.2) * slope + rng.uniform(-0.12, 0.17) * spot
 
 
 def _wear(rng: np.random.Generator) -> Field:
@@ -238,4 +239,4 @@ def main(folder: Path) -> None:
 _SMALL = [cv2.IMWRITE_PNG_COMPRESSION, 9]
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "tiles")
