@@ -306,7 +306,8 @@ def _no_rows(seeds: int) -> Info:
     return Info(*(np.zeros((seeds, 0), np.int32) for _ in Info._fields))
 
 
-@partial(jax.jit, static_argnames="setup")
+# The first populations are made once: to compile that twice as fast is worth more than to run it.
+@partial(jax.jit, static_argnames="setup", compiler_options={"xla_backend_optimization_level": 0})
 def _start(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> ArrayTree:
     return start(setup.optimizer(numbers), keys)
 
