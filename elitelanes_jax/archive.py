@@ -66,7 +66,10 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
     Raises:
       InputError: if there is none, or one that is no `Axis`, of an unknown metric, without bins or width.
     """
-    axes = tuple(axes)
+    try:
+        axes = tuple(axes)
+    except TypeError:
+        raise InputError(f"axes: expected records of type Axis, got {axes!r}") from None
     if not axes:
         raise InputError("axes: expected at least one axis, got none")
     for axis in axes:

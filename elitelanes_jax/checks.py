@@ -1,4 +1,4 @@
-"""What counts as a grid and as a shape. Needs NumPy alone: JAX is asked only about arrays that come from it."""
+"""What counts as a grid, a shape, a setting. Needs NumPy alone: JAX is asked only about arrays that come from it."""
 
 import sys
 from typing import Any
@@ -7,7 +7,7 @@ import numpy as np
 
 from elitelanes_jax.errors import InputError
 
-__all__ = ["LONGEST_SIDE", "check_grid", "check_shape"]
+__all__ = ["LONGEST_SIDE", "check_count", "check_grid", "check_real", "check_shape"]
 
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
@@ -26,6 +26,26 @@ def check_shape(shape: Any) -> tuple[int, int]:
     if min(height, width) < 2 or max(height, width) > LONGEST_SIDE:
         raise InputError(f"shape: expected sides from 2 to {LONGEST_SIDE}, got {height} x {width}")
     return height, width
+
+
+def check_count(record: str, name: str, value: Any) -> None:
+    """Raises InputError unless a setting of a record is a whole number, 1 or more."""
+    if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
+        raise InputError(f"{record}: expected {name} to be a whole number, 1 or more, got {value!r}")
+
+
+def check_real(record: str, name: str, value: Any, least: float, most: float) -> Any:
+    """A setting of a record as a float; if it is an array, of JAX or NumPy, as it is: it may be swept.
+
+    Raises:
+      InputError: if it is no number, or one out of its range.
+    """
+    jax = sys.modules.get("jax")
+    if isinstance(value, np.ndarray) or (jax and isinstance(value, jax.Array)):
+        return value
+    if not isinstance(value, int | float | np.number) or not least <= value <= most:
+        raise InputError(f"{record}: expected {name} to be a number, {least} to {most}, got {value!r}")
+    return float(value)
 
 
 def check_grid(grid: Any) -> Any:

@@ -5,17 +5,19 @@ code 1.
 """
 
 import argparse
-import contextlib
-import signal
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.interrupts import catch_interrupts
 from elitelanes_jax.version import __version__
 
 __all__ = ["main", "run"]
+
+_INTERRUPTED = 130
 
 # What is slow to import (JAX, OpenCV) is imported by the commands that need it.
 
@@ -30,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", 130)
+        return _fail("interrupted; nothing was written", _INTERRUPTED)
     except Exception as error:
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
             return _fail("not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
@@ -39,19 +41,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run() -> NoReturn:
     """The console script."""
-    for name in ("SIGTERM", "SIGHUP"):
-        with contextlib.suppress(AttributeError, ValueError):  # a system or a thread that has no such signal
-            signal.signal(getattr(signal, name), _interrupt)
-    raise SystemExit(main())
-
-
-def _interrupt(*_: Any) -> NoReturn:
-    raise KeyboardInterrupt
+    catch_interrupts()
+    code = main()
+    if code == _INTERRUPTED:
+        # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
+        sys.stderr.flush()
+        os._exit(code)
+    raise SystemExit(code)
 
 
 def _fail(message: str, code: int) -> int:
     print(f"elitelanes: {message}", file=sys.stderr)
     return code
+
+
+def _say(text: str) -> None:
+    """Prints what was done. That it cannot be printed does not undo it."""
+    try:
+        print(text.encode(sys.stdout.encoding or "ascii", "backslashreplace").decode(sys.stdout.encoding or "ascii"))
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it would be tried again at the end
 
 
 class _Parser(argparse.ArgumentParser):
@@ -78,12 +88,30 @@ class _Version(argparse.Action):
 
 def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
     def parse(text: str) -> int:
-        if not text.strip().lstrip("+-").isdigit() or not least <= int(text) <= most:
+        try:
+            number = int(text)
+        except ValueError:
+            number = least - 1
+        if not least <= number <= most:
             limit = f"{least} or more" if most == 2**31 - 1 else f"{least} to {most}"
-            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {text!r}")
-        return int(text)
+            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {_short(text)}")
+        return number
 
     return parse
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def _name(text: str) -> str:
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"expected a name, got {text!r}")
+    return text
+
+
+def _folder(text: str) -> Path:
+    return Path(_name(text))
 
 
 def _add_generate(commands: Any) -> None:
@@ -92,7 +120,7 @@ def _add_generate(commands: Any) -> None:
         help="evolve maps and draw them",
         description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
     )
-    command.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write to, new or empty")
+    command.add_argument("--out", type=_folder, required=True, metavar="DIR", help="folder to write to, new or empty")
     command.add_argument(
         "--size",
         type=_whole(2, 1024),
@@ -108,14 +136,14 @@ def _add_generate(commands: Any) -> None:
     command.add_argument(
         "--seed", type=_whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
-    command.add_argument("--method", default="map-elites", help="map-elites (the default) or ea")
+    command.add_argument("--method", type=_name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
     command.add_argument(
-        "--preset", help="settings of the method: standard (map-elites only, and its default) or paper"
+        "--preset", type=_name, help="settings of the method: standard (map-elites only, and its default) or paper"
     )
     command.add_argument(
         "--generations", type=_whole(0), default=2000, metavar="N", help="of each run, 40 maps each; by default 2000"
     )
-    command.add_argument("--tiles", type=Path, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument("--tiles", type=_folder, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
         "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
     )
@@ -142,12 +170,13 @@ def _generate(options: argparse.Namespace) -> int:
         "straight_score",
     )
     heads = ("map", *(name.replace("_", " ") for name in columns))
-    print("  ".join(heads))
+    lines = ["  ".join(heads)]
     for number, road_map in enumerate(maps):
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
         row = [f"{number:04d}", *(str(figures[name]) for name in columns)]
-        print("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
-    print(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'overview.png'}")
+        lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
+    lines.append(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'overview.png'}")
+    _say("\n".join(lines))
     return 0
 
 
@@ -155,9 +184,9 @@ def _add_render(commands: Any) -> None:
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
     command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
     command.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder to write to, new or empty; by default map/ beside map.json"
+        "--out", type=_folder, metavar="DIR", help="folder to write to, new or empty; by default map/ beside map.json"
     )
-    command.add_argument("--tiles", type=Path, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument("--tiles", type=_folder, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
         "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
     )
@@ -180,12 +209,15 @@ def _render(options: argparse.Namespace) -> int:
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     chosen = recall_tiles(road_map, tiles) if options.seed is None else None
     out = options.out or options.map.with_suffix("")
-    picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
+    try:
+        picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
+    except InputError as error:
+        raise InputError(f"{options.map}: {error}") from None
     with new_folder(out) as folder:
         write_picture(folder, picture)
         if options.overlay:
             write_png(folder / "overlay.png", overlay(picture))
-    print(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
+    _say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0
 
 
@@ -202,5 +234,5 @@ def _tiles_check(options: argparse.Namespace) -> int:
     if tiles is None:
         print("\n".join(problems), file=sys.stderr)
         return 2
-    print(describe_tiles(tiles))
+    _say(describe_tiles(tiles))
     return 0

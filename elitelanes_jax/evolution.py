@@ -8,15 +8,24 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from chex import Array, Numeric, PRNGKey
 
+from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import below
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.problem import Problem
 from elitelanes_jax.variation import Move
 
-__all__ = ["EvolutionConfig", "Population", "breed", "random_population", "survivors", "tournament"]
+__all__ = [
+    "EvolutionConfig",
+    "Population",
+    "breed",
+    "evaluated",
+    "merged",
+    "random_population",
+    "survivors",
+    "tournament",
+]
 
 
 class EvolutionConfig(NamedTuple):
@@ -46,9 +55,7 @@ class EvolutionConfig(NamedTuple):
           InputError: for a setting out of its range.
         """
         for name in ("population", "offspring", "tournament"):
-            value = getattr(self, name)
-            if not isinstance(value, int | np.integer) or value < 1:
-                raise InputError(f"config: expected {name} to be a whole number, 1 or more, got {value!r}")
+            check_count("config", name, getattr(self, name))
         if self.survivors not in ("plus", "comma"):
             raise InputError(f"config: expected survivors to be 'plus' or 'comma', got {self.survivors!r}")
         if self.survivors == "comma" and self.offspring < self.population:
@@ -56,17 +63,8 @@ class EvolutionConfig(NamedTuple):
                 f"config: expected at least as many offspring as the population of {self.population} "
                 f"when survivors is 'comma', got {self.offspring}"
             )
-        return self._replace(
-            tile_rate=_rate("tile", self.tile_rate), crossing_rate=_rate("crossing", self.crossing_rate)
-        )
-
-
-def _rate(name: str, rate: Numeric) -> Numeric:
-    if isinstance(rate, jax.Array | np.ndarray):
-        return rate
-    if not isinstance(rate, int | float | np.number) or not 0 <= rate <= 1:
-        raise InputError(f"config: expected {name}_rate to be a probability, 0 to 1, got {rate!r}")
-    return float(rate)
+        rates = {name: check_real("config", name, getattr(self, name), 0, 1) for name in ("tile_rate", "crossing_rate")}
+        return self._replace(**rates)
 
 
 class Population(NamedTuple):
@@ -85,7 +83,7 @@ class Population(NamedTuple):
 
 def random_population(problem: Problem, key: PRNGKey, count: int) -> Population:
     """Random repaired grids, sorted, best first."""
-    return _best(_evaluated(problem, problem.random(key, count)), count)
+    return merged(evaluated(problem, problem.random(key, count)), count=count)
 
 
 def tournament(words: Array, population: Population) -> Array:
@@ -112,22 +110,23 @@ def breed(problem: Problem, mutate: Move, words: Array, parents: Array) -> Popul
     def offspring(words: Array, parent: Array) -> Array:
         return problem.repair(*mutate.apply(words, parent))
 
-    return _evaluated(problem, jax.vmap(offspring)(words, parents))
+    return evaluated(problem, jax.vmap(offspring)(words, parents))
 
 
 def survivors(config: EvolutionConfig, parents: Population, offspring: Population) -> Population:
     """The next population, sorted, best first; among equals parents first, then the earlier offspring."""
-    if config.survivors == "comma":
-        return _best(offspring, config.population)
-    both = jax.tree.map(lambda old, new: jnp.concatenate([old, new]), parents, offspring)
-    return _best(both, config.population)
+    both = (offspring,) if config.survivors == "comma" else (parents, offspring)
+    return merged(*both, count=config.population)
 
 
-def _evaluated(problem: Problem, grids: Array) -> Population:
+def evaluated(problem: Problem, grids: Array) -> Population:
+    """Grids int8 ``[P, H, W]`` and what they are worth, in their order."""
     evaluation = problem.evaluate(grids)
     return Population(grids, evaluation.fitness, evaluation.counts)
 
 
-def _best(population: Population, count: int) -> Population:
-    order = jnp.argsort(population.fitness, stable=True)[:count]
-    return jax.tree.map(lambda array: array[order], population)
+def merged(*populations: Population, count: int) -> Population:
+    """The best of several populations, so many of them, sorted, best first; among equals what came first is first."""
+    everyone = jax.tree.map(lambda *parts: jnp.concatenate(parts), *populations)
+    order = jnp.argsort(everyone.fitness, stable=True)[:count]
+    return jax.tree.map(lambda array: array[order], everyone)

@@ -10,6 +10,7 @@ import cv2
 import jax
 import jaxlib
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax.folders import new_folder
 from elitelanes_jax.objective import Weights
@@ -148,10 +149,12 @@ def _shortage(choice: Choice, settings: Settings) -> str:
 
 
 def _remedy(choice: Choice, settings: Settings) -> str:
+    if settings.method == "ea":  # its population becomes more alike with time
+        return "more seeds"
     if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
         return "a tile set with more kinds of tiles, more seeds or generations"
-    # The population of an evolutionary algorithm becomes more alike with time.
-    return "more seeds" if settings.method == "ea" else "more seeds or generations"
+    larger = "larger maps, " if min(settings.size) < 4 else ""
+    return f"{larger}more seeds or generations"
 
 
 def _write_archive(file: Path, result: Result) -> None:
@@ -187,9 +190,13 @@ def _run_record(
         "device": jax.devices()[0].device_kind,
         "times": {
             "seconds": {name: round(value, 3) for name, value in seconds.items()},
-            "evaluations_per_second": round(float(np.median(result.history.evaluations_per_second))),
+            "evaluations_per_second": _median(result.history.evaluations_per_second),
         },
     }
+
+
+def _median(speeds: NDArray[np.float64]) -> int | None:
+    return round(float(np.median(speeds))) if speeds.size else None
 
 
 def _plain(record: Any) -> Any:

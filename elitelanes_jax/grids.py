@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import jax.numpy as jnp
+import numpy as np
 from chex import Array, PRNGKey
 
 from elitelanes_jax.checks import check_shape
@@ -30,8 +31,8 @@ def random_grids(
     Raises:
       InputError: for a negative count, a bad shape or alphabet.
     """
-    if count < 0:
-        raise InputError(f"count: expected a whole number, 0 or more, got {count}")
+    if not isinstance(count, int | np.integer) or count < 0:
+        raise InputError(f"count: expected a whole number, 0 or more, got {count!r}")
     codes = jnp.asarray(alphabet_of(alphabet), jnp.int8)
     words = random_words(key, (count, *check_shape(shape)))
     return codes[below(words, codes.size)]

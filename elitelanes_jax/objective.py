@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
@@ -64,9 +65,12 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Array:  # noqa: B
 
 
 def _integer(name: str, weight: Numeric) -> Array:
-    if not jnp.issubdtype(jnp.result_type(weight), jnp.integer):
-        raise InputError(f"weights: expected integers, got {name} of type {jnp.result_type(weight)}")
-    return jnp.asarray(weight, jnp.int32)
+    array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"weights: expected integers, got {name} of type {array.dtype}")
+    if isinstance(array, np.ndarray) and (array != array.astype(np.int32)).any():
+        raise InputError(f"weights: expected integers of 32 bits, got {name}={weight!r}")
+    return jnp.asarray(array, jnp.int32)
 
 
 def check_weights(weights: Weights, shape: tuple[int, int]) -> Weights:

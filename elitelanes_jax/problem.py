@@ -40,6 +40,7 @@ class Problem(NamedTuple):
       axes: of the descriptor space.
       random: (key, count) -> int8 ``[count, H, W]``, repaired.
       repair: (grid, dirty) -> grid, all ``[H, W]``.
+      settle: grid -> grid, repairs one of which all tiles are new: each dictates to those after it, row by row.
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
     """
 
@@ -48,6 +49,7 @@ class Problem(NamedTuple):
     axes: tuple[Axis, ...]
     random: Callable[[PRNGKey, int], Array]
     repair: Callable[[Array, Array], Array]
+    settle: Callable[[Array], Array]
     evaluate: Callable[[Array], Evaluation]
 
 
@@ -80,9 +82,11 @@ def road_problem(
     def mend(grid: Array, dirty: Array) -> Array:
         return repair(grid, dirty, fill=fill)
 
+    def settle(grid: Array) -> Array:
+        return mend(grid, jnp.asarray(raster_rank(shape)))
+
     def random(key: PRNGKey, count: int) -> Array:
-        rank = jnp.asarray(raster_rank(shape))
-        return jax.vmap(lambda grid: mend(grid, rank))(random_grids(key, count, shape, alphabet=alphabet))
+        return jax.vmap(settle)(random_grids(key, count, shape, alphabet=alphabet))
 
     def evaluate(grids: Array) -> Evaluation:
         chex.assert_shape(grids, (None, *shape))
@@ -90,4 +94,4 @@ def road_problem(
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
         return Evaluation(fitness(metrics, weights), counts_of(metrics))
 
-    return Problem(shape, alphabet, axes, random, mend, evaluate)
+    return Problem(shape, alphabet, axes, random, mend, settle, evaluate)

@@ -75,7 +75,10 @@ def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArra
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {', '.join(map(str, tiles.alphabet))}), "
             f"got {code} ({kind}) at row {row}, column {column}"
         )
-    lots = np.random.default_rng(seed).random(grid.shape)
+    try:
+        lots = np.random.default_rng(seed).random(grid.shape)
+    except (TypeError, ValueError):
+        raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
     chosen = np.zeros((*grid.shape, 2), int)
     for code, draws in tiles.turned.items():
         cells = grid == code

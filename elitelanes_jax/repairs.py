@@ -37,12 +37,20 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False) -> Array:
       InputError: for a bad grid (see `check_grid`), or a mask of another shape or kind.
     """
     grid = check_grid(grid)
-    dirty = np.zeros(grid.shape, bool) if dirty is None else jnp.asarray(dirty)
-    if dirty.shape != grid.shape or jnp.issubdtype(dirty.dtype, jnp.inexact):
-        raise InputError(
-            f"dirty: expected bool or integers of the grid's shape {grid.shape}, got {dirty.dtype} {dirty.shape}"
-        )
-    return _repair(grid, dirty, fill)
+    return _repair(grid, np.zeros(grid.shape, bool) if dirty is None else _check_dirty(dirty, grid.shape), fill)
+
+
+def _check_dirty(dirty: Any, shape: tuple[int, int]) -> Any:
+    expected = f"dirty: expected bool or 32-bit integers of the grid's shape {shape}"
+    try:
+        array = dirty if isinstance(dirty, jax.Array) else np.asarray(dirty)
+    except ValueError:
+        raise InputError(f"{expected}, got rows of several lengths") from None
+    if array.shape != shape or array.dtype.kind not in "biu":
+        raise InputError(f"{expected}, got {array.dtype} {array.shape}")
+    if array.dtype.itemsize > 4 and not isinstance(array, jax.Array) and (array != array.astype(np.int32)).any():
+        raise InputError(f"{expected}, got numbers beyond")
+    return array
 
 
 @partial(jax.jit, static_argnames="fill")

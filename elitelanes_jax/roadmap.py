@@ -86,7 +86,9 @@ def read_map(file: str | Path) -> RoadMap:
     """
     try:
         values = json.loads(Path(file).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except OSError as error:
+        raise InputError(f"{file}: expected a readable JSON file, got: {error.strerror or error}") from None
+    except ValueError as error:
         raise InputError(f"{file}: expected a readable JSON file, got: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
@@ -95,6 +97,8 @@ def read_map(file: str | Path) -> RoadMap:
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"{file}: format: expected {_FORMAT!r}, got {values['format']!r}")
     try:
+        if "true" in json.dumps(values["codes"]) or "false" in json.dumps(values["codes"]):
+            raise InputError("grid: expected integer tile codes, got true or false")
         codes = np.array(check_grid(values["codes"]))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None

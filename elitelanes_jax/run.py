@@ -46,6 +46,11 @@ def advance(
     nothing = jax.tree.map(lambda info: jnp.zeros(info.shape, info.dtype), jax.eval_shape(step, states, 0)[1])
 
     def generation(states: ArrayTree, number: Array) -> tuple[ArrayTree, Info]:
-        return lax.cond(number <= last, step, lambda states, _: (states, nothing), states, number)
+        def once(carry: tuple[ArrayTree, Info, Array]) -> tuple[ArrayTree, Info, Array]:
+            return *step(carry[0], number), jnp.array(False)
+
+        # A loop of one round or none: `lax.cond` would copy the states of a generation that is not run.
+        states, info, _ = lax.while_loop(lambda carry: carry[2], once, (states, nothing, number <= last))
+        return states, info
 
     return lax.scan(generation, states, first + jnp.arange(most))

@@ -18,12 +18,26 @@ from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.metrics import Metrics, metrics_of
 from elitelanes_jax.objective import Weights, check_weights
-from elitelanes_jax.optimizers import EvolutionConfig, Info, MapElitesConfig, Optimizer, ea, map_elites
+from elitelanes_jax.optimizers import (
+    EvolutionConfig,
+    GwoConfig,
+    Info,
+    MapElitesConfig,
+    Optimizer,
+    PsoConfig,
+    ea,
+    gwo,
+    map_elites,
+    pso,
+)
 from elitelanes_jax.problem import Problem, road_problem
 from elitelanes_jax.progress import Progress
 from elitelanes_jax.run import advance, start
 
 __all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config"]
+
+
+Config = EvolutionConfig | MapElitesConfig | PsoConfig | GwoConfig
 
 
 class _Method(NamedTuple):
@@ -34,6 +48,8 @@ class _Method(NamedTuple):
 _METHODS = {
     "ea": _Method(ea, {"paper": EvolutionConfig()}),
     "map-elites": _Method(map_elites, {"paper": MapElitesConfig(), "standard": MapElitesConfig(parents="archive")}),
+    "pso": _Method(pso, {"paper": PsoConfig()}),
+    "gwo": _Method(gwo, {"paper": GwoConfig()}),
 }
 
 # Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take, and so
@@ -67,7 +83,7 @@ class History(NamedTuple):
       generation: int ``[G]``, counted from 1.
       evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
       best_fitness: int32 ``[G]``, the lowest among the elites.
-      elite_count: int32 ``[G]``, how many there are: niches filled, or the size of the population.
+      elite_count: int32 ``[G]``, how many there are: niches filled, or how many the method keeps.
       evaluations_per_second: float ``[G]``, of all seeds together, as the clock had it.
     """
 
@@ -122,7 +138,7 @@ def evolve(
     *,
     method: str = "map-elites",
     preset: str = "paper",
-    config: EvolutionConfig | MapElitesConfig | None = None,
+    config: Config | None = None,
     generations: int = 200,
     alphabet: Iterable[int] | None = None,
     weights: Weights | None = None,
@@ -138,7 +154,7 @@ def evolve(
         ``[S, ...]`` in everything that is returned, but for the counts and the speed in the history. With JAX's default
         kind of key a seed gives the same result alone and among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
-      method: "map-elites" or "ea".
+      method: "map-elites", "ea", "pso" or "gwo".
       preset: "paper"; for "map-elites" also "standard", whose parents come from the archive.
       config: of the method, to be taken in place of the preset's.
       generations: how many to run now, at least 0.
@@ -214,7 +230,7 @@ def evolve(
     return Result(found, history, RunState(last, inner, fingerprint), setup.axes)
 
 
-def preset_config(method: str, preset: str) -> EvolutionConfig | MapElitesConfig:
+def preset_config(method: str, preset: str) -> Config:
     """The settings of a method under a name.
 
     Raises:
@@ -228,7 +244,7 @@ def preset_config(method: str, preset: str) -> EvolutionConfig | MapElitesConfig
     return presets[preset]
 
 
-def _checked(config: Any, method: str, preset: str) -> EvolutionConfig | MapElitesConfig:
+def _checked(config: Any, method: str, preset: str) -> Config:
     kind = type(preset_config(method, preset))
     if type(config) is not kind:
         raise InputError(f"config: expected {kind.__name__} for {method}, got {type(config).__name__}")

@@ -185,7 +185,7 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
             number = CONNECTIONS[KINDS[kind][0]]
             how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
             problems.append(f"{file}: expected {name} to open {number} sides{how}, as letters of NESW, got {sides!r}")
-    return about
+    return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
 
 
 def _code(sides: str) -> int | None:

@@ -110,6 +110,7 @@ def test_descriptors_are_the_metrics_of_the_axes():
 def test_axes_are_checked():
     assert check_axes([Axis("bridges", 3)]) == (Axis("bridges", 3),)
     for axes, message in (
+        (5, "axes: expected records of type Axis, got 5"),
         ([], "axes: expected at least one axis, got none"),
         (["bridges"], "axes: expected records of type Axis, got 'bridges'"),
         ([Axis("coverage", 3)], "axes: expected metrics among components, .*, got 'coverage'"),

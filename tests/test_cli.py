@@ -1,7 +1,9 @@
 """The command, as its users call it."""
 
+import gc
 import json
 import os
+import shlex
 import shutil
 import signal
 import subprocess
@@ -16,6 +18,7 @@ import pytest
 
 from elitelanes_jax import measure
 from elitelanes_jax.cli import main
+from elitelanes_jax.interrupts import catch_interrupts
 from elitelanes_jax.symmetry import canonical
 from elitelanes_jax.tilesets import default_tiles
 
@@ -159,10 +162,14 @@ def test_too_few_maps(tmp_path, capsys):
 WRONG = {
     "no maps": (["--maps", "0"], "argument --maps: expected a whole number, 1 or more, got '0'"),
     "half a seed": (["--seeds", "0.5"], "argument --seeds: expected a whole number, 1 or more, got '0.5'"),
+    "no digit": (["--maps", "²"], "argument --maps: expected a whole number, 1 or more, got '²'"),
+    "too many digits": (["--maps", "9" * 5000], "argument --maps: expected a whole number, 1 or more, got '9999"),
+    "no preset": (["--preset", ""], "argument --preset: expected a name, got ''"),
+    "no folder": (["--out", ""], "argument --out: expected a name, got ''"),
     "a thin grid": (["--size", "1", "5"], "argument --size: expected a whole number, 2 to 1024, got '1'"),
     "huge tiles": (["--tile-px", "1000"], "argument --tile-px: expected a whole number, 16 to 512, got '1000'"),
     "a negative seed": (["--seed", "-1"], "argument --seed: expected a whole number, 0 to 4294967295, got '-1'"),
-    "no such method": (["--method", "luck"], "method: expected one of ea, map-elites, got 'luck'"),
+    "no such method": (["--method", "luck"], "method: expected one of ea, map-elites, pso, gwo, got 'luck'"),
     "no such preset": (["--preset", "luck"], "preset: expected one of paper, standard for map-elites, got 'luck'"),
     "no such option": (["--luck"], "unrecognized arguments: --luck"),
     "no such tiles": (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
@@ -179,6 +186,7 @@ def test_what_the_user_got_wrong_is_one_line_and_exit_code_2(wrong, tmp_path, ca
     captured = capsys.readouterr()
     assert code == 2
     assert message in captured.err
+    assert len(captured.err) < 200
     assert len(captured.err.splitlines()) == 1
     assert captured.out == ""
     assert not list(tmp_path.iterdir())
@@ -228,7 +236,7 @@ def test_maps_that_cannot_be_read_or_drawn(tmp_path, capsys):
     file = tmp_path / "map.json"
     for text, message in (
         ('{"codes": [[6, 99], [12, 9]]}', "map.json: grid: expected tile codes 0 to 15, got 99"),
-        ('{"codes": [[8, 3], [12, 9]]}', "got 8 (stub) at row 0, column 0"),
+        ('{"codes": [[8, 3], [12, 9]]}', "map.json: grid: expected tiles that the set"),
     ):
         file.write_text(text)
         assert main(["render", str(file), "--out", str(tmp_path / "out")]) == 2
@@ -278,32 +286,88 @@ def test_a_fault_of_the_program_is_not_blamed_on_the_user(tmp_path, monkeypatch)
         main(["generate", *SMALL, "--out", str(tmp_path / "out")])
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signal")
-def test_a_run_that_is_told_to_end_leaves_nothing(tmp_path):
-    command = [
-        sys.executable,
-        "-c",
-        "from elitelanes_jax.cli import run; run()",
-        "generate",
-        "--generations",
-        "9999999",
-    ]
-    with subprocess.Popen([*command, "--out", str(tmp_path / "out")], stderr=subprocess.PIPE, text=True) as process:
-        while not list(tmp_path.iterdir()):
-            assert process.poll() is None
-            time.sleep(0.1)
-        process.send_signal(signal.SIGTERM)
-        _, said = process.communicate(timeout=60)
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+@pytest.mark.parametrize(
+    ("name", "later"), [("SIGTERM", 0.0), ("SIGTERM", 0.05), ("SIGINT", 0.3), ("SIGHUP", 1.0), ("SIGTERM", 2.0)]
+)
+def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
+    """At any moment: while it imports, compiles, evolves."""
+    program = "from elitelanes_jax.cli import run; run()"
+    command = [sys.executable, "-c", program, "generate", "--generations", "9999999", "--out", str(tmp_path / "out")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            while not list(tmp_path.iterdir()):
+                assert process.poll() is None
+                time.sleep(0.01)
+            time.sleep(later)
+            process.send_signal(getattr(signal, name))
+            _, said = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == 130
     assert said == "elitelanes: interrupted; nothing was written\n"
     assert not list(tmp_path.iterdir())
 
 
+def test_a_signal_in_a_place_that_is_deaf_to_it_comes_again():
+    """Python prints what is raised in a callback of the garbage collector, and goes on."""
+
+    def _xla_gc_callback(phase, _):
+        if phase == "stop":
+            signal.raise_signal(signal.SIGTERM)
+
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    catch_interrupts()
+    gc.callbacks.append(_xla_gc_callback)
+    try:
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+        gc.collect()
+        gc.callbacks.remove(_xla_gc_callback)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(10)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def test_what_cannot_be_printed_is_done_all_the_same(tmp_path):
+    program = "from elitelanes_jax.cli import run; run()"
+    command = [sys.executable, "-c", program, "render", "map.json", "--tile-px", "16", "--out"]
+    (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
+    ran = subprocess.run(
+        ["bash", "-c", f"set -o pipefail; {shlex.join([*command, 'out'])} | true"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert (tmp_path / "out" / "image.png").exists()
+
+
+def test_names_that_the_terminal_cannot_show(tmp_path):
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    (tmp_path / "tiles" / "tileset.toml").write_text('name = "Straßen"', encoding="utf-8")
+    program = "from elitelanes_jax.cli import run; run()"
+    command = [sys.executable, "-c", program, "tiles", "check", str(tmp_path / "tiles")]
+    environment = os.environ | {"PYTHONIOENCODING": "ascii"}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert ran.stdout.startswith("Stra\\xdfen: 12 tiles")
+
+
+def test_no_generations(tmp_path):
+    small = ["generate", "--size", "2", "2", "--seeds", "2", "--maps", "1", "--tile-px", "16"]
+    assert main([*small, "--generations", "0", "--out", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["times"]["evaluations_per_second"] is None
+
+
 def test_what_helps_against_a_shortage(tmp_path, capsys):
-    small = ["generate", "--size", "3", "3", "--maps", "400", "--seeds", "1", "--generations", "5"]
+    small = ["generate", "--size", "4", "4", "--maps", "400", "--seeds", "1", "--generations", "5"]
     for arguments, remedy in (
         ([], "; more seeds or generations find more"),
         (["--method", "ea"], "; more seeds find more"),
+        (["--size", "2", "2"], "; larger maps, more seeds or generations find more"),
     ):
         assert main([*small, *arguments, "--out", str(tmp_path / "out")]) == 1
         assert capsys.readouterr().err.rstrip().endswith(remedy)

@@ -92,9 +92,9 @@ def test_settings_are_checked():
         ({"tournament": -1}, "config: expected tournament to be"),
         ({"survivors": "best"}, "config: expected survivors to be 'plus' or 'comma', got 'best'"),
         ({"survivors": "comma", "offspring": 10}, "at least as many offspring as the population of 20 .*, got 10"),
-        ({"tile_rate": 1.5}, "config: expected tile_rate to be a probability, 0 to 1, got 1.5"),
-        ({"crossing_rate": "often"}, "config: expected crossing_rate to be a probability, 0 to 1, got 'often'"),
-        ({"crossing_rate": float("nan")}, "config: expected crossing_rate to be a probability"),
+        ({"tile_rate": 1.5}, "config: expected tile_rate to be a number, 0 to 1, got 1.5"),
+        ({"crossing_rate": "often"}, "config: expected crossing_rate to be a number, 0 to 1, got 'often'"),
+        ({"crossing_rate": float("nan")}, "config: expected crossing_rate to be a number"),
     ):
         with pytest.raises(InputError, match=message):
             EvolutionConfig(**wrong).checked()

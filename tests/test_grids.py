@@ -45,5 +45,6 @@ def test_checked_grids_are_int8_and_the_same():
 
 
 def test_a_count_below_none_is_refused():
-    with pytest.raises(InputError, match="count: expected a whole number, 0 or more, got -1"):
-        random_grids(jax.random.key(0), -1)
+    for count in (-1, 2.5, "3"):
+        with pytest.raises(InputError, match=f"count: expected a whole number, 0 or more, got {count!r}"):
+            random_grids(jax.random.key(0), count)

@@ -14,7 +14,7 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
 version  errors
-checks  codes  draws  folders  overview  progress  compile_cache
+checks  codes  draws  folders  interrupts  overview  progress  compile_cache
 lattice  grids  tilesets
 faces  repairs  symmetry  roadmap
 metrics  render
@@ -22,7 +22,7 @@ objective  archive
 problem  variation
 evolution
 optimizers.base
-optimizers.ea  optimizers.map_elites
+optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo
 optimizers
 run
 search

@@ -78,7 +78,10 @@ def test_the_bound_on_the_fitness_holds():
 
 def test_weights_that_are_not_integers_are_refused():
     metrics = some_metrics(3)
-    for weight in (0.5, np.float32(2), jnp.array(1.0), True):
+    for weight in (2**40, np.int64(2**32), np.array([0, -(2**31) - 1, 0])):
+        with pytest.raises(InputError, match="weights: expected integers of 32 bits, got bridges="):
+            fitness(metrics, Weights(bridges=weight))
+    for weight in (0.5, np.float32(2), jnp.array(1.0), True, "many"):
         with pytest.raises(InputError, match="weights: expected integers, got bridges of type"):
             fitness(metrics, Weights(bridges=weight))
     assert fitness(metrics, Weights(bridges=np.int8(3), edges=jnp.uint8(4))).dtype == jnp.int32

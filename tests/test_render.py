@@ -146,6 +146,12 @@ def test_what_has_no_picture_is_named(drawn_tiles):
         choose_tiles([[15, 15], [15, 15]], partial)
 
 
+@pytest.mark.parametrize("seed", ["a", -1, 2.5])
+def test_bad_seeds_are_refused(drawn_tiles, seed):
+    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got"):
+        render(GRID, drawn_tiles, seed=seed)
+
+
 @pytest.mark.parametrize("size", [15, 513, 0, -4, 32.0, "64"])
 def test_sizes_out_of_range_are_refused(drawn_tiles, size):
     with pytest.raises(ValueError, match="tile_px: expected 16 to 512 pixels a tile"):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from oracle import measure as oracle
 from oracle import repair as oracle_repair
 
-from elitelanes_jax import measure, repair
+from elitelanes_jax import InputError, measure, repair
 from elitelanes_jax.codes import ROAD_ALPHABET
 from elitelanes_jax.repairs import raster_rank
 
@@ -87,6 +87,7 @@ def test_a_stub_leads_straight_on():
 
 
 def test_bad_masks_are_refused():
-    for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True):
-        with pytest.raises(ValueError, match="dirty: expected bool or integers of the grid's shape"):
+    beyond = np.array([[2**32, 0], [0, 0]])
+    for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True, "x", [[1], [1, 2]], beyond):
+        with pytest.raises(InputError, match="dirty: expected bool or 32-bit integers of the grid's shape"):
             repair([[0, 0], [0, 0]], dirty)

@@ -19,7 +19,7 @@ from elitelanes_jax.search import RunState, preset_config
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
-METHODS = ("ea", "map-elites")
+METHODS = ("ea", "map-elites", "pso", "gwo")
 
 
 def same(one, other):
@@ -31,7 +31,7 @@ def same(one, other):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_shapes_and_types(method):
-    places = {"ea": 20, "map-elites": 400}[method]
+    places = {"ea": 20, "map-elites": 400, "pso": 40, "gwo": 42}[method]
     alone = evolve(KEY, SHAPE, method=method, generations=7)
     many = evolve(jax.random.split(KEY, 3), SHAPE, method=method, generations=7)
     for result, seeds in ((alone, ()), (many, (3,))):
@@ -223,7 +223,7 @@ STATE = evolve(KEY, SHAPE, generations=0).state
         ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024, got 1 x 5"),
-        ({"method": "annealing"}, "method: expected one of ea, map-elites, got 'annealing'"),
+        ({"method": "annealing"}, "method: expected one of ea, map-elites, pso, gwo, got 'annealing'"),
         ({"preset": "best"}, "preset: expected one of paper, standard for map-elites, got 'best'"),
         ({"config": EvolutionConfig()}, "config: expected MapElitesConfig for map-elites, got EvolutionConfig"),
         ({"generations": -1}, "generations: expected a whole number, 0 or more, got -1"),
@@ -239,7 +239,7 @@ STATE = evolve(KEY, SHAPE, generations=0).state
         ({"state": STATE, "preset": "standard"}, "got one of a run with another key or other settings"),
         ({"state": STATE, "key": jax.random.key(4)}, "got one of a run with another key or other settings"),
         ({"axes": [Axis("luck", 2)]}, "axes: expected metrics among"),
-        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=2))}, "config: expected tile_rate to be a probability"),
+        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=2))}, "config: expected tile_rate to be a number"),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
         ({"state": STATE, "key": jax.random.split(KEY, 2)}, r"state: expected .* seeds: 2\)"),
     ],

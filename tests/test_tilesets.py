@@ -173,6 +173,10 @@ SPOILS = {
         lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn_9 = "SW"'),
         r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'",
     ),
+    "sides no text": (
+        lambda folder: (folder / "tileset.toml").write_text("[opens]\nturn_1 = true\nturn = 5"),
+        r"tileset.toml: expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
+    ),
     "misspelt key": (
         lambda folder: (folder / "tileset.toml").write_text('license = "MIT"'),
         r"tileset.toml: expected the keys name, licence, opens, got 'license'",

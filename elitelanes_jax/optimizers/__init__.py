@@ -3,15 +3,23 @@
 from elitelanes_jax.evolution import EvolutionConfig
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.optimizers.ea import ea
+from elitelanes_jax.optimizers.gwo import GwoConfig, GwoState, gwo
 from elitelanes_jax.optimizers.map_elites import MapElitesConfig, MapElitesState, map_elites
+from elitelanes_jax.optimizers.pso import PsoConfig, PsoState, pso
 
 __all__ = [
     "Elites",
     "EvolutionConfig",
+    "GwoConfig",
+    "GwoState",
     "Info",
     "MapElitesConfig",
     "MapElitesState",
     "Optimizer",
+    "PsoConfig",
+    "PsoState",
     "ea",
+    "gwo",
     "map_elites",
+    "pso",
 ]

@@ -13,7 +13,7 @@ class Info(NamedTuple):
 
     Attributes:
       best_fitness: int32, the lowest among the elites after the step.
-      elite_count: int32, how many there are: niches filled for an archive, else the size of the population.
+      elite_count: int32, how many there are: niches filled for an archive, else as many as the method keeps.
     """
 
     best_fitness: Array

@@ -1,0 +1,129 @@
+"""PSO and GWO against their equations, in floats and one particle, tile and code at a time."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError
+from elitelanes_jax.archive import paper_axes
+from elitelanes_jax.codes import ROAD_ALPHABET
+from elitelanes_jax.draws import categorical, random_halves, random_words
+from elitelanes_jax.evolution import evaluated
+from elitelanes_jax.optimizers import GwoConfig, PsoConfig, gwo, pso
+from elitelanes_jax.problem import road_problem
+
+SHAPE = (3, 4)
+PROBLEM = road_problem(SHAPE, paper_axes(SHAPE))
+K = len(ROAD_ALPHABET)
+
+
+def settled(codes):
+    return np.array([PROBLEM.settle(jnp.asarray(grid, jnp.int8)) for grid in codes])
+
+
+@pytest.mark.parametrize(
+    "config", [PsoConfig(particles=6), PsoConfig(6, 0.4, 2.5, 0.5, 1.0, 3.0)], ids=["paper", "others"]
+)
+def test_particles_move_by_the_equations(config):
+    optimizer = pso(PROBLEM, config)
+    state = optimizer.init(jax.random.key(1))
+    assert (abs(np.asarray(state.velocity) / 4096) <= config.start + 1 / 4096).all()
+    assert np.std(state.velocity) / 4096 == pytest.approx(config.start / np.sqrt(3), rel=0.1)
+    for generation in range(8):
+        key = jax.random.key(generation)
+        first, second = jax.random.split(key)
+        luck = np.asarray(random_halves(first, (2, 6, 1, 1, 1))) / 2**16
+        words = random_words(second, (6, *SHAPE))
+        position, velocity, best_position = (np.asarray(array) / 4096 for array in state[:3])
+        best = best_position[np.argmin(state.best.fitness)]
+        velocity = (
+            config.inertia * velocity
+            + config.cognitive * luck[0] * (best_position - position)
+            + config.social * luck[1] * (best - position)
+        )
+        velocity = np.clip(velocity, -config.fastest, config.fastest)
+        after, info = jax.jit(optimizer.step)(key, state)
+        reach = abs(np.asarray(best_position - position)).max() + abs(best - position).max() + 4
+        np.testing.assert_allclose(np.asarray(after.velocity) / 4096, velocity, atol=(reach + 4) / 4096)
+        np.testing.assert_array_equal(after.position, state.position + after.velocity)
+
+        drawn = np.array(ROAD_ALPHABET)[jax.vmap(categorical)(words, after.velocity)]
+        found = evaluated(PROBLEM, jnp.asarray(settled(drawn)))
+        for particle in range(6):
+            better = found.fitness[particle] < state.best.fitness[particle]
+            source = found if better else state.best
+            np.testing.assert_array_equal(after.best.grids[particle], source.grids[particle])
+            assert after.best.fitness[particle] == source.fitness[particle]
+            place = after.position if better else state.best_position
+            np.testing.assert_array_equal(after.best_position[particle], place[particle])
+        assert info.best_fitness == after.best.fitness.min()
+        state = after
+
+
+@pytest.mark.parametrize("omega", ["own", "worst"])
+def test_wolves_move_by_the_equation(omega):
+    config = GwoConfig(wolves=7, perturbation=0.6, horizon=10, omega=omega)
+    optimizer = gwo(PROBLEM, config)
+    state = optimizer.init(jax.random.key(2))
+    order = np.argsort(state.pack.fitness, kind="stable")[:2]
+    np.testing.assert_array_equal(state.leaders.grids, state.pack.grids[order])
+    alphabet = np.array(ROAD_ALPHABET)
+    for generation in range(12):
+        key = jax.random.key(generation)
+        noise = np.asarray(random_halves(key, (7, K, *SHAPE))) // 8 / 4096 - 1
+        size = config.perturbation * max(1 - generation / 10, 0)
+        one_hot = [
+            np.asarray(grids)[:, None] == alphabet[:, None, None] for grids in (state.leaders.grids, state.pack.grids)
+        ]
+        follow = one_hot[1] if omega == "own" else one_hot[1][[np.argmax(state.pack.fitness)]]
+        mean = (one_hot[0][0] + one_hot[0][1].astype(int) + follow) / 3
+        after, info = jax.jit(optimizer.step)(key, state)
+        moved = mean + size * noise
+        ordered = np.sort(moved, axis=1)
+        clear = ordered[:, -1] - ordered[:, -2] > 2 / 4096
+        expected = alphabet[np.argmax(moved, axis=1)]
+        compared = clear.all(axis=(1, 2)) | (generation >= 10)  # without a perturbation ties are exact in floats too
+        np.testing.assert_array_equal(after.pack.grids[compared], settled(expected)[compared])
+        assert compared.sum() >= 5
+        everyone = np.concatenate([state.leaders.fitness, after.pack.fitness])
+        assert after.leaders.fitness.tolist() == sorted(everyone.tolist())[:2]
+        assert info.best_fitness == after.leaders.fitness[0]
+        assert after.steps == generation + 1
+        state = after
+
+
+def test_without_perturbation_a_majority_decides():
+    """Alpha and beta outvote omega; where all three differ the lowest code wins."""
+    optimizer = gwo(PROBLEM, GwoConfig(wolves=4, perturbation=0.0))
+    state = optimizer.init(jax.random.key(5))
+    alpha, beta = np.asarray(state.leaders.grids)
+    after, _ = optimizer.step(jax.random.key(0), state)
+    for own, moved in zip(np.asarray(state.pack.grids), np.asarray(after.pack.grids), strict=True):
+        agreed = (alpha == beta) & np.isin(alpha, ROAD_ALPHABET)
+        lowest = np.minimum(np.minimum(alpha, beta), own)
+        split = (alpha != beta) & (alpha != own) & (beta != own)
+        expected = np.where(agreed, alpha, np.where(split, lowest, own))
+        legal = np.isin(np.stack([alpha, beta, own]), ROAD_ALPHABET).all()
+        if legal:
+            np.testing.assert_array_equal(moved, settled(expected[None])[0])
+
+
+def test_settings_are_checked():
+    for make, wrong, message in (
+        (PsoConfig, {"particles": 0}, "config: expected particles to be a whole number, 1 or more, got 0"),
+        (PsoConfig, {"inertia": -1}, "config: expected inertia to be a number, 0 to 3, got -1"),
+        (PsoConfig, {"social": 4}, "config: expected social to be a number, 0 to 3, got 4"),
+        (PsoConfig, {"fastest": "fast"}, "config: expected fastest to be a number, 0 to 16, got 'fast'"),
+        (GwoConfig, {"wolves": True}, "config: expected wolves to be a whole number, 1 or more, got True"),
+        (GwoConfig, {"horizon": 0}, "config: expected horizon to be a whole number, 1 or more, got 0"),
+        (GwoConfig, {"omega": "best"}, "config: expected omega to be 'own' or 'worst', got 'best'"),
+        (GwoConfig, {"perturbation": 20}, "config: expected perturbation to be a number, 0 to 16, got 20"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make(**wrong).checked()
+
+
+def test_the_defaults_are_the_papers():
+    assert PsoConfig()[:4] == (40, 0.7, 1.5, 1.5)
+    assert (PsoConfig().fastest, GwoConfig().wolves, GwoConfig().horizon, GwoConfig().omega) == (4.0, 40, 200, "own")
