@@ -15,7 +15,7 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 FLOORS = """
 version  errors
 checks  codes  draws  folders  interrupts  overview  progress  compile_cache
-lattice  grids  tilesets
+lattice  grids  tilesets  wfc
 faces  repairs  symmetry  roadmap
 metrics  render
 objective  archive
@@ -146,7 +146,7 @@ def test_kernels_bring_no_pictures_no_plots_and_no_command_line(program):
     [
         "import elitelanes_jax",
         "import elitelanes_jax.cli; elitelanes_jax.cli._parser()",
-        "import elitelanes_jax.render, elitelanes_jax.symmetry, elitelanes_jax.roadmap, elitelanes_jax.codes",
+        "import elitelanes_jax.render, elitelanes_jax.symmetry, elitelanes_jax.roadmap, elitelanes_jax.wfc",
     ],
 )
 def test_what_needs_no_jax_does_not_wait_for_it(program):
