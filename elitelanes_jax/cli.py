@@ -1,23 +1,16 @@
-"""The command ``elitelanes``.
-
-What the user got wrong ends in one line on standard error and exit code 2; too few maps or too little memory, in exit
-code 1.
-"""
+"""The command ``elitelanes``. Too few maps end in exit code 1, all else as `command` has it."""
 
 import argparse
-import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from elitelanes_jax.command import Parser, fail, folder_name, guarded, leave, name, say, whole
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.interrupts import catch_interrupts
 from elitelanes_jax.version import __version__
 
 __all__ = ["main", "run"]
-
-_INTERRUPTED = 130
 
 # What is slow to import (JAX, OpenCV) is imported by the commands that need it.
 
@@ -25,52 +18,16 @@ _INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = _parser().parse_args(arguments)
-    try:
-        return options.run(options)
-    except InputError as error:
-        return _fail(str(error), 2)
-    except OSError as error:
-        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
-    except KeyboardInterrupt:
-        return _fail("interrupted; nothing was written", _INTERRUPTED)
-    except Exception as error:
-        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
-            return _fail("not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
-        raise
+    return guarded("elitelanes", lambda: options.run(options), interrupted="nothing was written")
 
 
 def run() -> NoReturn:
     """The console script."""
-    catch_interrupts()
-    code = main()
-    if code == _INTERRUPTED:
-        # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
-        sys.stderr.flush()
-        os._exit(code)
-    raise SystemExit(code)
-
-
-def _fail(message: str, code: int) -> int:
-    print(f"elitelanes: {message}", file=sys.stderr)
-    return code
-
-
-def _say(text: str) -> None:
-    """Prints what was done. That it cannot be printed does not undo it."""
-    try:
-        print(text.encode(sys.stdout.encoding or "ascii", "backslashreplace").decode(sys.stdout.encoding or "ascii"))
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it would be tried again at the end
-
-
-class _Parser(argparse.ArgumentParser):
-    def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}\n")
+    leave(main)
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
+    parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
@@ -86,66 +43,40 @@ class _Version(argparse.Action):
         raise SystemExit(0)
 
 
-def _whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        try:
-            number = int(text)
-        except ValueError:
-            number = least - 1
-        if not least <= number <= most:
-            limit = f"{least} or more" if most == 2**31 - 1 else f"{least} to {most}"
-            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {_short(text)}")
-        return number
-
-    return parse
-
-
-def _short(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:37] + "...")
-
-
-def _name(text: str) -> str:
-    if not text.strip():
-        raise argparse.ArgumentTypeError(f"expected a name, got {text!r}")
-    return text
-
-
-def _folder(text: str) -> Path:
-    return Path(_name(text))
-
-
 def _add_generate(commands: Any) -> None:
     command = commands.add_parser(
         "generate",
         help="evolve maps and draw them",
         description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
     )
-    command.add_argument("--out", type=_folder, required=True, metavar="DIR", help="folder to write to, new or empty")
+    command.add_argument(
+        "--out", type=folder_name, required=True, metavar="DIR", help="folder to write to, new or empty"
+    )
     command.add_argument(
         "--size",
-        type=_whole(2, 1024),
+        type=whole(2, 1024),
         nargs=2,
         default=[12, 12],
         metavar=("ROWS", "COLUMNS"),
         help="of each map, in tiles; by default 12 12",
     )
-    command.add_argument("--maps", type=_whole(1), default=16, metavar="N", help="how many maps; by default 16")
+    command.add_argument("--maps", type=whole(1), default=16, metavar="N", help="how many maps; by default 16")
     command.add_argument(
-        "--seeds", type=_whole(1), default=8, metavar="N", help="how many independent runs to choose from; by default 8"
+        "--seeds", type=whole(1), default=8, metavar="N", help="how many independent runs to choose from; by default 8"
     )
     command.add_argument(
-        "--seed", type=_whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
+        "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
-    command.add_argument("--method", type=_name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
+    command.add_argument("--method", type=name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
     command.add_argument(
-        "--preset", type=_name, help="settings of the method: standard (map-elites only, and its default) or paper"
+        "--preset", type=name, help="settings of the method: standard (map-elites only, and its default) or paper"
     )
     command.add_argument(
-        "--generations", type=_whole(0), default=2000, metavar="N", help="of each run, 40 maps each; by default 2000"
+        "--generations", type=whole(0), default=2000, metavar="N", help="of each run, 40 maps each; by default 2000"
     )
-    command.add_argument("--tiles", type=_folder, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
-        "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
+        "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
     )
     command.set_defaults(run=_generate)
 
@@ -159,7 +90,7 @@ def _generate(options: argparse.Namespace) -> int:
     try:
         maps = generate(settings, options.out)
     except NotEnoughMapsError as error:
-        return _fail(str(error), 1)
+        return fail("elitelanes", str(error), 1)
     columns = (
         "fitness",
         "cyclomatic",
@@ -176,7 +107,7 @@ def _generate(options: argparse.Namespace) -> int:
         row = [f"{number:04d}", *(str(figures[name]) for name in columns)]
         lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
     lines.append(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'overview.png'}")
-    _say("\n".join(lines))
+    say("\n".join(lines))
     return 0
 
 
@@ -184,15 +115,18 @@ def _add_render(commands: Any) -> None:
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
     command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
     command.add_argument(
-        "--out", type=_folder, metavar="DIR", help="folder to write to, new or empty; by default map/ beside map.json"
+        "--out",
+        type=folder_name,
+        metavar="DIR",
+        help="folder to write to, new or empty; by default map/ beside map.json",
     )
-    command.add_argument("--tiles", type=_folder, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
-        "--tile-px", type=_whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
+        "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
     )
     command.add_argument(
         "--seed",
-        type=_whole(0, 2**32 - 1),
+        type=whole(0, 2**32 - 1),
         metavar="N",
         help="draw other variants of the tiles; by default the map's own, if the set has them",
     )
@@ -217,7 +151,7 @@ def _render(options: argparse.Namespace) -> int:
         write_picture(folder, picture)
         if options.overlay:
             write_png(folder / "overlay.png", overlay(picture))
-    _say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
+    say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0
 
 
@@ -234,5 +168,5 @@ def _tiles_check(options: argparse.Namespace) -> int:
     if tiles is None:
         print("\n".join(problems), file=sys.stderr)
         return 2
-    _say(describe_tiles(tiles))
+    say(describe_tiles(tiles))
     return 0

@@ -15,6 +15,7 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 FLOORS = """
 version  errors
 checks  codes  draws  folders  interrupts  overview  progress  compile_cache
+command
 lattice  grids  tilesets  wfc
 faces  repairs  symmetry  roadmap
 metrics  render
