@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark clean
+.PHONY: demo test test-slow lint benchmark compare scaling clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -24,6 +24,12 @@ lint: $(READY)
 
 benchmark: $(READY)
 	$(BIN)/python experiments/benchmark.py
+
+compare: $(READY)
+	$(BIN)/python experiments/compare.py
+
+scaling: $(READY)
+	$(BIN)/python experiments/scaling.py
 
 clean:
 	rm -rf .venv $(DEMO)

@@ -1,0 +1,106 @@
+"""What the project's commands share: arguments, messages, exit codes.
+
+What the user got wrong ends in one line on standard error and exit code 2, too little memory in exit code 1, an
+interruption in 130. A fault of the program keeps its traceback.
+"""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.interrupts import catch_interrupts
+
+__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "name", "say", "whole"]
+
+_INTERRUPTED = 130
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
+    """A type of argument: a whole number within limits."""
+
+    def parse(text: str) -> int:
+        try:
+            number = int(text)
+        except ValueError:
+            number = least - 1
+        if not least <= number <= most:
+            limit = f"{least} or more" if most == 2**31 - 1 else f"{least} to {most}"
+            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {_short(text)}")
+        return number
+
+    return parse
+
+
+def name(text: str) -> str:
+    """A type of argument: any text but the empty one."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError(f"expected a name, got {text!r}")
+    return text
+
+
+def folder_name(text: str) -> Path:
+    """A type of argument: a path."""
+    return Path(name(text))
+
+
+def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:
+    """Does what a command does; returns its exit code.
+
+    Args:
+      program: its name, to stand before messages.
+      action: returns 0 when all went well.
+      interrupted: what to say of the state in which an interruption leaves things.
+    """
+    try:
+        return action()
+    except InputError as error:
+        return fail(program, str(error), 2)
+    except OSError as error:
+        return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
+    except KeyboardInterrupt:
+        return fail(program, f"interrupted; {interrupted}", _INTERRUPTED)
+    except Exception as error:
+        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
+            return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
+        raise
+
+
+def leave(main: Callable[[], int]) -> NoReturn:
+    """Runs a program's main function as the program."""
+    catch_interrupts()
+    code = main()
+    if code == _INTERRUPTED:
+        # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
+        sys.stderr.flush()
+        os._exit(code)
+    raise SystemExit(code)
+
+
+def fail(program: str, message: str, code: int) -> int:
+    """Says what went wrong, and returns the code."""
+    print(f"{program}: {message}", file=sys.stderr)
+    return code
+
+
+def say(text: str) -> None:
+    """Prints what was done. That it cannot be printed does not undo it."""
+    try:
+        print(text.encode(sys.stdout.encoding or "ascii", "backslashreplace").decode(sys.stdout.encoding or "ascii"))
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it would be tried again at the end
+
+
+def _short(text: str) -> str:
+    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -1,0 +1,65 @@
+"""What the paper's tables would look like under other readings of its text (see `readings.py`).
+
+    python experiments/ambiguities.py [--seeds N] [--generations N]
+
+One reading at a time is changed; a table says how far each lies from the paper. A single one in full:
+`python experiments/compare.py --reading NAME --out results/NAME`.
+"""
+
+import argparse
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from paper import METRICS, TABLE
+from readings import READINGS
+from report import selections, table
+from results_folder import open_results, write_whole
+from runs import kept_runs
+from settings import add_settings, checked_settings
+
+from elitelanes_jax.command import Parser, guarded, leave, say
+from elitelanes_jax.compile_cache import use_compile_cache
+
+# The metrics that tell readings apart: those that the paper has other than 0 and 1.
+_TELLING = ("cyclomatic", "adjacent_crossing_score", "crossings", "straight_score", "adjacent_turns")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser(prog="ambiguities", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_settings(parser, sizes=[(12, 12)], seeds=32, out="results/ambiguities")
+    options = parser.parse_args(arguments)
+    return guarded("ambiguities", lambda: _read(options), interrupted="what is done is kept; start again to go on")
+
+
+def _read(options: argparse.Namespace) -> int:
+    open_results(options.out, checked_settings(options))
+    use_compile_cache()
+    (shape,) = options.sizes[:1]
+    lines = []
+    for name, reading in READINGS.items():
+        for method in options.methods:
+            if method == "wfc" or (reading.configs and method not in reading.configs):
+                continue
+            file = options.out / "runs" / f"{name}-{method}.json"
+            rows = kept_runs(file, method, shape, options, reading)["rows"]
+            lines += [[f"`{name}`", group, *_cells(held)] for group, (_, held) in selections(rows).items()]
+        say(f"{name}: {reading.about}")
+    title = f"{shape[0]} x {shape[1]} tiles, {options.seeds} seeds, {options.generations} generations of 40"
+    text = f"# {title}\n\n" + table(["reading", "", *METRICS.values(), "off the paper by"], lines)
+    write_whole(options.out / "ambiguities.md", text.encode())
+    say(f"{len(lines)} rows in {options.out / 'ambiguities.md'}")
+    return 0
+
+
+def _cells(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Means, and how far they are from the paper's: the mean of |ours / the paper's - 1| over the telling metrics."""
+    means = {metric: float(np.mean([row[metric] for row in rows])) for metric in METRICS}
+    papers = TABLE[rows[0]["method"]]
+    off = np.mean([abs(means[metric] / papers[metric].mean - 1) for metric in _TELLING])
+    return [*(f"{mean:.1f}" if mean >= 10 else f"{mean:.2f}" for mean in means.values()), f"{off:.0%}"]
+
+
+if __name__ == "__main__":
+    leave(main)

@@ -1,0 +1,88 @@
+"""The paper's study: all methods side by side, with the paper's figures beside ours.
+
+    python experiments/compare.py [--methods ...] [--sizes 12 9x14 ...] [--seeds N | --paper] [--reading NAME]
+
+Each search gets 200 generations of 40 grids, all seeds of a method in one compiled call; WFC makes one grid a seed.
+What is done is kept in the folder of results: started again after an interruption with the same settings, it goes on.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from figures import comparison, save
+from readings import READINGS
+from report import tables, timing_tables
+from results_folder import csv_of, open_results, write_whole
+from runs import kept_runs
+from settings import add_settings, checked_settings
+
+from elitelanes_jax.command import Parser, guarded, leave, say
+from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.render import render, write_picture
+from elitelanes_jax.roadmap import RoadMap, to_json
+from elitelanes_jax.tilesets import load_tiles
+
+_PICTURED = (14, 14)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser(prog="compare", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_settings(parser, sizes=[(12, 12)], seeds=32, out="results/compare")
+    parser.add_argument("--no-maps", action="store_true", help="leave out the pictures of 14 x 14 tiles")
+    options = parser.parse_args(arguments)
+    return guarded("compare", lambda: _compare(options), interrupted="what is done is kept; start again to go on")
+
+
+def _compare(options: argparse.Namespace) -> int:
+    open_results(options.out, checked_settings(options) | {"maps": not options.no_maps})
+    use_compile_cache()
+    began = time.perf_counter()
+    rows: list[dict[str, Any]] = []
+    texts, times = [], []
+    for shape in options.sizes:
+        name = f"{shape[0]}x{shape[1]}"
+        here, timings = [], {}
+        for method in options.methods:
+            file = options.out / "runs" / f"{method}-{name}.json"
+            found = kept_runs(file, method, shape, options, READINGS[options.reading], alone=True)
+            here += found["rows"]
+            timings[method] = found["timing"]
+            say(f"{method} {name}: {options.seeds} runs, {found['timing']['all seeds']:.2f} s")
+        title = f"{shape[0]} x {shape[1]} tiles, {options.seeds} seeds, {options.generations} generations of 40"
+        last = "" if len(options.sizes) == 1 else f"_{name}"
+        for kind in ("pdf", "png"):
+            save(comparison(here, title), options.out / f"comparison{last}.{kind}")
+        texts.append(tables(here, title))
+        times.append(timing_tables(timings, title, options.seeds))
+        rows += here
+    write_whole(options.out / "results.csv", csv_of(rows))
+    write_whole(options.out / "tables.md", "\n".join(texts).encode())
+    write_whole(options.out / "timing.md", "\n".join(times).encode())
+    if not options.no_maps:
+        _draw_maps(options)
+    say(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
+    return 0
+
+
+def _draw_maps(options: argparse.Namespace) -> None:
+    """The best map of each method at 14 x 14. Searches repair with filling: there is no picture of a dead end."""
+    tiles, reading = load_tiles(), READINGS[options.reading]._replace(fill=True)
+    for method in options.methods:
+        runs = kept_runs(options.out / "runs" / f"{method}-pictured.json", method, _PICTURED, options, reading)
+        row = min((row for row in runs["rows"] if row["elite"] == "best"), key=lambda row: row["fitness"])
+        codes = np.array(runs["best"][row["seed"]], np.int8)
+        figures = {name: value for name, value in row.items() if name in Metrics._fields}
+        place = options.out / f"maps_{_PICTURED[0]}x{_PICTURED[1]}" / method
+        place.mkdir(parents=True, exist_ok=True)
+        write_picture(place, render(codes, tiles, tile_px=64, seed=options.seed))
+        road_map = RoadMap(codes, figures, round(row["fitness"]), seed=(options.seed, row["seed"]))
+        write_whole(place / "map.json", to_json(road_map).encode())
+
+
+if __name__ == "__main__":
+    leave(main)

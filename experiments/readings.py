@@ -1,0 +1,51 @@
+"""The places where the paper can be read in more ways than one, as settings."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from elitelanes_jax import Weights
+from elitelanes_jax.optimizers import EvolutionConfig, GwoConfig, MapElitesConfig
+
+__all__ = ["READINGS", "Reading"]
+
+_COMMA = EvolutionConfig(survivors="comma")
+
+
+class Reading(NamedTuple):
+    """One way to read the paper.
+
+    Attributes:
+      about: what is read so, in a line.
+      weights: of the fitness.
+      configs: settings by method, in place of the preset `paper`.
+      fill: whether repair fills.
+    """
+
+    about: str
+    weights: Weights = Weights()
+    configs: Mapping[str, Any] = MappingProxyType({})
+    fill: bool = False
+
+
+READINGS = {
+    "ours": Reading("a(x): linked crossings, counted from both; b(x): bridges; omega: own; plus; flip"),
+    "a-pairs": Reading("a(x): pairs of linked crossings, each once", Weights(adjacent_crossings=50)),
+    "a-score": Reading(
+        "a(x): the score that the tables call ACV", Weights(adjacent_crossings=0, adjacent_crossing_score=100)
+    ),
+    "a-turns": Reading(
+        "a(x): adjacent turns, as the equation's caption says", Weights(adjacent_crossings=0, adjacent_turns=180)
+    ),
+    "b-edges": Reading("b(x): edges, as the equation's caption says", Weights(bridges=0, edges=100)),
+    "omega-worst": Reading("GWO's omega: the worst wolf", configs={"gwo": GwoConfig(omega="worst")}),
+    "comma": Reading(
+        "survivors from the offspring alone, as (mu, lambda) says",
+        configs={"ea": _COMMA, "map-elites": MapElitesConfig(_COMMA)},
+    ),
+    "archive": Reading(
+        "MAP-Elites takes parents from the archive", configs={"map-elites": MapElitesConfig(parents="archive")}
+    ),
+    "fill": Reading("repair fills, so that no tile has fewer than two connections", fill=True),
+}
+"""By name; "ours" is the one that fits the paper's tables best."""

@@ -1,0 +1,51 @@
+"""Arguments that the experiments share."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from readings import READINGS
+from runs import METHODS
+
+from elitelanes_jax.checks import check_shape
+from elitelanes_jax.command import folder_name, whole
+from elitelanes_jax.errors import InputError
+
+__all__ = ["add_settings", "checked_settings"]
+
+
+def add_settings(parser: argparse.ArgumentParser, *, sizes: list[tuple[int, int]], seeds: int, out: str) -> None:
+    """Adds methods, sizes, seeds, generations, reading, folder, with these defaults."""
+    parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {', '.join(METHODS)}")
+    parser.add_argument("--sizes", nargs="+", type=_size, default=sizes, metavar="SIZE", help="12, or 9x14 tiles")
+    number = parser.add_mutually_exclusive_group()
+    number.add_argument("--seeds", type=whole(1), default=seeds, metavar="N", help=f"runs a method, by default {seeds}")
+    number.add_argument("--paper", action="store_const", dest="seeds", const=4, help="4 runs a method, as in the paper")
+    parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random")
+    parser.add_argument("--generations", type=whole(1), default=200, metavar="N", help="of 40 grids, by default 200")
+    parser.add_argument("--reading", default="ours", metavar="NAME", help=f"of the paper: {', '.join(READINGS)}")
+    parser.add_argument("--out", type=folder_name, default=Path(out), metavar="DIR", help=f"by default {out}")
+
+
+def _size(text: str) -> tuple[int, int]:
+    try:
+        sides = [int(side) for side in text.split("x")]
+        return check_shape(sides * 2 if len(sides) == 1 else sides)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected a size, 12 or 9x14, sides from 2 to 1024, got {text!r}") from None
+
+
+def checked_settings(options: argparse.Namespace) -> dict[str, Any]:
+    """The settings that results belong to.
+
+    Raises:
+      InputError: for an unknown method or reading.
+    """
+    for method in options.methods:
+        if method not in METHODS:
+            raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    if options.reading not in READINGS:
+        raise InputError(f"reading: expected one of {', '.join(READINGS)}, got {options.reading!r}")
+    options.methods = list(dict.fromkeys(options.methods))
+    options.sizes = list(dict.fromkeys(options.sizes))
+    return {name: getattr(options, name) for name in ("methods", "sizes", "seeds", "seed", "generations", "reading")}
