@@ -10,7 +10,8 @@ from elitelanes_jax.cli import _parser
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
-PROGRAMS = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+EXPERIMENTS = (ROOT / "experiments" / "README.md").read_text()
+PROGRAMS = re.findall(r"```python\n(.*?)```", README + EXPERIMENTS, re.DOTALL)
 COMMANDS = re.findall(r"^elitelanes .*$", README, re.MULTILINE)
 TARGETS = re.findall(r"^make (\S+)", README, re.MULTILINE)
 
@@ -31,7 +32,7 @@ def test_commands_are_understood(command):
 
 
 def test_there_is_something_to_test():
-    assert len(PROGRAMS) == 2
+    assert len(PROGRAMS) == 4
     assert len(COMMANDS) >= 4
     assert len(PROGRAMS[0].splitlines()) == 10
 
@@ -40,5 +41,6 @@ def test_make_targets_and_links_are_there():
     makefile = (ROOT / "Makefile").read_text()
     for target in TARGETS:
         assert f"\n{target}:" in makefile
-    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", README):
-        assert (ROOT / link).exists(), link
+    for folder, text in ((ROOT, README), (ROOT / "experiments", EXPERIMENTS)):
+        for link in re.findall(r"\]\((?!https?:)([^)]+)\)", text):
+            assert (folder / link).exists(), link
