@@ -20,6 +20,7 @@ from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.errors import InputError
 
 # The metrics that tell readings apart: those that the paper has other than 0 and 1.
 _TELLING = ("cyclomatic", "adjacent_crossing_score", "crossings", "straight_score", "adjacent_turns")
@@ -34,9 +35,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _read(options: argparse.Namespace) -> int:
-    open_results(options.out, checked_settings(options))
+    settings = checked_settings("ambiguities", options)
+    if len(options.sizes) > 1 or options.sizes[0] != (12, 12):
+        raise InputError(f"sizes: expected 12 x 12 alone, the size of the paper's tables, got {options.sizes}")
+    if options.reading != "ours":
+        raise InputError(f"reading: expected none, as all are run, got {options.reading!r}")
+    if set(options.methods) == {"wfc"}:
+        raise InputError("methods: expected a search, as WFC is the same under all readings, got wfc alone")
+    open_results(options.out, settings)
     use_compile_cache()
-    (shape,) = options.sizes[:1]
+    (shape,) = options.sizes
     lines = []
     for name, reading in READINGS.items():
         for method in options.methods:

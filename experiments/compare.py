@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    open_results(options.out, checked_settings(options) | {"maps": not options.no_maps})
+    open_results(options.out, checked_settings("compare", options) | {"maps": not options.no_maps})
     use_compile_cache()
     began = time.perf_counter()
     rows: list[dict[str, Any]] = []
@@ -52,7 +52,8 @@ def _compare(options: argparse.Namespace) -> int:
             found = kept_runs(file, method, shape, options, READINGS[options.reading], alone=True)
             here += found["rows"]
             timings[method] = found["timing"]
-            say(f"{method} {name}: {options.seeds} runs, {found['timing']['all seeds']:.2f} s")
+            succeeded = sum(row["elite"] == "best" for row in found["rows"])
+            say(f"{method} {name}: {succeeded} of {options.seeds} runs succeeded, {found['timing']['all seeds']:.2f} s")
         title = f"{shape[0]} x {shape[1]} tiles, {options.seeds} seeds, {options.generations} generations of 40"
         last = "" if len(options.sizes) == 1 else f"_{name}"
         for kind in ("pdf", "png"):
@@ -74,7 +75,10 @@ def _draw_maps(options: argparse.Namespace) -> None:
     tiles, reading = load_tiles(), READINGS[options.reading]._replace(fill=True)
     for method in options.methods:
         runs = kept_runs(options.out / "runs" / f"{method}-pictured.json", method, _PICTURED, options, reading)
-        row = min((row for row in runs["rows"] if row["elite"] == "best"), key=lambda row: row["fitness"])
+        best = [row for row in runs["rows"] if row["elite"] == "best"]
+        if not best:
+            continue
+        row = min(best, key=lambda row: row["fitness"])
         codes = np.array(runs["best"][row["seed"]], np.int8)
         figures = {name: value for name, value in row.items() if name in Metrics._fields}
         place = options.out / f"maps_{_PICTURED[0]}x{_PICTURED[1]}" / method

@@ -11,7 +11,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from paper import METHODS, METRICS, TABLE
+from paper import METHODS, METRICS, SIZE, TABLE
 from report import selections
 from results_folder import write_whole
 
@@ -42,11 +42,15 @@ def comparison(rows: Sequence[dict[str, Any]], title: str) -> Figure:
             box.set_facecolor(f"C{number}")
             box.set_alpha(0.55)
         means = [TABLE[method][metric].mean for method, _ in groups.values()]
-        ax.plot(range(1, len(means) + 1), means, "D", color="crimson", markersize=6, label="the paper's mean", zorder=3)
+        if (rows[0]["height"], rows[0]["width"]) == SIZE:
+            ax.plot(
+                range(1, len(means) + 1), means, "D", color="crimson", markersize=6, label="the paper's mean", zorder=3
+            )
         ax.set_title(_WORDS[metric], fontsize=11)
         ax.set_xticks(range(1, len(names) + 1), names, fontsize=8)
         ax.grid(axis="y", alpha=0.3)
-    axes[0, 0].legend(fontsize=9)
+    if axes[0, 0].get_legend_handles_labels()[0]:
+        axes[0, 0].legend(fontsize=9)
     figure.suptitle(title)
     return figure
 

@@ -2,7 +2,10 @@
 
 from typing import NamedTuple
 
-__all__ = ["METHODS", "METRICS", "TABLE", "Spread"]
+__all__ = ["METHODS", "METRICS", "SIZE", "TABLE", "Spread"]
+
+SIZE = (12, 12)
+"""Of the grids in the tables, in tiles."""
 
 METHODS = {"ea": "EA", "gwo": "GWO", "map-elites": "MAP-Elites", "pso": "PSO", "wfc": "WFC"}
 """The paper's methods by our names, in the order of its tables."""

@@ -29,6 +29,8 @@ def open_results(folder: Path, settings: dict[str, Any]) -> None:
             there = json.loads(file.read_text(encoding="utf-8"))
         except (OSError, ValueError):
             raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
+        if not isinstance(there, dict):
+            raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")
         for name in settings | there:
             if settings.get(name) != there.get(name):
                 raise InputError(
@@ -44,7 +46,12 @@ def kept(file: Path, make: Callable[[], Any]) -> Any:
     """What a JSON file holds, or, where there is none yet, what is made and then kept in it."""
     if not file.exists():
         write_whole(file, json.dumps(make()).encode())
-    return json.loads(file.read_text(encoding="utf-8"))
+    try:
+        return json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise InputError(
+            f"{file}: expected results kept as JSON, got: {error}; without the file they are made anew"
+        ) from None
 
 
 def csv_of(rows: Sequence[dict[str, Any]]) -> bytes:

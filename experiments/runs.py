@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from readings import Reading
 from results_folder import kept
+from tqdm import tqdm
 
 from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax.metrics import COUNTED
@@ -127,8 +128,8 @@ def _working_seconds(result: Result) -> float:
 
 def _collapse(shape: tuple[int, int], seeds: int, seed: int, reading: Reading) -> Runs:
     grids, seconds, succeeded = [], [], []
-    generate(np.random.default_rng(seed), shape)  # its tables are made once
-    for number in range(seeds):
+    generate(np.random.default_rng(seed), (2, 2))  # its tables are made once
+    for number in tqdm(range(seeds), desc=f"wfc {shape[0]}x{shape[1]}", delay=1, disable=None):
         began = time.perf_counter()
         collapsed = generate(np.random.default_rng([seed, number]), shape)
         seconds.append(time.perf_counter() - began)

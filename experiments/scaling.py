@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _scale(options: argparse.Namespace) -> int:
-    open_results(options.out, checked_settings(options))
+    open_results(options.out, checked_settings("scaling", options))
     use_compile_cache()
     rows: list[dict[str, Any]] = []
     for shape in options.sizes:

@@ -10,6 +10,7 @@ from runs import METHODS
 from elitelanes_jax.checks import check_shape
 from elitelanes_jax.command import folder_name, whole
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.version import __version__
 
 __all__ = ["add_settings", "checked_settings"]
 
@@ -19,7 +20,9 @@ def add_settings(parser: argparse.ArgumentParser, *, sizes: list[tuple[int, int]
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {', '.join(METHODS)}")
     parser.add_argument("--sizes", nargs="+", type=_size, default=sizes, metavar="SIZE", help="12, or 9x14 tiles")
     number = parser.add_mutually_exclusive_group()
-    number.add_argument("--seeds", type=whole(1), default=seeds, metavar="N", help=f"runs a method, by default {seeds}")
+    number.add_argument(
+        "--seeds", type=whole(1, 2**20), default=seeds, metavar="N", help=f"runs a method, by default {seeds}"
+    )
     number.add_argument("--paper", action="store_const", dest="seeds", const=4, help="4 runs a method, as in the paper")
     parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random")
     parser.add_argument("--generations", type=whole(1), default=200, metavar="N", help="of 40 grids, by default 200")
@@ -35,7 +38,7 @@ def _size(text: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(f"expected a size, 12 or 9x14, sides from 2 to 1024, got {text!r}") from None
 
 
-def checked_settings(options: argparse.Namespace) -> dict[str, Any]:
+def checked_settings(program: str, options: argparse.Namespace) -> dict[str, Any]:
     """The settings that results belong to.
 
     Raises:
@@ -46,6 +49,9 @@ def checked_settings(options: argparse.Namespace) -> dict[str, Any]:
             raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     if options.reading not in READINGS:
         raise InputError(f"reading: expected one of {', '.join(READINGS)}, got {options.reading!r}")
-    options.methods = list(dict.fromkeys(options.methods))
+    options.methods = [method for method in METHODS if method in options.methods]
     options.sizes = list(dict.fromkeys(options.sizes))
-    return {name: getattr(options, name) for name in ("methods", "sizes", "seeds", "seed", "generations", "reading")}
+    about = {"program": program, "version": __version__}
+    return about | {
+        name: getattr(options, name) for name in ("methods", "sizes", "seeds", "seed", "generations", "reading")
+    }

@@ -105,8 +105,9 @@ def test_what_is_written(compared):
         "settings.json", "results.csv", "tables.md", "timing.md", "comparison.png", "comparison.pdf",
     }  # fmt: skip
     text = (compared / "tables.md").read_text()
-    for words in ("5 x 5 tiles, 3 seeds, 4 generations of 40", "| *paper* |", "| EA over WFC |", "QD score"):
+    for words in ("5 x 5 tiles, 3 seeds, 4 generations of 40", "| EA over WFC |", "QD score"):
         assert words in text
+    assert "| *paper* |" not in text, "that is of 12 x 12"
     assert "| WFC |" in (compared / "timing.md").read_text()
 
 
@@ -187,7 +188,7 @@ def test_scaling(tmp_path):
 
 
 def test_other_readings(tmp_path):
-    arguments = ["--methods", "ea", "gwo", "wfc", "--sizes", "5", "--seeds", "2", "--generations", "3"]
+    arguments = ["--methods", "ea", "gwo", "wfc", "--seeds", "2", "--generations", "3"]
     assert ambiguities([*arguments, "--out", str(tmp_path / "out")]) == 0
     text = (tmp_path / "out" / "ambiguities.md").read_text()
     assert "| `ours` | EA |" in text
@@ -204,7 +205,7 @@ def test_other_readings(tmp_path):
         (["--methods", "ea", "luck"], "method: expected one of ea, map-elites, pso, gwo, wfc, got 'luck'"),
         (["--sizes", "1"], "argument --sizes: expected a size, 12 or 9x14, sides from 2 to 1024, got '1'"),
         (["--sizes", "5x"], "argument --sizes: expected a size, 12 or 9x14"),
-        (["--seeds", "0"], "argument --seeds: expected a whole number, 1 or more, got '0'"),
+        (["--seeds", "0"], "argument --seeds: expected a whole number, 1 to 1048576, got '0'"),
         (["--reading", "aloud"], "reading: expected one of ours, a-pairs"),
     ],
 )
@@ -259,3 +260,42 @@ def test_a_folder_left_by_an_early_end_is_taken(tmp_path):
     open_results(tmp_path / "out", {"seeds": 1})
     with pytest.raises(InputError, match="expected results of seeds 2, got some of 1"):
         open_results(tmp_path / "out", {"seeds": 2})
+
+
+def test_damaged_results_are_named(tmp_path, capsys):
+    arguments = ["--methods", "wfc", "--sizes", "4", "--seeds", "2", "--no-maps", "--out", str(tmp_path / "out")]
+    assert compare(arguments) == 0
+    file = tmp_path / "out" / "runs" / "wfc-4x4.json"
+    file.write_text(file.read_text()[:20])
+    assert compare(arguments) == 2
+    assert "wfc-4x4.json: expected results kept as JSON" in capsys.readouterr().err
+    (tmp_path / "out" / "settings.json").write_text("[]")
+    assert compare(arguments) == 2
+    assert "settings.json: expected a table of settings, got list" in capsys.readouterr().err
+
+
+def test_wfc_that_fails_is_counted_and_leaves_the_others_be(tmp_path, capsys, monkeypatch):
+    from elitelanes_jax.wfc import generate
+
+    monkeypatch.setattr("runs.generate", lambda rng, shape: generate(rng, shape)._replace(success=False))
+    arguments = ["--methods", "ea", "gwo", "wfc", "--sizes", "4", "--seeds", "3", "--generations", "2"]
+    assert compare([*arguments, "--out", str(tmp_path / "out")]) == 0
+    assert "wfc 4x4: 0 of 3 runs succeeded" in capsys.readouterr().out
+    assert "| EA over GWO |" in (tmp_path / "out" / "tables.md").read_text()
+
+
+def test_other_readings_are_of_the_papers_size(tmp_path, capsys):
+    for arguments, message in (
+        (["--sizes", "5"], "sizes: expected 12 x 12 alone"),
+        (["--reading", "fill"], "reading: expected none, as all are run, got 'fill'"),
+        (["--methods", "wfc"], "methods: expected a search"),
+    ):
+        assert ambiguities([*arguments, "--out", str(tmp_path / "out")]) == 2
+        assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_papers_figures_stand_beside_its_size(tmp_path):
+    arguments = ["--methods", "wfc", "--seeds", "3", "--no-maps", "--out", str(tmp_path / "out")]
+    assert compare(arguments) == 0
+    assert "| *paper* | 4.75" in (tmp_path / "out" / "tables.md").read_text()

@@ -94,19 +94,29 @@ def test_wolves_move_by_the_equation(omega):
 
 
 def test_without_perturbation_a_majority_decides():
-    """Alpha and beta outvote omega; where all three differ the lowest code wins."""
+    """Where all three differ the lowest code wins."""
     optimizer = gwo(PROBLEM, GwoConfig(wolves=4, perturbation=0.0))
+    rng = np.random.default_rng(5)
+    leaders, pack = (rng.choice(ROAD_ALPHABET, (count, *SHAPE)).astype(np.int8) for count in (2, 4))
+    leaders[1, 0] = leaders[0, 0]  # a row in which they agree
     state = optimizer.init(jax.random.key(5))
-    alpha, beta = np.asarray(state.leaders.grids)
+    state = state._replace(
+        leaders=state.leaders._replace(grids=jnp.asarray(leaders)), pack=state.pack._replace(grids=jnp.asarray(pack))
+    )
     after, _ = optimizer.step(jax.random.key(0), state)
-    for own, moved in zip(np.asarray(state.pack.grids), np.asarray(after.pack.grids), strict=True):
-        agreed = (alpha == beta) & np.isin(alpha, ROAD_ALPHABET)
-        lowest = np.minimum(np.minimum(alpha, beta), own)
+    alpha, beta = leaders
+    for own, moved in zip(pack, np.asarray(after.pack.grids), strict=True):
         split = (alpha != beta) & (alpha != own) & (beta != own)
-        expected = np.where(agreed, alpha, np.where(split, lowest, own))
-        legal = np.isin(np.stack([alpha, beta, own]), ROAD_ALPHABET).all()
-        if legal:
-            np.testing.assert_array_equal(moved, settled(expected[None])[0])
+        assert split.any()
+        expected = np.where(alpha == beta, alpha, np.where(split, np.minimum(np.minimum(alpha, beta), own), own))
+        np.testing.assert_array_equal(moved, settled(expected[None])[0])
+
+
+def test_the_longest_horizon_with_the_largest_perturbation_stays_in_range():
+    optimizer = gwo(PROBLEM, GwoConfig(wolves=3, perturbation=16.0, horizon=2**15 - 1))
+    state = optimizer.init(jax.random.key(6))
+    pack = [np.asarray(optimizer.step(jax.random.key(number), state)[0].pack.grids) for number in range(20)]
+    assert len({grid.tobytes() for grids in pack for grid in grids}) > 50, "so large a perturbation leaves no vote"
 
 
 def test_settings_are_checked():
@@ -117,6 +127,7 @@ def test_settings_are_checked():
         (PsoConfig, {"fastest": "fast"}, "config: expected fastest to be a number, 0 to 16, got 'fast'"),
         (GwoConfig, {"wolves": True}, "config: expected wolves to be a whole number, 1 or more, got True"),
         (GwoConfig, {"horizon": 0}, "config: expected horizon to be a whole number, 1 or more, got 0"),
+        (GwoConfig, {"horizon": 40_000}, "config: expected horizon to be at most 32767, got 40000"),
         (GwoConfig, {"omega": "best"}, "config: expected omega to be 'own' or 'worst', got 'best'"),
         (GwoConfig, {"perturbation": 20}, "config: expected perturbation to be a number, 0 to 16, got 20"),
     ):

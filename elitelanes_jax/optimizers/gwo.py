@@ -22,6 +22,10 @@ from elitelanes_jax.problem import Problem
 __all__ = ["GwoConfig", "GwoState", "gwo"]
 
 
+# Its product with the largest perturbation fits 32 bits.
+_LONGEST_HORIZON = 2**15 - 1
+
+
 class GwoConfig(NamedTuple):
     """Settings; the defaults are the preset `paper`.
 
@@ -29,7 +33,7 @@ class GwoConfig(NamedTuple):
       wolves: how many, and how many grids a step evaluates.
       perturbation: the largest at the start, either way, 0 to 16; from 1/6 on a code without a vote can beat one that
         has one. The paper calls it small.
-      horizon: the number of steps over which the perturbation shrinks to nothing, in equal parts.
+      horizon: the number of steps over which the perturbation shrinks to nothing, in equal parts, 1 to 32,767.
       omega: "own" is each wolf's own position ("and their own" in the paper), "worst" that of the worst wolf.
     """
 
@@ -46,6 +50,8 @@ class GwoConfig(NamedTuple):
         """
         check_count("config", "wolves", self.wolves)
         check_count("config", "horizon", self.horizon)
+        if self.horizon > _LONGEST_HORIZON:
+            raise InputError(f"config: expected horizon to be at most {_LONGEST_HORIZON}, got {self.horizon}")
         if self.omega not in ("own", "worst"):
             raise InputError(f"config: expected omega to be 'own' or 'worst', got {self.omega!r}")
         return self._replace(perturbation=check_real("config", "perturbation", self.perturbation, 0, 16))
