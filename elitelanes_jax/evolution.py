@@ -21,6 +21,7 @@ __all__ = [
     "Population",
     "breed",
     "evaluated",
+    "joined",
     "merged",
     "random_population",
     "survivors",
@@ -125,8 +126,13 @@ def evaluated(problem: Problem, grids: Array) -> Population:
     return Population(grids, evaluation.fitness, evaluation.counts)
 
 
+def joined(*populations: Population) -> Population:
+    """Several populations one after another."""
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *populations)
+
+
 def merged(*populations: Population, count: int) -> Population:
     """The best of several populations, so many of them, sorted, best first; among equals what came first is first."""
-    everyone = jax.tree.map(lambda *parts: jnp.concatenate(parts), *populations)
+    everyone = joined(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]
     return jax.tree.map(lambda array: array[order], everyone)

@@ -17,7 +17,7 @@ from elitelanes_jax.objective import Weights
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
-from elitelanes_jax.search import Result, evolve, preset_config
+from elitelanes_jax.search import Result, evolve, preset_config, seed_keys
 from elitelanes_jax.selection import Choice, choose_maps
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.version import __version__
@@ -25,7 +25,7 @@ from elitelanes_jax.version import __version__
 __all__ = ["NotEnoughMapsError", "Settings", "generate"]
 
 # What is asked for is many different maps: there the archive pays as a source of parents.
-_DEFAULT_PRESETS = {"ea": "paper", "map-elites": "standard"}
+_DEFAULT_PRESETS = {"map-elites": "standard"}
 
 # A map's longer side on the overview, in pixels, and the limits of a tile's.
 _OVERVIEW_PX, _OVERVIEW_TILE_PX = 288, (16, 96)
@@ -93,9 +93,8 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
 
 
 def _evolved(settings: Settings, tiles: TileSet) -> Result:
-    key = jax.random.key(settings.seed)
     return evolve(
-        jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(settings.seeds)),
+        seed_keys(settings.seed, settings.seeds),
         settings.size,
         method=settings.method,
         preset=settings.preset or "",

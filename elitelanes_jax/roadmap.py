@@ -97,7 +97,8 @@ def read_map(file: str | Path) -> RoadMap:
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"{file}: format: expected {_FORMAT!r}, got {values['format']!r}")
     try:
-        if "true" in json.dumps(values["codes"]) or "false" in json.dumps(values["codes"]):
+        written = json.dumps(values["codes"])
+        if "true" in written or "false" in written:
             raise InputError("grid: expected integer tile codes, got true or false")
         codes = np.array(check_grid(values["codes"]))
     except InputError as error:

@@ -34,7 +34,7 @@ from elitelanes_jax.problem import Problem, road_problem
 from elitelanes_jax.progress import Progress
 from elitelanes_jax.run import advance, start
 
-__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config"]
+__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config", "seed_keys"]
 
 
 Config = EvolutionConfig | MapElitesConfig | PsoConfig | GwoConfig
@@ -108,7 +108,7 @@ class RunState(NamedTuple):
     fingerprint: int
 
 
-@partial(jax.tree_util.register_dataclass)
+@jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Result:
     """What `evolve` returns; a pytree.
@@ -228,6 +228,12 @@ def evolve(
         evaluations_per_second=np.array(speeds),
     )
     return Result(found, history, RunState(last, inner, fingerprint), setup.axes)
+
+
+def seed_keys(seed: int, count: int) -> PRNGKey:
+    """Keys ``[count]`` that follow from a whole number, each the same however many there are."""
+    key = jax.random.key(seed)
+    return jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(count))
 
 
 def preset_config(method: str, preset: str) -> Config:

@@ -11,7 +11,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
-from paper import METHODS, METRICS, SIZE, TABLE
+from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from report import selections
 from results_folder import write_whole
 
@@ -42,7 +42,7 @@ def comparison(rows: Sequence[dict[str, Any]], title: str) -> Figure:
             box.set_facecolor(f"C{number}")
             box.set_alpha(0.55)
         means = [TABLE[method][metric].mean for method, _ in groups.values()]
-        if (rows[0]["height"], rows[0]["width"]) == SIZE:
+        if is_of_the_papers_size(rows[0]):
             ax.plot(
                 range(1, len(means) + 1), means, "D", color="crimson", markersize=6, label="the paper's mean", zorder=3
             )

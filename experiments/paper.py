@@ -1,11 +1,9 @@
 """What the paper reports: its tables 1 to 3, 12 x 12 tiles, 4 runs a method."""
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
-__all__ = ["METHODS", "METRICS", "SIZE", "TABLE", "Spread"]
-
-SIZE = (12, 12)
-"""Of the grids in the tables, in tiles."""
+__all__ = ["METHODS", "METRICS", "TABLE", "Spread", "is_of_the_papers_size"]
 
 METHODS = {"ea": "EA", "gwo": "GWO", "map-elites": "MAP-Elites", "pso": "PSO", "wfc": "WFC"}
 """The paper's methods by our names, in the order of its tables."""
@@ -22,6 +20,11 @@ METRICS = {
     "adjacent_turns": "AT",
 }
 """The paper's metrics by our names, in the order of its tables."""
+
+
+def is_of_the_papers_size(row: Mapping[str, Any]) -> bool:
+    """Whether a row of results is about a grid of the size that the tables are of."""
+    return (row["height"], row["width"]) == (12, 12)
 
 
 class Spread(NamedTuple):

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from paper import METHODS, METRICS, SIZE, TABLE
+from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from significance import bootstrap_interval, compare_all
 
 __all__ = ["label", "selections", "table", "tables", "timing_tables"]
@@ -12,7 +12,6 @@ __all__ = ["label", "selections", "table", "tables", "timing_tables"]
 Row = dict[str, Any]
 
 _MORE = {"bridges": "bridges", "fitness": "fitness"}
-
 
 _BESIDE = """\
 Mean (standard deviation); at the paper's size its own below ours, with ✓ where it lies within two standard deviations
@@ -90,8 +89,7 @@ def _beside_the_papers(groups: dict[str, tuple[str, list[Row]]]) -> str:
                 papers.append(f"{_short(paper.mean)} ({_short(paper.sigma)}){' ✓' if within else ''}")
             else:
                 papers.append("")
-        is_papers_size = (rows[0]["height"], rows[0]["width"]) == SIZE
-        lines += [ours, papers] if is_papers_size else [ours]
+        lines += [ours, papers] if is_of_the_papers_size(rows[0]) else [ours]
     return table(["", *METRICS.values(), *_MORE.values()], lines)
 
 

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax.metrics import COUNTED
-from elitelanes_jax.search import Result, preset_config
+from elitelanes_jax.search import Result, preset_config, seed_keys
 from elitelanes_jax.wfc import generate
 
 __all__ = ["METHODS", "OFFSPRING", "Runs", "kept_runs", "run_method"]
@@ -66,8 +66,7 @@ def run_method(
     """
     if method == "wfc":
         return _collapse(shape, seeds, seed, reading)
-    key = jax.random.key(seed)
-    keys = jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(seeds))
+    keys = seed_keys(seed, seeds)
     config = reading.configs.get(method, preset_config(method, "paper"))
     settings: dict[str, Any] = {"method": method, "config": config, "weights": reading.weights, "fill": reading.fill}
 

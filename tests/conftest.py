@@ -38,6 +38,14 @@ def real_tiles() -> TileSet:
     return load_tiles(REAL_TILES)
 
 
+@pytest.fixture(scope="module")
+def own_compile_cache(tmp_path_factory) -> Iterator[None]:
+    """Programs that commands compile go to a folder of the tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 _compiled: list[str] = []
 
 

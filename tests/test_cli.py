@@ -25,16 +25,11 @@ from elitelanes_jax.tilesets import default_tiles
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "40", "--tile-px", "16"]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory):
-    """Compiled programs go to a folder of the tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
+pytestmark = pytest.mark.usefixtures("own_compile_cache")
 
 
 @pytest.fixture(scope="module")
-def generated(tmp_path_factory):
+def generated(own_compile_cache, tmp_path_factory):
     out = tmp_path_factory.mktemp("generated") / "out"
     assert main(["generate", *SMALL, "--out", str(out)]) == 0
     return out

@@ -24,15 +24,11 @@ from elitelanes_jax.objective import check_weights
 SMALL = ["--methods", "ea", "map-elites", "wfc", "--sizes", "5", "--seeds", "3", "--generations", "4"]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _cache(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
+pytestmark = pytest.mark.usefixtures("own_compile_cache")
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory):
+def compared(own_compile_cache, tmp_path_factory):
     out = tmp_path_factory.mktemp("compared") / "out"
     assert compare([*SMALL, "--no-maps", "--out", str(out)]) == 0
     return out

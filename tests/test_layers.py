@@ -16,7 +16,7 @@ FLOORS = """
 version  errors
 checks  codes  draws  folders  interrupts  overview  progress  compile_cache
 command
-lattice  grids  tilesets  wfc
+lattice  grids  tilesets  wfc  fixed_point
 faces  repairs  symmetry  roadmap
 metrics  render
 objective  archive

@@ -3,9 +3,12 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 from chex import Array, PRNGKey
 
-__all__ = ["Elites", "Info", "Optimizer"]
+from elitelanes_jax.evolution import Population
+
+__all__ = ["Elites", "Info", "Optimizer", "all_of"]
 
 
 class Info(NamedTuple):
@@ -34,6 +37,13 @@ class Elites(NamedTuple):
     fitness: Array
     counts: Array
     valid: Array
+
+
+def all_of(population: Population) -> Elites:
+    """All of a population as elites."""
+    return Elites(
+        population.grids, population.fitness, population.counts, valid=jnp.ones(population.fitness.shape, bool)
+    )
 
 
 class Optimizer(NamedTuple):

@@ -12,7 +12,7 @@ from elitelanes_jax.evolution import (
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, all_of
 from elitelanes_jax.problem import Problem
 from elitelanes_jax.variation import paper_mutation
 
@@ -42,6 +42,6 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
         return state, Info(best_fitness=state.fitness[0], elite_count=jnp.int32(config.population))
 
     def elites(state: Population) -> Elites:
-        return Elites(state.grids, state.fitness, state.counts, valid=jnp.ones(state.fitness.shape, bool))
+        return all_of(state)
 
     return Optimizer(init, step, elites, evaluations_per_step=config.offspring)

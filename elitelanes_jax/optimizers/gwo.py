@@ -9,18 +9,17 @@ from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.checks import check_count, check_real
-from elitelanes_jax.draws import UNIT, random_halves
+from elitelanes_jax.draws import UNIT
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.evolution import Population, evaluated, merged
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.evolution import Population, evaluated, joined, merged
+from elitelanes_jax.fixed_point import either_way, part, units
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, all_of
 from elitelanes_jax.problem import Problem
 
 __all__ = ["GwoConfig", "GwoState", "gwo"]
-
 
 # Its product with the largest perturbation fits 32 bits.
 _LONGEST_HORIZON = 2**15 - 1
@@ -84,7 +83,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:  # noqa
     config = config.checked()
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)
-    largest = jnp.rint(jnp.asarray(config.perturbation, jnp.float32) * UNIT).astype(jnp.int32)
+    largest = units(config.perturbation)
 
     def votes(grids: Array) -> Array:
         """One for the code of each tile, int32 ``[P, K, H, W]``."""
@@ -100,15 +99,13 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:  # noqa
         # Three times the mean, so that there is no division.
         mean = votes(leaders.grids[:1]) + votes(leaders.grids[1:]) + votes(omega)
         size = largest * jnp.maximum(config.horizon - steps, 0) // config.horizon
-        noise = random_halves(key, shape) // 8 - UNIT
-        moved = jnp.argmax(mean * UNIT + 3 * (noise * size >> 12), axis=1)
+        moved = jnp.argmax(mean * UNIT + 3 * part(either_way(key, shape), size), axis=1)
         pack = evaluated(problem, jax.vmap(problem.settle)(codes[moved]))
         leaders = merged(leaders, pack, count=2)
         info = Info(best_fitness=leaders.fitness[0], elite_count=jnp.int32(config.wolves + 2))
         return GwoState(pack, leaders, steps + 1), info
 
     def elites(state: GwoState) -> Elites:
-        both = jax.tree.map(lambda *parts: jnp.concatenate(parts), state.leaders, state.pack)
-        return Elites(both.grids, both.fitness, both.counts, valid=np.ones(config.wolves + 2, bool))
+        return all_of(joined(state.leaders, state.pack))
 
     return Optimizer(init, step, elites, evaluations_per_step=config.wolves)

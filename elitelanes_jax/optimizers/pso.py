@@ -14,7 +14,8 @@ from chex import Array, Numeric, PRNGKey
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import UNIT, categorical, random_halves, random_words
 from elitelanes_jax.evolution import Population, evaluated
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.fixed_point import either_way, part, units
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, all_of
 from elitelanes_jax.problem import Problem
 
 __all__ = ["PsoConfig", "PsoState", "pso"]
@@ -85,7 +86,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:  # noqa
     config = config.checked()
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)
-    inertia, cognitive, social, fastest, spread = (_units(value) for value in config[1:])
+    inertia, cognitive, social, fastest, spread = (units(value) for value in config[1:])
 
     def draw(key: PRNGKey, velocity: Array) -> Population:
         words = random_words(key, (config.particles, *problem.shape))
@@ -94,7 +95,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:  # noqa
 
     def init(key: PRNGKey) -> PsoState:
         first, second = jax.random.split(key)
-        velocity = _part(random_halves(first, shape) // 8 - UNIT, spread)
+        velocity = part(either_way(first, shape), spread)
         position = jnp.zeros(shape, jnp.int32)
         return PsoState(position, velocity, position, draw(second, velocity))
 
@@ -104,12 +105,12 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:  # noqa
         luck = random_halves(first, (2, config.particles, 1, 1, 1)) // 16
 
         def pull(strength: Array, target: Array) -> Array:
-            return _part(jnp.clip(target - position, -_FARTHEST_PULL, _FARTHEST_PULL), strength)
+            return part(jnp.clip(target - position, -_FARTHEST_PULL, _FARTHEST_PULL), strength)
 
         velocity = (
-            _part(velocity, inertia)
-            + pull(_part(luck[0], cognitive), best_position)
-            + pull(_part(luck[1], social), best_position[jnp.argmin(best.fitness)])
+            part(velocity, inertia)
+            + pull(part(luck[0], cognitive), best_position)
+            + pull(part(luck[1], social), best_position[jnp.argmin(best.fitness)])
         )
         velocity = jnp.clip(velocity, -fastest, fastest)
         position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
@@ -126,17 +127,6 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:  # noqa
         return PsoState(position, velocity, best_position, best), info
 
     def elites(state: PsoState) -> Elites:
-        best = state.best
-        return Elites(best.grids, best.fitness, best.counts, valid=jnp.ones(best.fitness.shape, bool))
+        return all_of(state.best)
 
     return Optimizer(init, step, elites, evaluations_per_step=config.particles)
-
-
-def _units(value: Numeric) -> Array:
-    """A real number in units; the product with a power of two is exact."""
-    return jnp.rint(jnp.asarray(value, jnp.float32) * UNIT).astype(jnp.int32)
-
-
-def _part(value: Array, share: Array) -> Array:
-    """The product of two numbers in units, rounded down."""
-    return value * share >> 12
