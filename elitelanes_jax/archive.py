@@ -11,6 +11,7 @@ import numpy as np
 from chex import Array
 
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.features import FEATURES, check_feature, features_of, usual_width
 from elitelanes_jax.metrics import COUNTED
 
 __all__ = [
@@ -23,25 +24,32 @@ __all__ = [
     "niche_bins",
     "niche_of",
     "paper_axes",
+    "read_axis",
+    "tuned_axes",
 ]
 
 _VACANT = np.iinfo(np.int32).max
 
+# With more, the archive of a single seed would not fit in memory.
+_MOST_NICHES = 2**20
+
 
 class Axis(NamedTuple):
-    """One axis of the descriptor space: a metric in bins of equal width, the first and the last one open.
+    """One axis of the descriptor space: a feature in bins of equal width, the first and the last one open.
 
     Attributes:
-      metric: the name of a whole number in `Metrics`.
+      metric: the name of a feature: a whole number in `Metrics`, or a share.
       bins: how many.
-      width: of a bin, in the metric's unit.
+      width: of a bin, in the metric's unit, thousandths for a share.
       start: where the first bin starts.
+      aim: the bin whose niches are wanted, where the others serve as steps; by default all are.
     """
 
     metric: str
     bins: int
     width: int = 1
     start: int = 0
+    aim: int | None = None
 
 
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
@@ -60,6 +68,32 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     )
 
 
+def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
+    """The paper's space with bins of the cyclomatic number one wide at 12 x 12: 0 to 23, and 24 or more.
+
+    Wanted are the niches where all four flags are favourable.
+    """
+    cyclomatic, *flags = paper_axes(shape)
+    width = usual_width("cyclomatic", cyclomatic.bins, shape)
+    return (cyclomatic._replace(width=width), *(flag._replace(aim=0) for flag in flags))
+
+
+def read_axis(text: str, shape: tuple[int, int]) -> Axis:
+    """An axis from ``feature:bins`` or ``feature:bins:width``; by default as wide as suits grids of the shape.
+
+    Raises:
+      InputError: if the text is no axis.
+    """
+    name, *numbers = text.split(":")
+    check_feature(f"axis {text!r}", name)
+    if not 1 <= len(numbers) <= 2 or not all(
+        number.isascii() and number.isdigit() and int(number) for number in numbers
+    ):
+        raise InputError(f"axis {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
+    bins = int(numbers[0])
+    return Axis(name, bins, int(numbers[1]) if len(numbers) == 2 else usual_width(name, bins, shape))
+
+
 def check_axes(axes: Any) -> tuple[Axis, ...]:
     """The axes as a tuple.
 
@@ -75,22 +109,28 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
     for axis in axes:
         if not isinstance(axis, Axis):
             raise InputError(f"axes: expected records of type Axis, got {axis!r}")
-        if axis.metric not in COUNTED:
-            raise InputError(f"axes: expected metrics among {', '.join(COUNTED)}, got {axis.metric!r}")
+        check_feature("axes", axis.metric)
         numbers = (axis.bins, axis.width, axis.start)
         if not all(isinstance(number, int) for number in numbers) or min(axis.bins, axis.width) < 1:
             raise InputError(f"axes: expected whole numbers, at least one bin and a width of 1 or more, got {axis}")
+        if axis.aim is not None and not (isinstance(axis.aim, int) and 0 <= axis.aim < axis.bins):
+            raise InputError(f"axes: expected aim to be a bin, 0 to {axis.bins - 1}, got {axis}")
+    niches = prod(axis.bins for axis in axes)
+    if niches > _MOST_NICHES:
+        raise InputError(f"axes: expected at most {_MOST_NICHES:,} niches, got {niches:,}")
     return axes
 
 
 def describe(counts: Array, axes: tuple[Axis, ...]) -> Array:
     """The descriptor int32 ``[..., D]`` of grids with these `counts_of` metrics: the plain values of the axes' own."""
-    return counts[..., np.array([COUNTED.index(axis.metric) for axis in axes])]
+    return features_of(counts)[..., np.array([FEATURES.index(axis.metric) for axis in axes])]
 
 
 def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
     """The bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]``: of JAX or NumPy, as they are."""
-    bins, width, start = (np.array([getattr(axis, name) for axis in axes], np.int32) for name in Axis._fields[1:])
+    bins, width, start = (
+        np.array([getattr(axis, name) for axis in axes], np.int32) for name in ("bins", "width", "start")
+    )
     return ((descriptor - start) // width).clip(0, bins - 1)
 
 

@@ -4,10 +4,11 @@ from math import log, prod
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from chex import Array, Numeric, PRNGKey
 from numpy.polynomial import Chebyshev, Polynomial
 
-__all__ = ["UNIT", "below", "categorical", "chance", "random_halves", "random_words"]
+__all__ = ["UNIT", "below", "categorical", "chance", "exponential", "random_halves", "random_words"]
 
 UNIT = 4096
 """What 1 is in fixed-point numbers: sums and products of whole numbers are the same bit for bit on every machine."""
@@ -54,6 +55,14 @@ def chance(word: Array, probability: Numeric) -> Array:
     return (word >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
 
 
+def exponential(word: Array) -> Array:
+    """An exponentially distributed number of mean 1 from 32 random bits, int32 in units of 1 / `UNIT`, at most 8.4.
+
+    It is one of 2048 quantiles, each equally likely.
+    """
+    return jnp.asarray(_QUANTILES)[word >> 21]
+
+
 def categorical(word: Array, logits: Array) -> Array:
     """A whole number in [0, K) from 32 random bits, with the probabilities of a softmax, each within 1 / 10,000 of it.
 
@@ -84,6 +93,8 @@ def _exponential(value: Array) -> Array:
         share = (share * f >> 15) + coefficient
     return share << 11 >> (halvings >> 26)
 
+
+_QUANTILES = np.rint(-UNIT * np.log((np.arange(2048) + 0.5) / 2048)).astype(np.int32)
 
 _EXPONENTIAL = [
     round(2**15 * c) for c in Chebyshev.interpolate(lambda f: 2.0**-f, 4, [0, 1]).convert(kind=Polynomial).coef[::-1]

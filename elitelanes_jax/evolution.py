@@ -25,6 +25,7 @@ __all__ = [
     "merged",
     "random_population",
     "survivors",
+    "taken",
     "tournament",
 ]
 
@@ -124,6 +125,11 @@ def evaluated(problem: Problem, grids: Array) -> Population:
     """Grids int8 ``[P, H, W]`` and what they are worth, in their order."""
     evaluation = problem.evaluate(grids)
     return Population(grids, evaluation.fitness, evaluation.counts)
+
+
+def taken(which: Array, new: Population, old: Population) -> Population:
+    """At each place the new one where `which`, bool ``[P]``, says so, else the old one."""
+    return jax.tree.map(lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old)
 
 
 def joined(*populations: Population) -> Population:

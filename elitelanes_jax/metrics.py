@@ -1,6 +1,6 @@
 """Metrics of a road network: one grid in, scalars out (paper, section "Evaluation Metrics")."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -34,7 +34,13 @@ class Metrics(NamedTuple):
       adjacent_crossing_score: sum of the connections of both tiles over linked pairs of crossings (ACV).
       adjacent_turns: pairs of turns that share a side, linked or not (AT).
       straight_score: sum of L² over maximal runs of L straight tiles of one orientation, lined up along it (SR).
+      straights: tiles with two connections that face each other.
+      turns: tiles with two connections that do not.
+      crowded_crossings: pairs of tiles that share a side, linked or not, of which one is a crossing and the other a
+        crossing or a turn; Duckietown's rules allow none.
+      unlinked_neighbours: pairs of non-empty tiles that share a side without a link; likewise.
       tiles: non-empty tiles.
+      empty_cells: cells with no connection.
       edges: links.
       mismatches: unmatched connections inside the grid.
       off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 where none is given.
@@ -51,7 +57,12 @@ class Metrics(NamedTuple):
     adjacent_crossing_score: Array
     adjacent_turns: Array
     straight_score: Array
+    straights: Array
+    turns: Array
+    crowded_crossings: Array
+    unlinked_neighbours: Array
     tiles: Array
+    empty_cells: Array
     edges: Array
     mismatches: Array
     off_alphabet: Array
@@ -122,6 +133,15 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
     east_pair = links.east & lattice.here(crossing) & lattice.east(crossing)
     south_pair = links.south & lattice.here(crossing) & lattice.south(crossing)
     turn = (connections == 2) & (north != south)
+    straight = lattice.here((connections == 2) & (north == south))
+    busy, road = crossing | turn, padded > 0
+
+    def crowds(neighbour: Callable[[Array], Array]) -> Array:
+        mine, theirs = lattice.here(crossing), neighbour(crossing)
+        return (mine & neighbour(busy)) | (theirs & lattice.here(busy))
+
+    def apart(neighbour: Callable[[Array], Array], link: Array) -> Array:
+        return lattice.here(road) & neighbour(road) & ~link
 
     area, side = lattice.height * lattice.width, max(lattice.height, lattice.width)
     count = _sums(
@@ -149,6 +169,13 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
                 + _odd_numbers(here == (NORTH | SOUTH), lattice.stride, lattice.height),
                 2 * side,
             ),
+            "straights": (straight, 1),
+            "turns": (lattice.here(turn), 1),
+            "crowded_crossings": (crowds(lattice.east).astype(jnp.int8) + crowds(lattice.south), 2),
+            "unlinked_neighbours": (
+                apart(lattice.east, links.east).astype(jnp.int8) + apart(lattice.south, links.south),
+                2,
+            ),
             "off_alphabet": (_foreign(here, alphabet) & (columns < lattice.width), 1),
         },
         area,
@@ -164,7 +191,12 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
         adjacent_crossing_score=count["crossing_score"],
         adjacent_turns=count["turn_pairs"],
         straight_score=count["straight_score"],
+        straights=count["straights"],
+        turns=count["turns"],
+        crowded_crossings=count["crowded_crossings"],
+        unlinked_neighbours=count["unlinked_neighbours"],
         tiles=count["tiles"],
+        empty_cells=area - count["tiles"],
         edges=count["edges"],
         mismatches=count["mismatches"],
         off_alphabet=count["off_alphabet"],

@@ -35,7 +35,12 @@ class Weights(NamedTuple):
     adjacent_crossing_score: Numeric = 0
     adjacent_turns: Numeric = 80
     straight_score: Numeric = -2
+    straights: Numeric = 0
+    turns: Numeric = 0
+    crowded_crossings: Numeric = 0
+    unlinked_neighbours: Numeric = 0
     tiles: Numeric = 0
+    empty_cells: Numeric = 0
     edges: Numeric = 0
     mismatches: Numeric = 0
     off_alphabet: Numeric = 480
@@ -107,6 +112,8 @@ def _most(shape: tuple[int, int]) -> dict[str, int]:
         "bridges": 2 * area,
         "edges": 2 * area,
         "adjacent_turns": 2 * area,
+        "crowded_crossings": 2 * area,
+        "unlinked_neighbours": 2 * area,
         "adjacent_crossings": 4 * area,
         "mismatches": 4 * area,
         "adjacent_crossing_score": 16 * area,

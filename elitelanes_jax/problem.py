@@ -11,10 +11,13 @@ from chex import Array, PRNGKey
 from elitelanes_jax.archive import Axis
 from elitelanes_jax.checks import check_shape
 from elitelanes_jax.codes import KINDS, ROAD_ALPHABET, alphabet_of
+from elitelanes_jax.features import features_of
 from elitelanes_jax.grids import random_grids
 from elitelanes_jax.metrics import counts_of, measure
 from elitelanes_jax.objective import Weights, fitness
 from elitelanes_jax.repairs import raster_rank, repair
+from elitelanes_jax.requests import Ranges, shortfall
+from elitelanes_jax.templates import Template
 
 __all__ = ["Evaluation", "Problem", "road_problem"]
 
@@ -38,6 +41,8 @@ class Problem(NamedTuple):
       shape: (height, width).
       alphabet: the codes that new tiles are drawn from.
       axes: of the descriptor space.
+      fill: whether repair fills.
+      kept: bool ``[H, W]``, the cells that are given and stay; None where none is.
       random: (key, count) -> int8 ``[count, H, W]``, repaired.
       repair: (grid, dirty) -> grid, all ``[H, W]``.
       settle: grid -> grid, repairs one of which all tiles are new: each dictates to those after it, row by row.
@@ -47,6 +52,8 @@ class Problem(NamedTuple):
     shape: tuple[int, int]
     alphabet: tuple[int, ...]
     axes: tuple[Axis, ...]
+    fill: bool
+    kept: Array | None
     random: Callable[[PRNGKey, int], Array]
     repair: Callable[[Array, Array], Array]
     settle: Callable[[Array], Array]
@@ -60,6 +67,8 @@ def road_problem(
     alphabet: Iterable[int] | None = None,
     weights: Weights = Weights(),  # noqa: B008
     fill: bool = False,
+    where: Ranges | None = None,
+    fix: Template | None = None,
 ) -> Problem:
     """The paper's problem: road networks of a given size.
 
@@ -71,6 +80,8 @@ def road_problem(
         `off_alphabet`.
       weights: of the fitness; its numbers may be traced.
       fill: whether repair also fills (see `repair`).
+      where: ranges to steer into: what a grid lacks adds to its fitness. Its numbers may be traced.
+      fix: cells that are given.
 
     Raises:
       InputError: for a bad shape or alphabet.
@@ -79,8 +90,12 @@ def road_problem(
     alphabet = ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet)
     allowed = (*alphabet, *KINDS["stub"], *KINDS["empty"])
 
+    kept = None if fix is None else fix.kept
+
     def mend(grid: Array, dirty: Array) -> Array:
-        return repair(grid, dirty, fill=fill)
+        if fix is not None:
+            grid = jnp.where(fix.kept, fix.grid, grid)
+        return repair(grid, dirty, fill=fill, kept=kept)
 
     def settle(grid: Array) -> Array:
         return mend(grid, jnp.asarray(raster_rank(shape)))
@@ -92,6 +107,9 @@ def road_problem(
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-        return Evaluation(fitness(metrics, weights), counts_of(metrics))
+        worth, counts = fitness(metrics, weights), counts_of(metrics)
+        if where is not None:
+            worth = worth + shortfall(features_of(counts), where, shape)
+        return Evaluation(worth, counts)
 
-    return Problem(shape, alphabet, axes, random, mend, settle, evaluate)
+    return Problem(shape, alphabet, axes, fill, kept, random, mend, settle, evaluate)

@@ -16,7 +16,7 @@ from elitelanes_jax.lattice import Lattice, Links
 __all__ = ["raster_rank", "repair"]
 
 
-def repair(grid: Any, dirty: Any = None, *, fill: bool = False) -> Array:
+def repair(grid: Any, dirty: Any = None, *, fill: bool = False, kept: Any = None) -> Array:
     """The grid with all connections matched and none across the border.
 
     Where two neighbours disagree about the road between them, the dirty one dictates and the other's bit is
@@ -30,6 +30,9 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False) -> Array:
       fill: afterwards give every tile with fewer than two connections more of them, until all tiles are
         straights, turns or crossings. A stub leads straight on if the grid does. Every grid can be filled.
 
+      kept: bool ``[H, W]``, tiles that stay as they are: they dictate to all others, and filling adds no connection
+        to them. Tiles beside them may then be left with fewer than two. None by default.
+
     Returns:
       int8 ``[H, W]``.
 
@@ -37,11 +40,12 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False) -> Array:
       InputError: for a bad grid (see `check_grid`), or a mask of another shape or kind.
     """
     grid = check_grid(grid)
-    return _repair(grid, np.zeros(grid.shape, bool) if dirty is None else _check_dirty(dirty, grid.shape), fill)
+    dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
+    return _repair(grid, dirty, None if kept is None else _check_mask("kept", kept, grid.shape), fill)
 
 
-def _check_dirty(dirty: Any, shape: tuple[int, int]) -> Any:
-    expected = f"dirty: expected bool or 32-bit integers of the grid's shape {shape}"
+def _check_mask(name: str, dirty: Any, shape: tuple[int, int]) -> Any:
+    expected = f"{name}: expected bool or 32-bit integers of the grid's shape {shape}"
     try:
         array = dirty if isinstance(dirty, jax.Array) else np.asarray(dirty)
     except ValueError:
@@ -54,10 +58,16 @@ def _check_dirty(dirty: Any, shape: tuple[int, int]) -> Any:
 
 
 @partial(jax.jit, static_argnames="fill")
-def _repair(grid: Array, dirty: Array, fill: bool) -> Array:
+def _repair(grid: Array, dirty: Array, kept: Array | None, fill: bool) -> Array:
     lattice = Lattice(*grid.shape)
+    free = _inside(lattice)
+    if kept is not None:
+        dirty = jnp.where(kept, jnp.iinfo(jnp.int32).max, dirty)
+        fixed = lattice.pad(kept)
+        here = lattice.here(fixed)
+        free = Links(free.east & ~here & ~lattice.east(fixed), free.south & ~here & ~lattice.south(fixed))
     links = _agree(lattice, lattice.pad(grid), lattice.pad(dirty))
-    return lattice.unpad(_codes(lattice, _fill(lattice, links) if fill else links))
+    return lattice.unpad(_codes(lattice, _fill(lattice, links, free) if fill else links))
 
 
 def raster_rank(shape: tuple[int, int]) -> np.ndarray:
@@ -108,8 +118,8 @@ def _codes(lattice: Lattice, links: Links) -> Array:
     return (codes | jnp.where(_from(links.east, 1), WEST, 0)).astype(jnp.int8)
 
 
-def _fill(lattice: Lattice, links: Links) -> Links:
-    inside, stride = _inside(lattice), lattice.stride
+def _fill(lattice: Lattice, links: Links, inside: Links) -> Links:
+    stride = lattice.stride
     east, south = links
 
     def needy() -> Array:

@@ -9,13 +9,14 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from chex import Array, Numeric
 
 from elitelanes_jax.codes import CROSSINGS
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 
-__all__ = ["Move", "Variation", "change_tile", "in_turn", "insert_crossing", "paper_mutation", "sometimes"]
+__all__ = ["Move", "Variation", "change_tile", "in_turn", "insert_crossing", "one_of", "paper_mutation", "sometimes"]
 
 
 class Variation(NamedTuple):
@@ -35,11 +36,12 @@ class Move(NamedTuple):
 
     Attributes:
       words: int, how many random words it uses.
-      apply: (uint32 ``[words]``, int8 ``[H, W]``) -> `Variation`.
+      apply: (uint32 ``[words]``, int8 ``[H, W]``, another such grid or None) -> `Variation`. The second grid, a mate,
+        is for moves that take a part of it; without one they take it of the first.
     """
 
     words: int
-    apply: Callable[[Array, Array], Variation]
+    apply: Callable[..., Variation]
 
 
 def change_tile(alphabet: tuple[int, ...]) -> Move:
@@ -48,7 +50,7 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
     # The place of each code in the alphabet; what is not in it stands behind the last.
     place = jnp.array([alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)])
 
-    def apply(words: Array, grid: Array) -> Variation:
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(words, grid)
         own = place[jnp.max(jnp.where(dirty, grid, 0))]
         others = len(alphabet) - (own < len(alphabet))
@@ -69,7 +71,7 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
     if not crossings.size:
         raise InputError(f"alphabet: expected at least one crossing among {CROSSINGS}, got {alphabet}")
 
-    def apply(words: Array, grid: Array) -> Variation:
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(words, grid)
         return Variation(jnp.where(dirty, crossings[below(words[2], crossings.size)], grid), dirty)
 
@@ -79,9 +81,9 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
 def sometimes(probability: Numeric, move: Move) -> Move:
     """The move with the given probability, else the grid as it was and no tile dirty."""
 
-    def apply(words: Array, grid: Array) -> Variation:
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
         happens = chance(words[-1], probability)
-        varied = move.apply(words[:-1], grid)
+        varied = move.apply(words[:-1], grid, mate)
         return Variation(jnp.where(happens, varied.grid, grid), varied.dirty & happens)
 
     return Move(move.words + 1, apply)
@@ -90,14 +92,32 @@ def sometimes(probability: Numeric, move: Move) -> Move:
 def in_turn(*moves: Move) -> Move:
     """All the moves one after another, with the tiles of all of them dirty."""
 
-    def apply(words: Array, grid: Array) -> Variation:
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty, used = jnp.zeros(grid.shape, bool), 0
         for move in moves:
-            grid, changed = move.apply(words[used : used + move.words], grid)
+            grid, changed = move.apply(words[used : used + move.words], grid, mate)
             dirty, used = dirty | changed, used + move.words
         return Variation(grid, dirty)
 
     return Move(sum(move.words for move in moves), apply)
+
+
+def one_of(shares: dict[Move, int]) -> Move:
+    """One of several moves, each in proportion to its share, a whole number over 0."""
+    total, moves = sum(shares.values()), list(shares)
+    # All are made and one is taken: under `jax.vmap` there is no other way.
+    starts = np.cumsum([0, *shares.values()])
+
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
+        drawn = below(words[0], total)
+        taken = moves[0].apply(words[1:], grid, mate)
+        for move, start in zip(moves[1:], starts[1:], strict=False):
+            varied = move.apply(words[1:], grid, mate)
+            later = drawn >= start
+            taken = Variation(*(jnp.where(later, new, old) for new, old in zip(varied, taken, strict=True)))
+        return taken
+
+    return Move(1 + max(move.words for move in moves), apply)
 
 
 def paper_mutation(alphabet: tuple[int, ...], tile_rate: Numeric = 0.7, crossing_rate: Numeric = 0.5) -> Move:

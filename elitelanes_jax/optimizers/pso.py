@@ -13,7 +13,7 @@ from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import UNIT, categorical, random_halves, random_words
-from elitelanes_jax.evolution import Population, evaluated
+from elitelanes_jax.evolution import Population, evaluated, taken
 from elitelanes_jax.fixed_point import either_way, part, units
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, all_of
 from elitelanes_jax.problem import Problem
@@ -117,12 +117,8 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:  # noqa
         found = draw(second, velocity)
 
         better = found.fitness < best.fitness
-
-        def improved(new: Array, old: Array) -> Array:
-            return jnp.where(better.reshape(-1, *(1 for _ in new.shape[1:])), new, old)
-
-        best_position = improved(position, best_position)
-        best = jax.tree.map(improved, found, best)
+        best_position = jnp.where(better[:, None, None, None], position, best_position)
+        best = taken(better, found, best)
         info = Info(best_fitness=best.fitness.min(), elite_count=jnp.int32(config.particles))
         return PsoState(position, velocity, best_position, best), info
 
