@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.command import Parser, fail, folder_name, guarded, leave, name, say, whole
+from elitelanes_jax.command import Parser, fail, folder_name, guarded, leave, name, say, weight, whole
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.version import __version__
 
@@ -69,11 +69,35 @@ def _add_generate(commands: Any) -> None:
     )
     command.add_argument("--method", type=name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
     command.add_argument(
-        "--preset", type=name, help="settings of the method: standard (map-elites only, and its default) or paper"
+        "--preset", type=name, default="tuned", help="settings of the method: tuned (the default), paper, or standard"
+    )
+    budget = command.add_mutually_exclusive_group()
+    budget.add_argument(
+        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 100000"
+    )
+    budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
+    command.add_argument(
+        "--axes", type=name, nargs="+", default=[], metavar="NAME:BINS", help="of the niches, such as straight_share:10"
     )
     command.add_argument(
-        "--generations", type=whole(0), default=2000, metavar="N", help="of each run, 40 maps each; by default 2000"
+        "--where",
+        type=name,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=LOW..HIGH",
+        help="ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..",
     )
+    command.add_argument(
+        "--weights", type=weight, nargs="+", default=[], metavar="NAME=N", help="of the fitness, such as dead_ends=480"
+    )
+    command.add_argument(
+        "--fix",
+        type=folder_name,
+        metavar="FILE",
+        help="JSON rows of tile codes that every map keeps, null where free",
+    )
+    command.add_argument("--rules", type=name, metavar="NAME", help="rules that every map keeps: duckietown")
     command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
         "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
@@ -86,7 +110,8 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.generate import NotEnoughMapsError, Settings, generate
 
     use_compile_cache()
-    settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | {"size": tuple(options.size)})
+    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights")}
+    settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | lists)
     try:
         maps = generate(settings, options.out)
     except NotEnoughMapsError as error:

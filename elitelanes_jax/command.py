@@ -14,7 +14,7 @@ from typing import NoReturn
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.interrupts import catch_interrupts
 
-__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "name", "say", "whole"]
+__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "name", "say", "weight", "whole"]
 
 _INTERRUPTED = 130
 
@@ -40,6 +40,15 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
         return number
 
     return parse
+
+
+def weight(text: str) -> tuple[str, int]:
+    """A type of argument: a name, an equals sign and a whole number."""
+    key, _, number = text.partition("=")
+    try:
+        return key.strip(), int(number)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected NAME=N with a whole number, got {_short(text)}") from None
 
 
 def name(text: str) -> str:

@@ -12,20 +12,25 @@ import jaxlib
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.archive import read_axis
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.folders import new_folder
+from elitelanes_jax.illumination import coverage, qd_score
 from elitelanes_jax.objective import Weights
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
+from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result, evolve, preset_config, seed_keys
 from elitelanes_jax.selection import Choice, choose_maps
+from elitelanes_jax.templates import read_template
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.version import __version__
 
 __all__ = ["NotEnoughMapsError", "Settings", "generate"]
 
-# What is asked for is many different maps: there the archive pays as a source of parents.
-_DEFAULT_PRESETS = {"map-elites": "standard"}
+# What each seed evaluates where nothing else is said.
+_EVALUATIONS = 100_000
 
 # A map's longer side on the overview, in pixels, and the limits of a tile's.
 _OVERVIEW_PX, _OVERVIEW_TILE_PX = 288, (16, 96)
@@ -37,24 +42,36 @@ class Settings(NamedTuple):
     Attributes:
       size: (height, width) of the maps in tiles.
       method: see `evolve`.
-      preset: see `evolve`; by default "standard" for MAP-Elites, "paper" for any other method.
+      preset: see `evolve`.
       generations: of each run.
+      evaluations: of each run, in place of generations; 100,000 where neither is given.
       seeds: how many independent runs to choose from.
       maps: how many maps.
       seed: of everything random.
       tiles: folder of the tile set; the package's own by default.
       tile_px: side of a tile in pixels.
+      axes: of the niches, as `read_axis` reads them; by default the preset's.
+      where: ranges that every map meets, see `evolve`.
+      weights: of the fitness, by metric, in place of the usual ones.
+      fix: file of given cells, see `read_template`.
+      rules: see `evolve`.
     """
 
     size: tuple[int, int] = (12, 12)
     method: str = "map-elites"
-    preset: str | None = None
-    generations: int = 2000
+    preset: str = "tuned"
+    generations: int | None = None
+    evaluations: int | None = None
     seeds: int = 8
     maps: int = 16
     seed: int = 0
     tiles: Path | None = None
     tile_px: int = 64
+    axes: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
+    weights: tuple[tuple[str, int], ...] = ()
+    fix: Path | None = None
+    rules: str | None = None
 
 
 class NotEnoughMapsError(Exception):
@@ -64,7 +81,7 @@ class NotEnoughMapsError(Exception):
 def generate(settings: Settings, out: Path) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
-    With the filling repair, as there are no pictures of dead ends and empty cells. The same settings give the same
+    With the filling repair, but where rules leave cells empty. The same settings give the same
     files, byte for byte, but for the times in ``run.json``.
 
     Returns:
@@ -76,7 +93,8 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
       OSError: if the folder cannot be written.
     """
     tiles = load_tiles(settings.tiles)
-    settings = settings._replace(preset=settings.preset or _DEFAULT_PRESETS.get(settings.method, "paper"))
+    if settings.generations is None and settings.evaluations is None:
+        settings = settings._replace(evaluations=_EVALUATIONS)
     with new_folder(out) as folder:
         began = time.perf_counter()
         result = _evolved(settings, tiles)
@@ -93,15 +111,30 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
 
 
 def _evolved(settings: Settings, tiles: TileSet) -> Result:
+    axes = [read_axis(text, settings.size) for text in settings.axes]
     return evolve(
         seed_keys(settings.seed, settings.seeds),
         settings.size,
         method=settings.method,
-        preset=settings.preset or "",
+        preset=settings.preset,
         generations=settings.generations,
+        evaluations=settings.evaluations,
         alphabet=tiles.alphabet,
-        fill=True,
+        axes=axes or None,
+        weights=_weights(settings),
+        where=settings.where,
+        fix=settings.fix and read_template(settings.fix, settings.size),
+        rules=settings.rules,
+        fill=settings.rules is None,
     )
+
+
+def _weights(settings: Settings) -> Weights:
+    usual = rules_named(settings.rules).weights if settings.rules is not None else Weights()
+    for name, _ in settings.weights:
+        if name not in Weights._fields:
+            raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {name!r}")
+    return usual._replace(**dict(settings.weights))
 
 
 def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet) -> list[RoadMap]:
@@ -110,7 +143,7 @@ def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet
     maps, small = [], []
     for number, plain in enumerate(choice.maps):
         chosen = choose_tiles(plain.codes, tiles, [settings.seed, number])
-        names = [[tiles.tiles[tile].name for tile, _ in row] for row in chosen]
+        names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
         road_map = plain._replace(drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
         place = folder / "maps" / f"{number:04d}"
         place.mkdir(parents=True)
@@ -120,10 +153,15 @@ def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet
         maps.append(road_map)
     title = (
         f"{len(maps)} road maps of {settings.size[0]} x {settings.size[1]} tiles, {settings.method}, "
-        f"{settings.seeds} seeds, {settings.generations:,} generations, seed {settings.seed}"
+        f"{settings.seeds} seeds, {_budget(settings)}, seed {settings.seed}"
     )
     write_png(folder / "overview.png", overview(title, small, [_caption(*item) for item in enumerate(maps)]))
     return maps
+
+
+def _budget(settings: Settings) -> str:
+    name = "evaluations" if settings.generations is None else "generations"
+    return f"{getattr(settings, name):,} {name}"
 
 
 def _caption(number: int, road_map: RoadMap) -> tuple[str, ...]:
@@ -143,11 +181,18 @@ def _shortage(choice: Choice, settings: Settings) -> str:
     return (
         f"found {len(choice.maps)} of {settings.maps} maps among {choice.found} elites"
         + (f" ({', '.join(rejected)})" if rejected else "")
+        + (f"; nearest found: {_values(choice.nearest)}" if choice.nearest else "")
         + f"; {_remedy(choice, settings)} find more"
     )
 
 
+def _values(features: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in features.items())
+
+
 def _remedy(choice: Choice, settings: Settings) -> str:
+    if choice.nearest:
+        return "wider ranges, more seeds or evaluations"
     if settings.method == "ea":  # its population becomes more alike with time
         return "more seeds"
     if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
@@ -171,13 +216,20 @@ def _write_archive(file: Path, result: Result) -> None:
 def _run_record(
     settings: Settings, tiles: TileSet, choice: Choice, seconds: dict[str, float], result: Result
 ) -> dict[str, Any]:
+    elites = result.elites
     return {
-        "settings": settings._asdict() | {"tiles": settings.tiles and str(settings.tiles)},
-        "config": _plain(preset_config(settings.method, settings.preset or "")),
-        "weights": Weights()._asdict(),
+        "settings": settings._asdict()
+        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))},
+        "config": _plain(preset_config(settings.method, settings.preset)),
+        "weights": _weights(settings)._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
         "axes": [axis._asdict() for axis in result.axes],
         "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
+        # By seed; an elite worse than 0 is worth nothing.
+        "archive": {
+            "coverage": coverage(elites.valid).tolist(),
+            "qd_score": qd_score(elites.fitness, elites.valid, worst=0).tolist(),
+        },
         "versions": {
             "elitelanes_jax": __version__,
             "python": platform.python_version(),

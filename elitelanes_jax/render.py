@@ -68,7 +68,7 @@ def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArra
       InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
     """
     grid = np.asarray(check_grid(grid))
-    for row, column in np.argwhere(~np.isin(grid, tiles.alphabet)):
+    for row, column in np.argwhere(~np.isin(grid, list(tiles.turned))):
         code = grid[row, column]
         kind = next((kind for kind, codes in KINDS.items() if code in codes), "none")
         raise InputError(
@@ -116,7 +116,7 @@ def recall_tiles(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
     """The choice of tiles that a map was drawn with, or None where the set or the map's codes are others now."""
     if road_map.drawn is None or road_map.drawn.tile_set != tiles.name:
         return None
-    places = {tile.name: place for place, tile in enumerate(tiles.tiles)}
+    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
     names, turns = np.array(road_map.drawn.tiles), np.array(road_map.drawn.quarter_turns)
     if not names.shape == turns.shape == road_map.codes.shape or not set(names.flat) <= set(places):
         return None
@@ -140,10 +140,10 @@ def _checked_choice(grid: Any, tiles: TileSet, chosen: Any) -> NDArray[np.int_]:
 
 def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
     """Row and column of the cells whose chosen tile does not show their code."""
-    shown = np.full((len(tiles.tiles), 4), -1)
+    shown = np.full((len(tiles.pictures), 4), -1)
     for code, draws in tiles.turned.items():
         shown[tuple(np.array(draws).T)] = code
-    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.tiles)) & (chosen[..., 1] < 4)
+    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
     place = np.where(known[..., None], chosen, 0)
     return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
 
@@ -170,7 +170,7 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
 def _scaled(tiles: TileSet, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """All tiles in all four turns at one size: images ``[4·T, P, P, 3]``, masks ``[4·T, P, P, 3]``."""
     images, masks = [], []
-    for tile in tiles.tiles:
+    for tile in tiles.pictures:
         image = _resized(tile.image, size)
         layers = np.stack([_resized_mask(getattr(tile, name), size, name) for name in MASKS], axis=-1)
         for turns in range(4):

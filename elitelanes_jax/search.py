@@ -12,19 +12,27 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array, ArrayTree, PRNGKey
 
-from elitelanes_jax.archive import Axis, check_axes, describe, paper_axes
+from elitelanes_jax.archive import Axis, check_axes, describe, paper_axes, tuned_axes
 from elitelanes_jax.checks import check_shape
 from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.metrics import Metrics, metrics_of
 from elitelanes_jax.objective import Weights, check_weights
 from elitelanes_jax.optimizers import (
+    AimedMapElitesConfig,
+    AnnealingConfig,
+    DiscreteGwoConfig,
+    DiscretePsoConfig,
     EvolutionConfig,
     GwoConfig,
     Info,
     MapElitesConfig,
     Optimizer,
     PsoConfig,
+    aimed_map_elites,
+    annealed_ea,
+    discrete_gwo,
+    discrete_pso,
     ea,
     gwo,
     map_elites,
@@ -32,25 +40,49 @@ from elitelanes_jax.optimizers import (
 )
 from elitelanes_jax.problem import Problem, road_problem
 from elitelanes_jax.progress import Progress
+from elitelanes_jax.requests import Range, Ranges, meets, ranges_of, read_ranges
+from elitelanes_jax.rules import rules_named
 from elitelanes_jax.run import advance, start
+from elitelanes_jax.templates import Template, template_of
 
 __all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config", "seed_keys"]
 
 
-Config = EvolutionConfig | MapElitesConfig | PsoConfig | GwoConfig
+Config = (
+    EvolutionConfig
+    | MapElitesConfig
+    | PsoConfig
+    | GwoConfig
+    | AnnealingConfig
+    | AimedMapElitesConfig
+    | DiscretePsoConfig
+    | DiscreteGwoConfig
+)
 
-
-class _Method(NamedTuple):
-    factory: Callable[..., Optimizer]
-    presets: dict[str, Any]
-
-
-_METHODS = {
-    "ea": _Method(ea, {"paper": EvolutionConfig()}),
-    "map-elites": _Method(map_elites, {"paper": MapElitesConfig(), "standard": MapElitesConfig(parents="archive")}),
-    "pso": _Method(pso, {"paper": PsoConfig()}),
-    "gwo": _Method(gwo, {"paper": GwoConfig()}),
+_PRESETS: dict[str, dict[str, Config]] = {
+    "ea": {"paper": EvolutionConfig(), "tuned": AnnealingConfig()},
+    "map-elites": {
+        "paper": MapElitesConfig(),
+        "standard": MapElitesConfig(parents="archive"),
+        "tuned": AimedMapElitesConfig(),
+    },
+    "pso": {"paper": PsoConfig(), "tuned": DiscretePsoConfig()},
+    "gwo": {"paper": GwoConfig(), "tuned": DiscreteGwoConfig()},
 }
+
+# What kind of settings makes what optimiser.
+_FACTORIES: dict[type, Callable[..., Optimizer]] = {
+    EvolutionConfig: ea,
+    MapElitesConfig: map_elites,
+    PsoConfig: pso,
+    GwoConfig: gwo,
+    AnnealingConfig: annealed_ea,
+    AimedMapElitesConfig: aimed_map_elites,
+    DiscretePsoConfig: discrete_pso,
+    DiscreteGwoConfig: discrete_gwo,
+}
+
+_GENERATIONS = 200
 
 # Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take, and so
 # many generations it has at most.
@@ -118,18 +150,29 @@ class Result:
       history: of the generations of this call.
       state: to go on from.
       axes: of the descriptor.
+      where: the ranges that were asked for.
+      rules: the rules' name, if there were any.
+      fix: the cells that were given, if there were any.
     """
 
     elites: MeasuredElites
     history: History
     state: RunState
     axes: tuple[Axis, ...] = field(metadata={"static": True})
+    where: tuple[Range, ...] = field(default=(), metadata={"static": True})
+    rules: str | None = field(default=None, metadata={"static": True})
+    fix: Template | None = field(default=None, metadata={"static": True})
 
     def best(self) -> Array:
         """The grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
         worth = jnp.where(self.elites.valid, self.elites.fitness, np.iinfo(np.int32).max)
         place = jnp.argmin(worth, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
+
+    def meets(self) -> np.ndarray:
+        """Bool, of the shape of `elites.valid`: which elites meet all the ranges that were asked for, exactly."""
+        metrics = {name: np.asarray(values) for name, values in self.elites.metrics._asdict().items()}
+        return np.asarray(self.elites.valid) & meets(metrics, self.where)
 
 
 def evolve(
@@ -139,11 +182,15 @@ def evolve(
     method: str = "map-elites",
     preset: str = "paper",
     config: Config | None = None,
-    generations: int = 200,
+    generations: int | None = None,
+    evaluations: int | None = None,
     alphabet: Iterable[int] | None = None,
     weights: Weights | None = None,
     axes: Iterable[Axis] | None = None,
     fill: bool = False,
+    where: Any = None,
+    fix: Any = None,
+    rules: str | None = None,
     state: RunState | None = None,
     progress: bool | None = None,
 ) -> Result:
@@ -155,13 +202,19 @@ def evolve(
         kind of key a seed gives the same result alone and among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
       method: "map-elites", "ea", "pso" or "gwo".
-      preset: "paper"; for "map-elites" also "standard", whose parents come from the archive.
+      preset: "paper"; "tuned", which reaches farther and sooner; for "map-elites" also "standard", the paper's with
+        parents from the archive.
       config: of the method, to be taken in place of the preset's.
-      generations: how many to run now, at least 0.
+      generations: how many to run now, at least 0; by default 200.
+      evaluations: how many grids a seed evaluates now, given in place of generations, which are rounded up.
       alphabet: the tile codes to draw from, by default all with two or more connections.
-      weights: of the fitness, by default the paper's.
-      axes: of the descriptor space, by default the paper's (see `paper_axes`).
+      weights: of the fitness, by default the paper's, or those of the rules.
+      axes: of the descriptor space, by default the paper's (see `paper_axes`), for "tuned" `tuned_axes`.
       fill: whether repair also gives every tile at least two connections, so that all have a picture.
+      where: ranges of features to steer into, such as ``["crossings=6..10", "straight_share=0.3.."]`` (see
+        `read_ranges`). What a grid lacks adds to its fitness; `Result.meets` says which elites meet them.
+      fix: rows of given tile codes, None for free cells (see `template_of`); all grids keep them.
+      rules: "duckietown": crossings beside no turn or crossing, all neighbours linked, cells may stay empty.
       state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit.
       progress: whether to show a progress bar; by default in a terminal or notebook, when a run takes over a second.
 
@@ -172,31 +225,38 @@ def evolve(
       InputError: for an argument out of its range, or a state of a run with another key or other settings.
     """
     keys, single = _keys(key)
-    if not isinstance(generations, int | np.integer) or generations < 0:
-        raise InputError(f"generations: expected a whole number, 0 or more, got {generations!r}")
     shape = check_shape(shape)
     config = preset_config(method, preset) if config is None else _checked(config, method, preset)
     leaves, tree = jax.tree.flatten(config)
+    law = None if rules is None else rules_named(rules)
+    if law and fill:
+        raise InputError(f"fill: expected none with the rules of {rules}, which leave cells empty, got fill={fill!r}")
+    ranges = read_ranges(() if where is None else where)
+    usual_axes = tuned_axes if preset == "tuned" else paper_axes
     setup = _Setup(
         method=method,
         shape=shape,
         alphabet=ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet),
         fill=bool(fill),
-        axes=paper_axes(shape) if axes is None else check_axes(axes),
+        axes=usual_axes(shape) if axes is None else check_axes(axes),
+        fix=None if fix is None else template_of(fix, shape),
+        steered=bool(ranges),
         config=tuple(None if isinstance(leaf, float) else leaf for leaf in leaves),
         config_tree=tree,
     )
-    weights = check_weights(Weights() if weights is None else weights, shape)
+    if weights is None:
+        weights = law.weights if law else Weights()
+    weights = check_weights(weights, shape)
     reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
-    numbers = _Numbers(Weights(*map(np.int32, weights)), reals)
+    numbers = _Numbers(Weights(*map(np.int32, weights)), ranges_of(ranges), reals)
     fingerprint = _fingerprint(setup, numbers, keys)
     if state is None:
         done, inner = 0, _start(setup, numbers, keys)
     else:
         done, inner = _resumed(setup, numbers, keys, state, fingerprint, single)
 
-    evaluations = setup.optimizer(numbers).evaluations_per_step
-    first, last = done + 1, done + int(generations)
+    per_step = setup.optimizer(numbers).evaluations_per_step
+    first, last = done + 1, done + _generations(generations, evaluations, per_step)
     rows: list[Info] = []
     speeds: list[float] = []
     stretch = _MOST // 2
@@ -210,7 +270,7 @@ def evolve(
             rows.append(jax.tree.map(lambda field, count=count: np.asarray(field)[:count], info))
             seconds = time.perf_counter() - began
             done += count
-            speeds += [count * evaluations * keys.size / seconds] * count
+            speeds += [count * per_step * keys.size / seconds] * count
             bar.show(done, rows[-1].best_fitness[-1].min(), rows[-1].elite_count[-1].mean(), speeds[-1])
             wanted = count * _SECONDS_A_CALL / seconds
             stretch = int(min(max(wanted, 1), 2 * stretch, _MOST))
@@ -222,12 +282,24 @@ def evolve(
         info = jax.tree.map(lambda row: row[0], info)
     history = History(
         generation=generation,
-        evaluations=generation * evaluations,
+        evaluations=generation * per_step,
         best_fitness=info.best_fitness,
         elite_count=info.elite_count,
         evaluations_per_second=np.array(speeds),
     )
-    return Result(found, history, RunState(last, inner, fingerprint), setup.axes)
+    return Result(found, history, RunState(last, inner, fingerprint), setup.axes, ranges, rules, setup.fix)
+
+
+def _generations(generations: Any, evaluations: Any, per_step: int) -> int:
+    """How many generations to run now."""
+    for name, value in (("generations", generations), ("evaluations", evaluations)):
+        if value is not None and (not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 0):
+            raise InputError(f"{name}: expected a whole number, 0 or more, got {value!r}")
+    if evaluations is None:
+        return _GENERATIONS if generations is None else int(generations)
+    if generations is not None:
+        raise InputError(f"evaluations: expected them or generations, got both, {evaluations} and {generations}")
+    return -(-int(evaluations) // per_step)
 
 
 def seed_keys(seed: int, count: int) -> PRNGKey:
@@ -242,18 +314,20 @@ def preset_config(method: str, preset: str) -> Config:
     Raises:
       InputError: if there is no such method, or it has no such preset.
     """
-    if method not in _METHODS:
-        raise InputError(f"method: expected one of {', '.join(_METHODS)}, got {method!r}")
-    presets = _METHODS[method].presets
+    if method not in _PRESETS:
+        raise InputError(f"method: expected one of {', '.join(_PRESETS)}, got {method!r}")
+    presets = _PRESETS[method]
     if preset not in presets:
         raise InputError(f"preset: expected one of {', '.join(presets)} for {method}, got {preset!r}")
     return presets[preset]
 
 
 def _checked(config: Any, method: str, preset: str) -> Config:
-    kind = type(preset_config(method, preset))
-    if type(config) is not kind:
-        raise InputError(f"config: expected {kind.__name__} for {method}, got {type(config).__name__}")
+    preset_config(method, preset)
+    kinds = list(dict.fromkeys(type(known) for known in _PRESETS[method].values()))
+    if type(config) not in kinds:
+        names = " or ".join(kind.__name__ for kind in kinds)
+        raise InputError(f"config: expected {names} for {method}, got {type(config).__name__}")
     config = config.checked()
     for leaf in jax.tree.leaves(config):
         if isinstance(leaf, jax.Array | np.ndarray):
@@ -262,9 +336,10 @@ def _checked(config: Any, method: str, preset: str) -> Config:
 
 
 class _Numbers(NamedTuple):
-    """Settings that may change without a second compilation: weights, and a configuration's real numbers."""
+    """Settings that may change without a second compilation: weights, ranges, a configuration's real numbers."""
 
     weights: Weights
+    ranges: Ranges
     config: tuple[np.float32, ...]
 
 
@@ -276,17 +351,27 @@ class _Setup(NamedTuple):
     alphabet: tuple[int, ...]
     fill: bool
     axes: tuple[Axis, ...]
+    fix: Template | None
+    steered: bool
     config: tuple[Any, ...]  # its leaves, None for the real numbers
     config_tree: Any
 
     def problem(self, numbers: _Numbers) -> Problem:
-        return road_problem(self.shape, self.axes, alphabet=self.alphabet, weights=numbers.weights, fill=self.fill)
+        return road_problem(
+            self.shape,
+            self.axes,
+            alphabet=self.alphabet,
+            weights=numbers.weights,
+            fill=self.fill,
+            where=numbers.ranges if self.steered else None,
+            fix=self.fix,
+        )
 
     def optimizer(self, numbers: _Numbers) -> Optimizer:
         reals = iter(numbers.config)
         leaves = [next(reals) if leaf is None else leaf for leaf in self.config]
         config = jax.tree.unflatten(self.config_tree, leaves)
-        return _METHODS[self.method].factory(self.problem(numbers), config)
+        return _FACTORIES[type(config)](self.problem(numbers), config)
 
 
 def _keys(key: Any) -> tuple[PRNGKey, bool]:
@@ -301,7 +386,7 @@ def _keys(key: Any) -> tuple[PRNGKey, bool]:
 
 
 def _fingerprint(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> int:
-    said = repr((setup, [leaf.item() for leaf in jax.tree.leaves(numbers)], str(keys.dtype)))
+    said = repr((setup, [leaf.tolist() for leaf in jax.tree.leaves(numbers)], str(keys.dtype)))
     return zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes())
 
 

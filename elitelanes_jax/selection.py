@@ -3,12 +3,17 @@
 from collections import Counter
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.archive import niche_bins
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.features import FEATURES, SHARES, WHOLE, features_of
+from elitelanes_jax.metrics import COUNTED
+from elitelanes_jax.requests import ranges_of, shortfall
 from elitelanes_jax.roadmap import RoadMap
+from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result
 from elitelanes_jax.symmetry import canonical, mirror, rotate
 
@@ -22,8 +27,9 @@ _FLAWS = (
     ("boundary_violations", 0, "with roads that leave the grid"),
     ("mismatches", 0, "with roads that do not meet"),
     ("off_alphabet", 0, "with tiles that the tile set lacks"),
-    ("coverage", 1, "with empty cells"),
 )
+_HOLES = ("empty_cells", 0, "with empty cells")
+_UNLAWFUL, _UNASKED = "against the rules", "outside the ranges"
 
 # In what share of its tiles a map should differ from all chosen before, however they are turned or mirrored; where
 # there are too few such maps, the next will do.
@@ -38,21 +44,25 @@ class Choice(NamedTuple):
       found: how many elites there were.
       rejected: how many of them were useless, by reason.
       alike: how many were another one turned or mirrored.
+      nearest: of the elites that are useless for their ranges alone the one nearest to them: the values of what was
+        asked for; None where there is none.
     """
 
     maps: list[RoadMap]
     found: int
     rejected: dict[str, int]
     alike: int
+    nearest: dict[str, float] | None = None
 
 
 def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     """Chooses up to `count` maps of a run with an array of keys.
 
     A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
-    alphabet. Of maps that are the same but for turning and mirroring, the fittest is taken. Maps that hardly differ are
-    taken only where there are too few others; among the others every niche gives one before any gives a second, and all
-    seeds as equally many as can be.
+    alphabet, but for empty ones where rules or given cells call for them. It meets the ranges and keeps the rules that
+    the run was asked for. Of maps that are the same but for turning and mirroring, the fittest is taken. Maps that
+    hardly differ are taken only where there are too few others; among the others every niche gives one before any gives
+    a second, and all seeds as equally many as can be.
 
     Args:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
@@ -69,10 +79,20 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     metrics = {name: np.asarray(values) for name, values in elites.metrics._asdict().items()}
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in _FLAWS:
+    flaws = list(_FLAWS)
+    if result.rules is None and result.fix is None:
+        flaws.append(_HOLES)
+    if result.rules is not None:
+        flaws += [(name, 0, _UNLAWFUL) for name in rules_named(result.rules).none_of]
+    for name, right, words in flaws:
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed
+
+    asked = result.meets()
+    nearest = _nearest(metrics, useful, result) if not (useful & asked).any() else None
+    rejected[_UNASKED] = int((useful & ~asked).sum())
+    useful &= asked
 
     places = np.argwhere(useful)
     places = places[np.argsort(fitness[useful], kind="stable")]
@@ -99,7 +119,20 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
         for number in chosen
     ]
     reasons = {words: number for words, number in rejected.items() if number}
-    return Choice(maps, int(valid.sum()), reasons, len(places) - len(kept))
+    return Choice(maps, int(valid.sum()), reasons, len(places) - len(kept), nearest)
+
+
+def _nearest(
+    metrics: dict[str, NDArray[np.generic]], useful: NDArray[np.bool_], result: Result
+) -> dict[str, float] | None:
+    """What was asked for, of the useful elite that is nearest to it; among equals of the first."""
+    if not useful.any():
+        return None
+    features = np.asarray(features_of(jnp.stack([metrics[name][useful] for name in COUNTED], axis=-1)))
+    shape = (result.elites.grids.shape[-2], result.elites.grids.shape[-1])
+    place = int(np.argmin(shortfall(features, ranges_of(result.where), shape)))
+    values = dict(zip(FEATURES, features[place].tolist(), strict=True))
+    return {item.name: values[item.name] / (WHOLE if item.name in SHARES else 1) for item in result.where}
 
 
 def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_], grids: NDArray[np.int8], count: int) -> list[int]:

@@ -37,6 +37,7 @@ _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "opens")
 _MOST_PIXELS = 2**26
+_GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
 class Tile(NamedTuple):
@@ -86,18 +87,25 @@ class TileSet:
     tiles: tuple[Tile, ...]
 
     @cached_property
+    def pictures(self) -> tuple[Tile, ...]:
+        """The tiles, and after them the bare ground of empty cells, of one colour."""
+        size = self.tiles[0].image.shape[0]
+        nothing = np.zeros((size, size), bool)
+        return (*self.tiles, Tile("ground", 0, np.full((size, size, 3), _GROUND, np.uint8), nothing, nothing, nothing))
+
+    @cached_property
     def turned(self) -> dict[int, tuple[Turned, ...]]:
-        """For each code that the set can draw, all the tiles and turns that draw it."""
+        """For each code that the set can draw, all the tiles and turns that draw it; an empty cell is bare ground."""
         draws: dict[int, list[Turned]] = {}
-        for place, tile in enumerate(self.tiles):
+        for place, tile in enumerate(self.pictures):
             for turns in range(4):
                 draws.setdefault(turned(tile.code, turns), []).append(Turned(place, turns))
         return {code: tuple(draws[code]) for code in sorted(draws)}
 
     @property
     def alphabet(self) -> tuple[int, ...]:
-        """The codes that the set can draw, sorted."""
-        return tuple(self.turned)
+        """The codes that the set's tiles draw, sorted."""
+        return tuple(code for code in self.turned if code)
 
 
 def default_tiles() -> Path:
@@ -154,7 +162,7 @@ def describe_tiles(tiles: TileSet) -> str:
     for tile in tiles.tiles:
         sides = "".join(letter for letter, side in _SIDES.items() if tile.code & side)
         lines.append(f"  {tile.name:12} opens {sides:4}  {_size(tile.image)} pixels")
-    turned_tiles = sum(len(draws) for draws in tiles.turned.values())
+    turned_tiles = sum(len(tiles.turned[code]) for code in tiles.alphabet)
     lines.append(f"turned, {turned_tiles} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
     return "\n".join(lines)
 

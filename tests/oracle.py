@@ -60,12 +60,31 @@ def measure(grid, alphabet=range(16)):
             if other[0] < height and other[1] < width
         ),
         "straight_score": sum(_runs(row, 5) for row in grid) + sum(_runs(column, 10) for column in grid.T),
+        "straights": int(np.isin(grid, (5, 10)).sum()),
+        "turns": int(np.isin(grid, TURNS).sum()),
+        "crowded_crossings": sum(
+            (a in crossing or b in crossing) and all(t in crossing or grid[t] in TURNS for t in (a, b))
+            for a, b in _sides(height, width)
+        ),
+        "unlinked_neighbours": sum(
+            bool(grid[a]) and bool(grid[b]) and not graph.has_edge(a, b) for a, b in _sides(height, width)
+        ),
         "tiles": graph.number_of_nodes(),
+        "empty_cells": int((grid == 0).sum()),
         "edges": graph.number_of_edges(),
         "mismatches": sum(unmatched.values()),
         "off_alphabet": sum(int(code) not in alphabet for code in grid.flat),
         "coverage": np.float32(graph.number_of_nodes() / grid.size),
     }
+
+
+def _sides(height, width):
+    """All pairs of cells that share a side."""
+    for row, column in np.ndindex(height, width):
+        if column + 1 < width:
+            yield (row, column), (row, column + 1)
+        if row + 1 < height:
+            yield (row, column), (row + 1, column)
 
 
 def fitness(metrics):

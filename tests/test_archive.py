@@ -113,7 +113,7 @@ def test_axes_are_checked():
         (5, "axes: expected records of type Axis, got 5"),
         ([], "axes: expected at least one axis, got none"),
         (["bridges"], "axes: expected records of type Axis, got 'bridges'"),
-        ([Axis("coverage", 3)], "axes: expected metrics among components, .*, got 'coverage'"),
+        ([Axis("speed", 3)], "axes: expected a metric, or a share such as straight_share, got 'speed'"),
         ([Axis("bridges", 0)], "axes: expected whole numbers, at least one bin and a width of 1 or more, got Axis"),
         ([Axis("bridges", 3, width=0.5)], "axes: expected whole numbers, at least one bin and a width"),
     ):

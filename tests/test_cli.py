@@ -77,9 +77,8 @@ def test_the_run_record_and_the_archive(generated):
     run = json.loads((generated / "run.json").read_text())
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
-    assert run["settings"]["preset"] == "standard"
-    assert run["config"]["parents"] == "archive"
-    assert run["config"]["loop"]["tile_rate"] == 0.7
+    assert run["settings"]["preset"] == "tuned"
+    assert run["config"]["annealing"]["moves"]["transplant"] == 8
     assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
     assert run["tile_set"]["name"] == "Elite Lanes drawn tiles"
@@ -165,8 +164,42 @@ WRONG = {
     "huge tiles": (["--tile-px", "1000"], "argument --tile-px: expected a whole number, 16 to 512, got '1000'"),
     "a negative seed": (["--seed", "-1"], "argument --seed: expected a whole number, 0 to 4294967295, got '-1'"),
     "no such method": (["--method", "luck"], "method: expected one of ea, map-elites, pso, gwo, got 'luck'"),
-    "no such preset": (["--preset", "luck"], "preset: expected one of paper, standard for map-elites, got 'luck'"),
+    "no such preset": (
+        ["--preset", "luck"],
+        "preset: expected one of paper, standard, tuned for map-elites, got 'luck'",
+    ),
     "no such option": (["--luck"], "unrecognized arguments: --luck"),
+    "generations and evaluations": (
+        ["--generations", "1", "--evaluations", "1"],
+        "argument --evaluations: not allowed with argument --generations",
+    ),
+    "no range": (["--where", "crossings"], "where 'crossings': expected NAME=LOW..HIGH, such as crossings=6..10"),
+    "a range of nothing": (
+        ["--where", "speed=3"],
+        "where 'speed=3': expected a metric, or a share such",
+    ),
+    "a range upside down": (["--where", "bridges=5..2"], "where 'bridges=5..2': expected the lower limit first, got 5"),
+    "a range without numbers": (["--where", "bridges=a..b"], "where 'bridges=a..b': expected a number, got 'a'"),
+    "a range without limits": (["--where", "bridges=.."], "where 'bridges=..': expected at least one limit"),
+    "half a bridge": (["--where", "bridges=0.5"], "where 'bridges=0.5': expected whole numbers, got 0.5"),
+    "a share over 1": (
+        ["--where", "straight_share=0..2"],
+        "where 'straight_share=0..2': expected 0 to 1 (a part",
+    ),
+    "the same range twice": (["--where", "bridges=1", "bridges=2"], "where: expected each feature once, got bridges 2"),
+    "no weight": (["--weights", "bridges"], "argument --weights: expected NAME=N with a whole number, got 'bridges'"),
+    "a weight of nothing": (
+        ["--weights", "speed=3"],
+        "weights: expected a metric such as dead_ends, or",
+    ),
+    "no axis": (["--axes", "cyclomatic"], "axis 'cyclomatic': expected NAME:BINS or NAME:BINS:WIDTH"),
+    "an axis of nothing": (
+        ["--axes", "speed:3"],
+        "axis 'speed:3': expected a metric, or a share such",
+    ),
+    "too many niches": (["--axes", "tiles:9999", "edges:9999"], "axes: expected at most 1,048,576 niches, got"),
+    "no template": (["--fix", "nowhere.json"], "nowhere.json: no such file or directory"),
+    "no such rules": (["--rules", "luck"], "rules: expected one of duckietown, got 'luck'"),
     "no such tiles": (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
 }
 

@@ -14,16 +14,18 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
 version  errors
-checks  codes  draws  folders  interrupts  overview  progress  compile_cache
+checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache
 command
-lattice  grids  tilesets  wfc  fixed_point
+lattice  grids  tilesets  wfc  fixed_point  templates
 faces  repairs  symmetry  roadmap
 metrics  render
-objective  archive
+objective  features
+archive  requests  rules
 problem  variation
-evolution
+evolution  moves
+annealing
 optimizers.base
-optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo
+optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo  optimizers.annealed  optimizers.aimed_map_elites
 optimizers
 run
 search

@@ -14,19 +14,41 @@ from oracle import measure as oracle
 from elitelanes_jax import InputError, measure
 from elitelanes_jax.archive import describe, niche_of, paper_axes
 from elitelanes_jax.metrics import COUNTED
-from elitelanes_jax.optimizers import EvolutionConfig, GwoConfig, MapElitesConfig, ea, gwo, map_elites, pso
+from elitelanes_jax.optimizers import (
+    AimedMapElitesConfig,
+    AnnealingConfig,
+    DiscreteGwoConfig,
+    DiscretePsoConfig,
+    EvolutionConfig,
+    GwoConfig,
+    MapElitesConfig,
+    aimed_map_elites,
+    annealed_ea,
+    discrete_gwo,
+    discrete_pso,
+    ea,
+    gwo,
+    map_elites,
+    pso,
+)
 from elitelanes_jax.problem import road_problem
 from elitelanes_jax.run import advance, start
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)
 PROBLEMS = {fill: road_problem(SHAPE, AXES, fill=fill) for fill in (False, True)}
+# Cycles so short that several begin anew within the tests.
+TUNED = AnnealingConfig(population=12, chains=4, cycle=7)
 MAKERS = {
     "ea": ea,
     "map-elites": map_elites,
     "map-elites, parents from the archive": partial(map_elites, config=MapElitesConfig(parents="archive")),
     "pso": pso,
     "gwo": partial(gwo, config=GwoConfig(horizon=100)),
+    "ea, tuned": partial(annealed_ea, config=TUNED),
+    "map-elites, tuned": partial(aimed_map_elites, config=AimedMapElitesConfig(TUNED)),
+    "pso, tuned": partial(discrete_pso, config=DiscretePsoConfig(TUNED)),
+    "gwo, tuned": partial(discrete_gwo, config=DiscreteGwoConfig(TUNED)),
     "gwo, the worst as omega": partial(gwo, config=GwoConfig(horizon=100, omega="worst")),
 }
 KEYS = jax.random.split(jax.random.key(11), 3)

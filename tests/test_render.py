@@ -139,8 +139,6 @@ def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
 def test_what_has_no_picture_is_named(drawn_tiles):
     with pytest.raises(ValueError, match=r"codes 3, 5, .*\), got 8 \(stub\) at row 1, column 0"):
         render([[6, 3], [8, 9]], drawn_tiles)
-    with pytest.raises(ValueError, match=r"got 0 \(empty\) at row 0, column 0"):
-        render([[0, 3], [8, 9]], drawn_tiles)
     partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 15))
     with pytest.raises(ValueError, match=r"the set 'partial' can draw .* got 15 \(crossing4\)"):
         choose_tiles([[15, 15], [15, 15]], partial)

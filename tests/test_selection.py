@@ -161,14 +161,14 @@ def test_nothing_to_choose_from():
     assert choice.rejected == {"not in one piece": 1}
 
 
-FLAWS = ("components", "dead_ends", "boundary_violations", "mismatches", "off_alphabet", "coverage")
+FLAWS = ("components", "dead_ends", "boundary_violations", "mismatches", "off_alphabet", "empty_cells")
 
 
 @pytest.mark.parametrize("name", FLAWS)
 def test_each_flaw_alone_makes_a_map_useless(name):
     """Even one that no grid has alone: the figures are what counts."""
     found = result([random_maps(2, 5)], [[0, 0]])
-    spoilt = getattr(found.elites.metrics, name).at[0, 1].set(0.5 if name == "coverage" else 7)
+    spoilt = getattr(found.elites.metrics, name).at[0, 1].set(7)
     elites = found.elites._replace(metrics=found.elites.metrics._replace(**{name: spoilt}))
     choice = choose_maps(replace(found, elites=elites), 2)
     assert len(choice.maps) == 1

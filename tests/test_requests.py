@@ -1,0 +1,144 @@
+"""Features, ranges and templates: what a user asks for, and whether a map has it."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+from hypothesis import strategies as st
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, measure, repair
+from elitelanes_jax.archive import Axis, read_axis
+from elitelanes_jax.codes import CONNECTIONS
+from elitelanes_jax.features import FEATURES, SHARES, features_of
+from elitelanes_jax.metrics import COUNTED, counts_of
+from elitelanes_jax.requests import Range, meets, ranges_of, read_ranges, shortfall
+from elitelanes_jax.templates import read_template, template_of
+
+
+@given(grids())
+def test_shares_are_parts_in_thousandths_rounded_down(grid):
+    found = oracle(grid)
+    features = dict(zip(FEATURES, features_of(counts_of(measure(grid))).tolist(), strict=True))
+    for name, (part, whole) in SHARES.items():
+        total = sum(found[metric] for metric in whole)
+        assert features[name] == (1000 * found[part] // total if total else 0)
+    assert {name: features[name] for name in COUNTED} == {name: found[name] for name in COUNTED}
+
+
+@given(grids(), st.sampled_from(FEATURES), st.integers(0, 20), st.integers(0, 20))
+def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
+    low, high = sorted((one, other))
+    unit = 20 if name in SHARES else 1
+    item = Range(name, Fraction(low, unit), Fraction(high, unit))
+    metrics = oracle(grid)
+    part, whole = SHARES.get(name, (name, ()))
+    total = sum(metrics[metric] for metric in whole) if whole else 1
+    inside = low * total <= unit * metrics[part] <= high * total
+    assert meets(metrics, [item]) == inside
+    short = int(shortfall(features_of(counts_of(measure(grid))), ranges_of([item]), grid.shape))
+    assert short >= 0
+    assert not (inside and total and short), "what meets it costs nothing"
+    if name not in SHARES:
+        assert (short == 0) == inside
+
+
+def test_the_farther_from_a_range_the_more_it_costs():
+    features = jnp.zeros((40, len(FEATURES)), jnp.int32).at[:, FEATURES.index("crossings")].set(jnp.arange(40))
+    cost = np.asarray(shortfall(features, ranges_of(read_ranges(["crossings=10..20"])), (12, 12)))
+    assert (np.diff(cost[:11]) < 0).all()
+    assert (cost[10:21] == 0).all()
+    assert (np.diff(cost[20:]) > 0).all()
+
+
+def test_ranges_are_read():
+    assert read_ranges(["crossings=6..10", "bridges=0", "straight_share=0.3..", "tiles=..9"]) == (
+        Range("crossings", Fraction(6), Fraction(10)),
+        Range("bridges", Fraction(0), Fraction(0)),
+        Range("straight_share", Fraction(3, 10), None),
+        Range("tiles", None, Fraction(9)),
+    )
+    assert read_ranges({"crossings": (6, None), "bridges": 0}) == read_ranges(["crossings=6..", "bridges=0"])
+    assert [str(item) for item in read_ranges(["crossings=6..10", "bridges=0"])] == ["crossings=6..10", "bridges=0"]
+    for wrong, message in (
+        ("crossings=6", "where: expected ranges such as"),
+        (["crossings=6..x"], "expected a number, got 'x'"),
+        ({"crossings": ()}, "expected at least one limit"),
+        ({"crossings": (1, 2, 3)}, "expected at least one limit"),
+        (["crossing=6"], "got 'crossing'; is it crossings?"),
+    ):
+        with pytest.raises(InputError) as error:
+            read_ranges(wrong)
+        assert message in str(error.value)
+
+
+def test_axes_are_read():
+    assert read_axis("cyclomatic:25", (12, 12)) == Axis("cyclomatic", 25)
+    assert read_axis("cyclomatic:25", (24, 24)) == Axis("cyclomatic", 25, 4)
+    assert read_axis("straight_share:10", (12, 12)) == Axis("straight_share", 10, 100)
+    assert read_axis("crossings:8:3", (12, 12)) == Axis("crossings", 8, 3)
+
+
+@given(grids(), st.integers(0, 2**32 - 1), st.booleans())
+def test_what_is_kept_stays_and_dictates(grid, seed, fill):
+    rng = np.random.default_rng(seed)
+    whole = np.asarray(repair(grid))  # given cells that agree with each other
+    kept = rng.random(grid.shape) < 0.3
+    dirty = rng.random(grid.shape) < 0.5
+    mended = np.asarray(repair(np.where(kept, whole, grid), dirty, fill=fill, kept=kept))
+    np.testing.assert_array_equal(mended[kept], whole[kept])
+    found = oracle(mended)
+    assert found["mismatches"] == found["boundary_violations"] == 0
+    if fill:
+        # A free tile has two connections, or no free neighbour that it lacks one to.
+        for row, column in np.argwhere(~kept & (CONNECTIONS[mended] < 2)):
+            for side, down, right in ((8, -1, 0), (4, 0, 1), (2, 1, 0), (1, 0, -1)):
+                place = (row + down, column + right)
+                if 0 <= place[0] < grid.shape[0] and 0 <= place[1] < grid.shape[1] and not kept[place]:
+                    assert mended[row, column] & side
+
+
+def test_templates_are_read(tmp_path):
+    file = tmp_path / "city.json"
+    file.write_text("[[6, 5, null], [null, 0, null]]")
+    template = read_template(file, (2, 3))
+    assert template.codes == (6, 5, None, None, 0, None)
+    assert template_of([[6, 5, None], [None, 0, None]], (2, 3)) == template == template_of(template, (2, 3))
+    np.testing.assert_array_equal(template.kept, [[1, 1, 0], [0, 1, 0]])
+    assert hash(template) == hash(template_of(template, (2, 3)))
+    for text, message in (
+        ("[[", "expected JSON"),
+        ("{}", "expected rows of tile codes"),
+        ("7", "expected rows of tile codes"),
+        ("[[1, 2]]", "expected the maps' 2 rows of 3 cells, got 1 rows of 2"),
+        (
+            "[[99, null, null], [null, null, null]]",
+            "0 to 15, or null for a free cell, got 99 at row 0, column 0",
+        ),
+        ("[[8, null, null], [null, null, null]]", "got one that leaves it to the north at row 0, column 0"),
+        (
+            "[[4, 0, null], [null, null, null]]",
+            "to the east at row 0, column 0 that row 0, column 1 does not",
+        ),
+        (
+            "[[0, 1, null], [null, null, null]]",
+            "to the west at row 0, column 1 that row 0, column 0 does not",
+        ),
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError) as error:
+            read_template(file, (2, 3))
+        assert str(error.value).startswith(str(file))
+        assert message in str(error.value)
+    with pytest.raises(InputError, match="no such file"):
+        read_template(tmp_path / "none.json", (2, 3))
+
+
+def test_shortfalls_do_not_leave_32_bits():
+    features = jnp.full((1, len(FEATURES)), 2**20 * 1024, jnp.int32)
+    nothing = ranges_of([Range(name, Fraction(0), Fraction(0)) for name in FEATURES])
+    assert 0 < int(jax.jit(shortfall, static_argnums=2)(features, nothing, (1024, 1024))[0]) <= 2**30
