@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling clean
+.PHONY: demo test test-slow lint benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -30,6 +30,9 @@ compare: $(READY)
 
 scaling: $(READY)
 	$(BIN)/python experiments/scaling.py
+
+optimum: $(READY)
+	$(BIN)/python experiments/optimum.py
 
 clean:
 	rm -rf .venv $(DEMO)

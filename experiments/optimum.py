@@ -1,0 +1,228 @@
+"""How far searches reach, how soon, and whether they do what they are asked.
+
+python experiments/optimum.py [--out DIR] [--quick]
+
+Compares the presets with the proven optima, fills the niches of the cyclomatic number, meets random requests, and makes
+maps after Duckietown's rules. Nothing that is known is given to a search: optima, floors and the comb are what its
+results are compared with.
+"""
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax import evolve, fitness, measure
+from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
+from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.search import Result, seed_keys
+from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.symmetry import canonical
+
+# Proven by integer programming; a grid's cells all filled (A), or some left empty (B).
+OPTIMA = {
+    True: {3: -10, 4: -18, 5: -56, 6: -158, 8: -438, 12: -1898},
+    False: {3: -10, 4: -34, 5: -82, 6: -158, 8: -466, 12: -2034},
+}
+
+# The best fitness known before of a flawless network of 12 x 12 filled cells, by its cyclomatic number from 3 on.
+FLOORS = [-1734, -1752, -1810, -1858, -1898, -1696, -1604, -1548, -1444, -1312, -1150, -1076, -950, -846, -764, -636]
+FLOORS += [-540, -496, -342]
+FLAWS = ("dead_ends", "adjacent_crossings", "adjacent_turns")
+
+_COMB = ("┌─ ┬─── ┬┐", "├┐ │┌┬┐ ││", "││ ││││ ││", "││ └┴┘│ └┤", "└┴ ───┴ ─┘")
+_SIGNS = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
+
+
+def comb(side: int) -> NDArray[np.int8]:
+    """The densest way to lay long streets side by side, for sides that are a multiple of 4: at 12 it is an optimum."""
+    lines = [left + middle * (side // 4 - 1) + right for left, middle, right in (line.split(" ") for line in _COMB)]
+    lines = [*lines[:2], *[lines[2]] * (side - 4), *lines[3:]]
+    assert (NORTH, EAST, SOUTH, WEST) == (8, 4, 2, 1)
+    return np.array([[_SIGNS.index(sign) for sign in line] for line in lines], np.int8)
+
+
+def timed(**arguments: Any) -> tuple[Result, float]:
+    """A run, and its seconds without compilation."""
+    budget = arguments.pop("evaluations")
+    keys, shape = arguments.pop("keys"), arguments.pop("shape")
+    evolve(keys, shape, evaluations=1, **arguments)
+    began = time.perf_counter()
+    result = evolve(keys, shape, evaluations=budget, **arguments)
+    return result, time.perf_counter() - began
+
+
+def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]]) -> list[str]:
+    """Rows of the table of optima; fills in the curves of the gap at 12 x 12."""
+    tuned = [(side, fill, "ea", "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False)]
+    tuned += [(12, True, method, "tuned", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
+    tuned += [(12, True, method, "paper", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
+    tuned += [(12, False, "ea", "tuned", 2_000_000), (16, True, "ea", "tuned", 1_000_000)]
+    tuned += [(24, True, "ea", "tuned", 1_000_000)]
+    rows = []
+    for side, fill, method, preset, budget in tuned:
+        seeds = 2 if quick else 4 if side > 16 else 16
+        budget = budget // 50 if quick else budget
+        result, seconds = timed(
+            keys=seed_keys(0, seeds), shape=(side, side), method=method, preset=preset, fill=fill, evaluations=budget
+        )
+        best = result.history.best_fitness
+        goal = OPTIMA[fill].get(side, int(fitness(measure(comb(side)))) if side % 4 == 0 else None)
+        reached = best <= goal
+        first = np.where(reached.any(axis=1), result.history.evaluations[reached.argmax(axis=1)], -1)
+        last = best[:, -1]
+        soon = f"{int(np.median(first[first > 0])):,}, at most {first.max():,}" if (first > 0).any() else ""
+        per = 1e6 * seconds / (seeds * result.history.evaluations[-1])
+        found = f"{int(last.min()):,} to {int(last.max()):,}" if last.min() < last.max() else f"{int(last.min()):,}"
+        mark = "" if side in OPTIMA[fill] else " (comb)"
+        rows.append(
+            f"| {side} {'A' if fill else 'B'} | {method} | {preset} | {budget:,} | {goal:,}{mark} | {found} "
+            f"| {(first > 0).sum()} of {seeds} | {soon} | {per:.1f} |"
+        )
+        print(rows[-1], flush=True)
+        if (side, fill) == (12, True):
+            curves[f"{method}, {preset}"] = (result.history.evaluations, np.median(best - goal, axis=0))
+    return rows
+
+
+def niches(quick: bool) -> list[str]:
+    """Rows on how many flawless niches of the cyclomatic number runs fill, and how well."""
+    rows = []
+    for fill, budget in ((True, 5_000_000), (False, 2_000_000)):
+        result, seconds = timed(
+            keys=seed_keys(0, 1 if quick else 8),
+            shape=(12, 12),
+            preset="tuned",
+            fill=fill,
+            evaluations=budget // 100 if quick else budget,
+        )
+        metrics = result.elites.metrics
+        flawless = np.array(result.elites.valid & (metrics.components == 1))
+        for name in FLAWS:
+            flawless &= np.asarray(getattr(metrics, name)) == 0
+        least, most = (3, 21) if fill else (1, 24)
+        best = np.full((len(flawless), 25), np.inf)
+        for seed, place in np.argwhere(flawless):
+            number = min(int(metrics.cyclomatic[seed, place]), 24)
+            best[seed, number] = min(best[seed, number], int(result.elites.fitness[seed, place]))
+        best = best[:, least : most + 1]
+        filled = np.isfinite(best).sum(axis=1)
+        row = f"{'A' if fill else 'B'}: filled {sorted(filled.tolist())} of {best.shape[1]} in {budget:,} evaluations"
+        row += f", {seconds:.0f} s for all seeds."
+        if fill:
+            as_good = (best <= np.array(FLOORS)).sum(axis=1)
+            row += f" At least as good as the floor: {sorted(as_good.tolist())}."
+            gaps = best.min(axis=0) - np.array(FLOORS)
+            told = [
+                f"{number}: {int(gap):+d}" if np.isfinite(gap) else f"{number}: none"
+                for number, gap in enumerate(gaps, 3)
+            ]
+            row += "\n\nBest of all seeds against the floors, by cyclomatic number: " + ", ".join(told) + "."
+        rows.append(row)
+        print(row, flush=True)
+    return rows
+
+
+def requests(quick: bool) -> str:
+    """Random requests that some map is known to meet, each run alone for at most ten seconds."""
+    archive = evolve(seed_keys(7, 4), (12, 12), preset="tuned", fill=True, evaluations=10_000 if quick else 200_000)
+    usable = np.argwhere(np.asarray(archive.elites.valid & (archive.elites.metrics.components == 1)))
+    rng = np.random.default_rng(0)
+    names = ("crossings", "cyclomatic", "straight_share", "turn_share", "adjacent_turns", "bridges", "straight_score")
+    count, met, times = 3 if quick else 100, 0, []
+    for number in range(count):
+        place = tuple(usable[rng.integers(len(usable))])
+        where = {}
+        for name in rng.choice(names, 3, replace=False).tolist():
+            share = name.endswith("_share")
+            part = {"straight_share": "straights", "turn_share": "turns"}.get(name, name)
+            value = float(getattr(archive.elites.metrics, part)[place]) / (144 if share else 1)
+            width = 0.05 if share else max(1, value // 10)
+            low, high = max(0, value - width), value + width
+            where[name] = (round(low, 4), round(min(high, 1), 4)) if share else (int(low), int(high))
+        began, state, done = time.perf_counter(), None, False
+        setting: dict[str, Any] = {"method": "ea", "preset": "tuned", "fill": True, "where": where}
+        if not number:
+            evolve(seed_keys(number, 4), (12, 12), evaluations=1, **setting)  # compiled once for all
+            began = time.perf_counter()
+        while not done and time.perf_counter() - began < 10:
+            result = evolve(seed_keys(number, 4), (12, 12), evaluations=8000, state=state, **setting)
+            state, done = result.state, bool(result.meets().any())
+        met += done
+        times.append(time.perf_counter() - began)
+    text = f"{met} of {count} random requests of three ranges met; "
+    text += f"median {np.median(times):.1f} s, longest {max(times):.1f} s."
+    print(text, flush=True)
+    return text
+
+
+def duckietown(quick: bool) -> str:
+    """A thousand maps of 9 x 9 after Duckietown's rules."""
+    wanted, began = 20 if quick else 1000, time.perf_counter()
+    result = evolve(seed_keys(0, 4 if quick else 48), (9, 9), preset="tuned", rules="duckietown", evaluations=25_000)
+    maps = choose_maps(result, wanted).maps
+    seconds = time.perf_counter() - began
+    distinct = len({canonical(road_map.codes) for road_map in maps})
+    text = (
+        f"{distinct} distinct 9 x 9 maps after Duckietown's rules in {seconds:.0f} s, compilation and choice included."
+    )
+    print(text, flush=True)
+    return text
+
+
+def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: Path) -> None:
+    """The median gap to the optimum against evaluations."""
+    figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
+    colours = dict(zip(("ea", "map-elites", "pso", "gwo"), ("#1b6ca8", "#d1495b", "#66a182", "#edae49"), strict=True))
+    for name, (evaluations, gap) in curves.items():
+        method, preset = name.split(", ")
+        axes.plot(evaluations, gap + 1, "-" if preset == "tuned" else ":", color=colours[method], label=name)
+    axes.set(xscale="log", yscale="log", xlabel="evaluations of a seed", ylabel="fitness above the optimum + 1, median")
+    axes.set_title("12 x 12, every cell filled")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8, ncols=2)
+    figure.savefig(file, dpi=130)
+    plt.close(figure)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = Parser(prog="optimum.py", description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--out", type=folder_name, default=Path("results/optimum"), help="folder to write to")
+    parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
+    options = parser.parse_args(arguments)
+    return guarded("optimum.py", lambda: _run(options), interrupted="nothing was written")
+
+
+def _run(options: argparse.Namespace) -> int:
+    use_compile_cache()
+    curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]] = {}
+    rows = reach(options.quick, curves)
+    text = "\n".join(
+        [
+            "| grid | method | preset | evaluations | optimum | found | reached | after evaluations | µs each |",
+            "|---|---|---|---:|---:|---:|---:|---:|---:|",
+            *rows,
+            "",
+            *(line + "\n" for line in niches(options.quick)),
+            requests(options.quick) + "\n",
+            duckietown(options.quick),
+        ]
+    )
+    options.out.mkdir(parents=True, exist_ok=True)
+    (options.out / "optimum.md").write_text(text + "\n", encoding="utf-8")
+    draw(curves, options.out / "optimum.png")
+    say(f"written to {options.out}")
+    return 0
+
+
+if __name__ == "__main__":
+    leave(lambda: main(sys.argv[1:]))
