@@ -73,7 +73,7 @@ def _add_generate(commands: Any) -> None:
     )
     budget = command.add_mutually_exclusive_group()
     budget.add_argument(
-        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 100000"
+        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 200000"
     )
     budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
     command.add_argument(

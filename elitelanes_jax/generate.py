@@ -30,7 +30,7 @@ from elitelanes_jax.version import __version__
 __all__ = ["NotEnoughMapsError", "Settings", "generate"]
 
 # What each seed evaluates where nothing else is said.
-_EVALUATIONS = 100_000
+_EVALUATIONS = 200_000
 
 # A map's longer side on the overview, in pixels, and the limits of a tile's.
 _OVERVIEW_PX, _OVERVIEW_TILE_PX = 288, (16, 96)
@@ -44,7 +44,7 @@ class Settings(NamedTuple):
       method: see `evolve`.
       preset: see `evolve`.
       generations: of each run.
-      evaluations: of each run, in place of generations; 100,000 where neither is given.
+      evaluations: of each run, in place of generations; 200,000 where neither is given.
       seeds: how many independent runs to choose from.
       maps: how many maps.
       seed: of everything random.

@@ -62,7 +62,7 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     alphabet, but for empty ones where rules or given cells call for them. It meets the ranges and keeps the rules that
     the run was asked for. Of maps that are the same but for turning and mirroring, the fittest is taken. Maps that
     hardly differ are taken only where there are too few others; among the others every niche gives one before any gives
-    a second, and all seeds as equally many as can be.
+    a second, and all seeds as equally many as can be. Niches that axes aim at come before all others.
 
     Args:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
@@ -105,7 +105,15 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]
     bins = np.asarray(niche_bins(descriptor, result.axes))
     extent = np.array([max(1, axis.bins - 1) for axis in result.axes])
-    chosen = _spread(bins / extent, kept[:, 0], grids[tuple(kept.T)], count)
+    # Niches off an axis' aim were steps for the search; they give maps where the others have too few.
+    aimed = np.ones(len(kept), bool)
+    for number, axis in enumerate(result.axes):
+        if axis.aim is not None:
+            aimed &= bins[:, number] == axis.aim
+    chosen: list[int] = []
+    for group in (np.flatnonzero(aimed), np.flatnonzero(~aimed)):
+        part = _spread((bins / extent)[group], kept[group, 0], grids[tuple(kept[group].T)], count - len(chosen))
+        chosen += group[part].tolist()
     chosen.sort(key=lambda number: (*bins[number], number))
     maps = [
         RoadMap(

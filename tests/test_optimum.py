@@ -1,0 +1,28 @@
+"""The yardsticks of experiments/optimum.py, and that it runs."""
+
+import numpy as np
+import optimum
+import pytest
+from oracle import fitness, measure
+
+
+@pytest.mark.parametrize("side", [8, 12, 16, 24])
+def test_the_comb_is_a_flawless_network(side):
+    found = measure(optimum.comb(side))
+    for name in ("dead_ends", "bridges", "adjacent_crossings", "adjacent_turns", "mismatches", "boundary_violations"):
+        assert found[name] == 0, name
+    assert found["components"] == found["coverage"] == 1
+
+
+def test_the_comb_is_the_proven_optimum_of_twelve_by_twelve():
+    assert fitness(measure(optimum.comb(12))) == optimum.OPTIMA[True][12]
+
+
+@pytest.mark.slow
+def test_it_runs(tmp_path):
+    assert optimum.main(["--quick", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "optimum.png").stat().st_size > 1000
+    lines = (tmp_path / "optimum.md").read_text().splitlines()
+    widths = {line.count("|") for line in lines if line.startswith("|")}
+    assert len(widths) == 1
+    assert np.sum([line.startswith("| 12 A") for line in lines]) == 8
