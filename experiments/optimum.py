@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, fitness, measure
+from elitelanes_jax.archive import read_axis
 from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
@@ -168,7 +169,15 @@ def requests(quick: bool) -> str:
 def duckietown(quick: bool) -> str:
     """A thousand maps of 9 x 9 after Duckietown's rules."""
     wanted, began = 20 if quick else 1000, time.perf_counter()
-    result = evolve(seed_keys(0, 4 if quick else 48), (9, 9), preset="tuned", rules="duckietown", evaluations=25_000)
+    axes = [read_axis(text, (9, 9)) for text in ("cyclomatic:16", "tiles:27:3")]
+    result = evolve(
+        seed_keys(0, 2 if quick else 32),
+        (9, 9),
+        preset="tuned",
+        rules="duckietown",
+        axes=axes,
+        evaluations=10_000 if quick else 100_000,
+    )
     maps = choose_maps(result, wanted).maps
     seconds = time.perf_counter() - began
     distinct = len({canonical(road_map.codes) for road_map in maps})
