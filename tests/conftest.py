@@ -44,6 +44,14 @@ def own_compile_cache(tmp_path_factory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
         yield
+    jax.config.update("jax_compilation_cache_dir", None)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def compiled_programs_are_let_go() -> Iterator[None]:
+    """One process that keeps the programs of all modules runs out of memory mappings, and crashes."""
+    yield
+    jax.clear_caches()
 
 
 _compiled: list[str] = []

@@ -54,7 +54,11 @@ MAKERS = {
 KEYS = jax.random.split(jax.random.key(11), 3)
 GENERATIONS = 30
 
-every_optimizer = pytest.mark.parametrize("name", MAKERS)
+# The tuned swarms are the tuned EA with other mates; whether they keep the contract too is a slow proof.
+SLOW = {"pso, tuned", "gwo, tuned"}
+every_optimizer = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in MAKERS]
+)
 
 
 def runner(optimizer):
