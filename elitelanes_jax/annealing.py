@@ -20,7 +20,7 @@ from elitelanes_jax.problem import Problem
 from elitelanes_jax.repairs import raster_rank
 from elitelanes_jax.variation import Move
 
-__all__ = ["AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
+__all__ = ["OTHER_WORDS", "AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
 
 # Temperatures are whole sixteenths of a unit of fitness; with more the product with a draw would not fit 32 bits.
 _PARTS, _HOTTEST = 16, 4000
@@ -30,11 +30,14 @@ _USUAL_SIDE = 12
 
 _STEPS = 256
 
+OTHER_WORDS = 12
+"""How many random words each chain has in a step for what a method does beside the move."""
+
 # Its product with the number of temperatures fits 32 bits.
 _LONGEST_CYCLE = 2**22
 
-# The number of cells up to which islands of one chain were found better.
-_SMALL = 64
+# How many chains an island has, and up to how many cells islands of one chain were found better.
+_CHAINS, _SMALL = 4, 64
 
 
 class AnnealingConfig(NamedTuple):
@@ -66,9 +69,10 @@ class AnnealingConfig(NamedTuple):
         for name in ("population", "chains", "hottest", "coldest", "cycle"):
             if getattr(self, name) is not None:
                 check_count("config", name, getattr(self, name))
-        if self.population % (self.chains or 4):
+        chains = self.chains or _CHAINS
+        if self.population % chains:
             raise InputError(
-                f"config: expected a population that is a multiple of the {self.chains or 4} chains of an island, "
+                f"config: expected a population that is a multiple of the {chains} chains of an island, "
                 f"got {self.population}"
             )
         if not self.coldest <= self.hottest <= _HOTTEST:
@@ -79,7 +83,7 @@ class AnnealingConfig(NamedTuple):
 
     def chains_on(self, shape: tuple[int, int]) -> int:
         """How many chains an island has on grids of a shape."""
-        return self.chains or (1 if shape[0] * shape[1] <= _SMALL else 4)
+        return self.chains or (1 if shape[0] * shape[1] <= _SMALL else _CHAINS)
 
     def first_cycle(self, shape: tuple[int, int]) -> int:
         """The steps of the first cycle on grids of a shape."""
@@ -136,7 +140,7 @@ class Draw(NamedTuple):
       accept: uint32 ``[C]``.
       mate: likewise.
       fresh: likewise.
-      other: uint32 ``[C, 12]``, for what a method has beside.
+      other: uint32 ``[C, OTHER_WORDS]``, for what a method has beside.
       move: uint32 ``[C, words]``.
     """
 
@@ -148,8 +152,9 @@ class Draw(NamedTuple):
 
     @staticmethod
     def of(key: PRNGKey, chains: int, move: Move) -> "Draw":
-        words = random_words(key, (chains, 15 + move.words))
-        return Draw(words[:, 0], words[:, 1], words[:, 2], words[:, 3:15], words[:, 15:])
+        first = 3 + OTHER_WORDS
+        words = random_words(key, (chains, first + move.words))
+        return Draw(words[:, 0], words[:, 1], words[:, 2], words[:, 3:first], words[:, first:])
 
 
 def tuned_move(problem: Problem, mix: Mix) -> Move:

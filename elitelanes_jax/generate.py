@@ -81,8 +81,8 @@ class NotEnoughMapsError(Exception):
 def generate(settings: Settings, out: Path) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
-    With the filling repair, but where rules leave cells empty. The same settings give the same
-    files, byte for byte, but for the times in ``run.json``.
+    With the filling repair, but where rules leave cells empty. The same settings give the same files, byte for byte,
+    but for the times in ``run.json``.
 
     Returns:
       The maps, as they were written.

@@ -133,7 +133,7 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
     east_pair = links.east & lattice.here(crossing) & lattice.east(crossing)
     south_pair = links.south & lattice.here(crossing) & lattice.south(crossing)
     turn = (connections == 2) & (north != south)
-    straight = lattice.here((connections == 2) & (north == south))
+    along, upright = here == (EAST | WEST), here == (NORTH | SOUTH)
     busy, road = crossing | turn, padded > 0
 
     def crowds(neighbour: Callable[[Array], Array]) -> Array:
@@ -165,11 +165,10 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
                 2,
             ),
             "straight_score": (
-                _odd_numbers(here == (EAST | WEST), 1, lattice.width)
-                + _odd_numbers(here == (NORTH | SOUTH), lattice.stride, lattice.height),
+                _odd_numbers(along, 1, lattice.width) + _odd_numbers(upright, lattice.stride, lattice.height),
                 2 * side,
             ),
-            "straights": (straight, 1),
+            "straights": (along | upright, 1),
             "turns": (lattice.here(turn), 1),
             "crowded_crossings": (crowds(lattice.east).astype(jnp.int8) + crowds(lattice.south), 2),
             "unlinked_neighbours": (

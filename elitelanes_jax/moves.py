@@ -8,7 +8,6 @@ has proved good elsewhere: in another grid, turned or mirrored, or in another pl
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
@@ -18,7 +17,7 @@ from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.repairs import repair
-from elitelanes_jax.variation import Move, Variation, one_of
+from elitelanes_jax.variation import Move, Variation, drawn_by_share, one_of
 
 __all__ = [
     "Mix",
@@ -241,19 +240,15 @@ class _Copy(NamedTuple):
 
 _COPY_WORDS = 7
 
-Plan = Callable[[Array, tuple[int, int]], _Copy]
+_Plan = Callable[[Array, tuple[int, int]], _Copy]
 
 
-def _copying(shares: dict[Plan, int]) -> Move:
+def _copying(shares: dict[_Plan, int]) -> Move:
     """A move that copies tiles by one of the plans, each in proportion to its share."""
-    starts = np.cumsum([0, *shares.values()])
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        drawn = below(words[0], int(starts[-1]))
-        plans = [plan(words[1:], grid.shape) for plan in shares]
-        copy = plans[0]
-        for plan, start in zip(plans[1:], starts[1:], strict=False):
-            copy = jax.tree.map(lambda new, old, later=drawn >= start: jnp.where(later, new, old), plan, copy)
+        copies = [plan(words[1:], grid.shape) for plan in shares]
+        copy = drawn_by_share(words[0], copies, list(shares.values()))
         return _copied(copy, grid, grid if mate is None else mate)
 
     return Move(1 + _COPY_WORDS, apply)

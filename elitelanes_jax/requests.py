@@ -135,7 +135,7 @@ def _read(text: Any) -> Range:
 def _range(where: str, name: Any, limits: Any) -> Range:
     check_feature(where, name)
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
-    if len(pair) != 2 or pair == (None, None) or (None not in pair and not isinstance(limits, str) and limits == ()):
+    if len(pair) != 2 or all(limit is None for limit in pair):
         raise InputError(f"{where}: expected at least one limit, got {limits!r}")
     low, high = (None if limit is None else _limit(where, name, limit) for limit in pair)
     if low is not None and high is not None and low > high:

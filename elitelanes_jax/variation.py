@@ -5,18 +5,29 @@ tiles dictate to their neighbours. What is random about a move comes to it as wo
 whole generation's moves cost a single draw, and a move is a plain function that can be replayed.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from itertools import accumulate
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
-import numpy as np
 from chex import Array, Numeric
 
 from elitelanes_jax.codes import CROSSINGS
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 
-__all__ = ["Move", "Variation", "change_tile", "in_turn", "insert_crossing", "one_of", "paper_mutation", "sometimes"]
+__all__ = [
+    "Move",
+    "Variation",
+    "change_tile",
+    "drawn_by_share",
+    "in_turn",
+    "insert_crossing",
+    "one_of",
+    "paper_mutation",
+    "sometimes",
+]
 
 
 class Variation(NamedTuple):
@@ -104,20 +115,25 @@ def in_turn(*moves: Move) -> Move:
 
 def one_of(shares: dict[Move, int]) -> Move:
     """One of several moves, each in proportion to its share, a whole number over 0."""
-    total, moves = sum(shares.values()), list(shares)
-    # All are made and one is taken: under `jax.vmap` there is no other way.
-    starts = np.cumsum([0, *shares.values()])
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        drawn = below(words[0], total)
-        taken = moves[0].apply(words[1:], grid, mate)
-        for move, start in zip(moves[1:], starts[1:], strict=False):
-            varied = move.apply(words[1:], grid, mate)
-            later = drawn >= start
-            taken = Variation(*(jnp.where(later, new, old) for new, old in zip(varied, taken, strict=True)))
-        return taken
+        varied = [move.apply(words[1:], grid, mate) for move in shares]
+        return drawn_by_share(words[0], varied, list(shares.values()))
 
-    return Move(1 + max(move.words for move in moves), apply)
+    return Move(1 + max(move.words for move in shares), apply)
+
+
+def drawn_by_share(word: Array, options: Sequence[Any], shares: Sequence[int]) -> Any:
+    """One of several pytrees of one structure, each in proportion to its share, a whole number over 0.
+
+    All are there and one is taken: under `jax.vmap` there is no other way.
+    """
+    drawn = below(word, sum(shares))
+    taken = options[0]
+    for option, start in zip(options[1:], accumulate(shares), strict=False):
+        later = drawn >= start
+        taken = jax.tree.map(lambda new, old, later=later: jnp.where(later, new, old), option, taken)
+    return taken
 
 
 def paper_mutation(alphabet: tuple[int, ...], tile_rate: Numeric = 0.7, crossing_rate: Numeric = 0.5) -> Move:

@@ -19,12 +19,14 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from results_folder import write_whole
 
 from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax.archive import read_axis
-from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.features import SHARES
+from elitelanes_jax.illumination import gaps
 from elitelanes_jax.search import Result, seed_keys
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.symmetry import canonical
@@ -48,34 +50,30 @@ def comb(side: int) -> NDArray[np.int8]:
     """The densest way to lay long streets side by side, for sides that are a multiple of 4: at 12 it is an optimum."""
     lines = [left + middle * (side // 4 - 1) + right for left, middle, right in (line.split(" ") for line in _COMB)]
     lines = [*lines[:2], *[lines[2]] * (side - 4), *lines[3:]]
-    assert (NORTH, EAST, SOUTH, WEST) == (8, 4, 2, 1)
     return np.array([[_SIGNS.index(sign) for sign in line] for line in lines], np.int8)
 
 
-def timed(**arguments: Any) -> tuple[Result, float]:
-    """A run, and its seconds without compilation."""
-    budget = arguments.pop("evaluations")
-    keys, shape = arguments.pop("keys"), arguments.pop("shape")
-    evolve(keys, shape, evaluations=1, **arguments)
+def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:
+    """Runs of several seeds on a square, and their seconds without compilation."""
+    keys, shape = seed_keys(0, seeds), (side, side)
+    evolve(keys, shape, evaluations=1, **setting)
     began = time.perf_counter()
-    result = evolve(keys, shape, evaluations=budget, **arguments)
+    result = evolve(keys, shape, evaluations=evaluations, **setting)
     return result, time.perf_counter() - began
 
 
 def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]]) -> list[str]:
     """Rows of the table of optima; fills in the curves of the gap at 12 x 12."""
-    tuned = [(side, fill, "ea", "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False)]
-    tuned += [(12, True, method, "tuned", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
-    tuned += [(12, True, method, "paper", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
-    tuned += [(12, False, "ea", "tuned", 2_000_000), (16, True, "ea", "tuned", 1_000_000)]
-    tuned += [(24, True, "ea", "tuned", 1_000_000)]
+    runs = [(side, fill, "ea", "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False)]
+    runs += [(12, True, method, "tuned", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
+    runs += [(12, True, method, "paper", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
+    runs += [(12, False, "ea", "tuned", 2_000_000), (16, True, "ea", "tuned", 1_000_000)]
+    runs += [(24, True, "ea", "tuned", 1_000_000)]
     rows = []
-    for side, fill, method, preset, budget in tuned:
+    for side, fill, method, preset, budget in runs:
         seeds = 2 if quick else 4 if side > 16 else 16
         budget = budget // 50 if quick else budget
-        result, seconds = timed(
-            keys=seed_keys(0, seeds), shape=(side, side), method=method, preset=preset, fill=fill, evaluations=budget
-        )
+        result, seconds = timed(seeds, side, budget, method=method, preset=preset, fill=fill)
         best = result.history.best_fitness
         goal = OPTIMA[fill].get(side, int(fitness(measure(comb(side)))) if side % 4 == 0 else None)
         reached = best <= goal
@@ -99,13 +97,7 @@ def niches(quick: bool) -> list[str]:
     """Rows on how many flawless niches of the cyclomatic number runs fill, and how well."""
     rows = []
     for fill, budget in ((True, 5_000_000), (False, 2_000_000)):
-        result, seconds = timed(
-            keys=seed_keys(0, 1 if quick else 8),
-            shape=(12, 12),
-            preset="tuned",
-            fill=fill,
-            evaluations=budget // 100 if quick else budget,
-        )
+        result, seconds = timed(1 if quick else 8, 12, budget // 100 if quick else budget, preset="tuned", fill=fill)
         metrics = result.elites.metrics
         flawless = np.array(result.elites.valid & (metrics.components == 1))
         for name in FLAWS:
@@ -122,10 +114,10 @@ def niches(quick: bool) -> list[str]:
         if fill:
             as_good = (best <= np.array(FLOORS)).sum(axis=1)
             row += f" At least as good as the floor: {sorted(as_good.tolist())}."
-            gaps = best.min(axis=0) - np.array(FLOORS)
+            of_all = best.min(axis=0)
             told = [
                 f"{number}: {int(gap):+d}" if np.isfinite(gap) else f"{number}: none"
-                for number, gap in enumerate(gaps, 3)
+                for number, gap in enumerate(gaps(of_all, np.isfinite(of_all), FLOORS), 3)
             ]
             row += "\n\nBest of all seeds against the floors, by cyclomatic number: " + ", ".join(told) + "."
         rows.append(row)
@@ -144,8 +136,8 @@ def requests(quick: bool) -> str:
         place = tuple(usable[rng.integers(len(usable))])
         where = {}
         for name in rng.choice(names, 3, replace=False).tolist():
-            share = name.endswith("_share")
-            part = {"straight_share": "straights", "turn_share": "turns"}.get(name, name)
+            share = name in SHARES
+            part = SHARES[name][0] if share else name
             value = float(getattr(archive.elites.metrics, part)[place]) / (144 if share else 1)
             width = 0.05 if share else max(1, value // 10)
             low, high = max(0, value - width), value + width
@@ -226,8 +218,7 @@ def _run(options: argparse.Namespace) -> int:
             duckietown(options.quick),
         ]
     )
-    options.out.mkdir(parents=True, exist_ok=True)
-    (options.out / "optimum.md").write_text(text + "\n", encoding="utf-8")
+    write_whole(options.out / "optimum.md", (text + "\n").encode())
     draw(curves, options.out / "optimum.png")
     say(f"written to {options.out}")
     return 0

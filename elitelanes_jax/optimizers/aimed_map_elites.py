@@ -13,7 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric, PRNGKey
 
-from elitelanes_jax.annealing import AnnealingConfig, Cooling, Draw, accepts, fresh_grid, island_mates, tuned_move
+from elitelanes_jax.annealing import (
+    OTHER_WORDS,
+    AnnealingConfig,
+    Cooling,
+    Draw,
+    accepts,
+    fresh_grid,
+    island_mates,
+    tuned_move,
+)
 from elitelanes_jax.archive import Archive, describe, empty_archive, insert, niche_bins
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import below, chance
@@ -24,9 +33,8 @@ from elitelanes_jax.problem import Problem
 
 __all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "aimed_map_elites"]
 
-
-# A step has words for no more.
-_LARGEST_CONTEST = 8
+# Of the words for what a method does beside the move, aims and mates take four.
+_LARGEST_CONTEST = OTHER_WORDS - 4
 
 
 class AimedMapElitesConfig(NamedTuple):

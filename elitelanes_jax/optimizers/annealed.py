@@ -88,7 +88,7 @@ class AnnealedState(NamedTuple):
     cooling: Cooling
 
 
-Mates = Callable[[Draw, AnnealedState], Array]
+_Mates = Callable[[Draw, AnnealedState], Array]
 
 
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:  # noqa: B008
@@ -139,7 +139,7 @@ def discrete_gwo(problem: Problem, config: DiscreteGwoConfig = DiscreteGwoConfig
     return _annealed(problem, config.annealing, mates)
 
 
-def _annealed(problem: Problem, config: AnnealingConfig, mates: Mates) -> Optimizer:
+def _annealed(problem: Problem, config: AnnealingConfig, mates: _Mates) -> Optimizer:
     count = config.population
     move = tuned_move(problem, config.moves)
 
