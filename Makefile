@@ -12,7 +12,7 @@ demo: $(READY)
 	$(BIN)/elitelanes generate --size 12 12 --method map-elites --seeds 16 --maps 16 --out $(DEMO)
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow

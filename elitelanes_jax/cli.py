@@ -107,7 +107,8 @@ def _add_generate(commands: Any) -> None:
 
 def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
-    from elitelanes_jax.generate import NotEnoughMapsError, Settings, generate
+    from elitelanes_jax.generate import Settings, generate
+    from elitelanes_jax.selection import NotEnoughMapsError
 
     use_compile_cache()
     lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights")}

@@ -1,15 +1,17 @@
-"""Output folders that are there whole or not at all."""
+"""Output folders and files that are there whole or not at all."""
 
+import json
 import os
 import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from elitelanes_jax.errors import InputError
 
-__all__ = ["new_folder"]
+__all__ = ["check_same", "new_folder", "write_whole"]
 
 
 @contextmanager
@@ -50,6 +52,48 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         for parent in made:
             parent.rmdir()
         raise
+
+
+def write_whole(file: Path, content: bytes) -> None:
+    """Writes a file aside, then renames it: whoever reads it, even after a kill, finds it whole or not at all.
+
+    Raises:
+      OSError: that names the file, if it cannot be written; nothing is left of it then.
+    """
+    aside = file.with_name(f".{file.name}.part")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        aside.write_bytes(content)
+        aside.replace(file)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise OSError(error.errno, error.strerror, str(file)) from None
+
+
+def check_same(folder: Path, file: Path, asked: dict[str, Any]) -> None:
+    """Holds settings against those that a folder was begun with.
+
+    Args:
+      folder: that they are of.
+      file: that keeps those it was begun with, as JSON.
+      asked: settings now.
+
+    Raises:
+      InputError: that names the first that is another.
+    """
+    try:
+        there = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
+    if not isinstance(there, dict):
+        raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")
+    asked = json.loads(json.dumps(asked))
+    for name in asked | there:
+        if asked.get(name) != there.get(name):
+            raise InputError(
+                f"{folder}: expected results of {name} {asked.get(name)!r}, got some of {there.get(name)!r}; "
+                "take another --out for these"
+            )
 
 
 def _remove(place: Path) -> None:

@@ -1,36 +1,26 @@
 """From settings to a folder of road maps, each with its picture, its masks and its figures."""
 
 import json
-import platform
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import jax
-import jaxlib
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.archive import read_axis
-from elitelanes_jax.errors import InputError
 from elitelanes_jax.folders import new_folder
 from elitelanes_jax.illumination import coverage, qd_score
-from elitelanes_jax.objective import Weights
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
-from elitelanes_jax.rules import rules_named
-from elitelanes_jax.search import Result, evolve, preset_config, seed_keys
-from elitelanes_jax.selection import Choice, choose_maps
-from elitelanes_jax.templates import read_template
+from elitelanes_jax.search import Result, preset_config, seed_keys
+from elitelanes_jax.selection import Choice, NotEnoughMapsError, choose_maps, shortage
 from elitelanes_jax.tilesets import TileSet, load_tiles
-from elitelanes_jax.version import __version__
+from elitelanes_jax.versions import versions
+from elitelanes_jax.wishes import search, weights_of, wishes_of
 
-__all__ = ["NotEnoughMapsError", "Settings", "generate"]
-
-# What each seed evaluates where nothing else is said.
-_EVALUATIONS = 200_000
+__all__ = ["Settings", "generate"]
 
 # A map's longer side on the overview, in pixels, and the limits of a tile's.
 _OVERVIEW_PX, _OVERVIEW_TILE_PX = 288, (16, 96)
@@ -41,20 +31,12 @@ class Settings(NamedTuple):
 
     Attributes:
       size: (height, width) of the maps in tiles.
-      method: see `evolve`.
-      preset: see `evolve`.
-      generations: of each run.
-      evaluations: of each run, in place of generations; 200,000 where neither is given.
       seeds: how many independent runs to choose from.
       maps: how many maps.
       seed: of everything random.
       tiles: folder of the tile set; the package's own by default.
       tile_px: side of a tile in pixels.
-      axes: of the niches, as `read_axis` reads them; by default the preset's.
-      where: ranges that every map meets, see `evolve`.
-      weights: of the fitness, by metric, in place of the usual ones.
-      fix: file of given cells, see `read_template`.
-      rules: see `evolve`.
+      the others: see `Wishes`.
     """
 
     size: tuple[int, int] = (12, 12)
@@ -74,10 +56,6 @@ class Settings(NamedTuple):
     rules: str | None = None
 
 
-class NotEnoughMapsError(Exception):
-    """The settings yield fewer maps than were asked for; the message says how many, and what became of the rest."""
-
-
 def generate(settings: Settings, out: Path) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
@@ -93,14 +71,14 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
       OSError: if the folder cannot be written.
     """
     tiles = load_tiles(settings.tiles)
-    if settings.generations is None and settings.evaluations is None:
-        settings = settings._replace(evaluations=_EVALUATIONS)
+    wishes = wishes_of(settings)
+    settings = settings._replace(evaluations=wishes.evaluations)
     with new_folder(out) as folder:
         began = time.perf_counter()
-        result = _evolved(settings, tiles)
+        result = search(wishes, seed_keys(settings.seed, settings.seeds), settings.size, tiles.alphabet)
         choice = choose_maps(result, settings.maps, settings.seed)
         if len(choice.maps) < settings.maps:
-            raise NotEnoughMapsError(_shortage(choice, settings))
+            raise NotEnoughMapsError(shortage(choice, settings.maps, settings.method, settings.size))
         evolved = time.perf_counter()
         maps = _write_maps(folder, choice, settings, tiles)
         _write_archive(folder / "archive.npz", result)
@@ -108,33 +86,6 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
         run = _run_record(settings, tiles, choice, seconds, result)
         (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
     return maps
-
-
-def _evolved(settings: Settings, tiles: TileSet) -> Result:
-    axes = [read_axis(text, settings.size) for text in settings.axes]
-    return evolve(
-        seed_keys(settings.seed, settings.seeds),
-        settings.size,
-        method=settings.method,
-        preset=settings.preset,
-        generations=settings.generations,
-        evaluations=settings.evaluations,
-        alphabet=tiles.alphabet,
-        axes=axes or None,
-        weights=_weights(settings),
-        where=settings.where,
-        fix=settings.fix and read_template(settings.fix, settings.size),
-        rules=settings.rules,
-        fill=settings.rules is None,
-    )
-
-
-def _weights(settings: Settings) -> Weights:
-    usual = rules_named(settings.rules).weights if settings.rules is not None else Weights()
-    for name, _ in settings.weights:
-        if name not in Weights._fields:
-            raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {name!r}")
-    return usual._replace(**dict(settings.weights))
 
 
 def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet) -> list[RoadMap]:
@@ -174,33 +125,6 @@ def _caption(number: int, road_map: RoadMap) -> tuple[str, ...]:
     )
 
 
-def _shortage(choice: Choice, settings: Settings) -> str:
-    rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
-    if choice.alike:
-        rejected.append(f"{choice.alike} like another when turned or mirrored")
-    return (
-        f"found {len(choice.maps)} of {settings.maps} maps among {choice.found} elites"
-        + (f" ({', '.join(rejected)})" if rejected else "")
-        + (f"; nearest found: {_values(choice.nearest)}" if choice.nearest else "")
-        + f"; {_remedy(choice, settings)} find more"
-    )
-
-
-def _values(features: dict[str, float]) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in features.items())
-
-
-def _remedy(choice: Choice, settings: Settings) -> str:
-    if choice.nearest:
-        return "wider ranges, more seeds or evaluations"
-    if settings.method == "ea":  # its population becomes more alike with time
-        return "more seeds"
-    if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
-        return "a tile set with more kinds of tiles, more seeds or generations"
-    larger = "larger maps, " if min(settings.size) < 4 else ""
-    return f"{larger}more seeds or generations"
-
-
 def _write_archive(file: Path, result: Result) -> None:
     """All elites of all seeds, and the history, as arrays with the seeds in front."""
     elites = result.elites._asdict()
@@ -221,7 +145,7 @@ def _run_record(
         "settings": settings._asdict()
         | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))},
         "config": _plain(preset_config(settings.method, settings.preset)),
-        "weights": _weights(settings)._asdict(),
+        "weights": weights_of(wishes_of(settings))._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
         "axes": [axis._asdict() for axis in result.axes],
         "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
@@ -230,14 +154,7 @@ def _run_record(
             "coverage": coverage(elites.valid).tolist(),
             "qd_score": qd_score(elites.fitness, elites.valid, worst=0).tolist(),
         },
-        "versions": {
-            "elitelanes_jax": __version__,
-            "python": platform.python_version(),
-            "jax": jax.__version__,
-            "jaxlib": jaxlib.__version__,
-            "numpy": np.__version__,
-            "opencv": cv2.__version__,
-        },
+        "versions": versions(),
         "device": jax.devices()[0].device_kind,
         "times": {
             "seconds": {name: round(value, 3) for name, value in seconds.items()},

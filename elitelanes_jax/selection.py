@@ -17,7 +17,7 @@ from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result
 from elitelanes_jax.symmetry import canonical, mirror, rotate
 
-__all__ = ["Choice", "choose_maps"]
+__all__ = ["Choice", "NotEnoughMapsError", "choose_maps", "shortage"]
 
 # What makes a map useless: the metric, the one value that it should have, and words for when it has not. A map is
 # counted with the first flaw that it has.
@@ -34,6 +34,10 @@ _UNLAWFUL, _UNASKED = "against the rules", "outside the ranges"
 # In what share of its tiles a map should differ from all chosen before, however they are turned or mirrored; where
 # there are too few such maps, the next will do.
 _LEAST_DIFFERENT = (0.15, 0.05, 0.0)
+
+
+class NotEnoughMapsError(Exception):
+    """Searches yield fewer maps than were asked for; the message says how many, and what became of the rest."""
 
 
 class Choice(NamedTuple):
@@ -128,6 +132,41 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     ]
     reasons = {words: number for words, number in rejected.items() if number}
     return Choice(maps, int(valid.sum()), reasons, len(places) - len(kept), nearest)
+
+
+def shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> str:
+    """Says that a choice has too few maps, what became of the rest, and what finds more.
+
+    Args:
+      choice: what was chosen.
+      maps: how many were wanted.
+      method: of the search.
+      shape: (height, width) of the maps.
+    """
+    rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
+    if choice.alike:
+        rejected.append(f"{choice.alike} like another when turned or mirrored")
+    return (
+        f"found {len(choice.maps)} of {maps} maps among {choice.found} elites"
+        + (f" ({', '.join(rejected)})" if rejected else "")
+        + (f"; nearest found: {_values(choice.nearest)}" if choice.nearest else "")
+        + f"; {_remedy(choice, method, shape)} find more"
+    )
+
+
+def _values(features: dict[str, float]) -> str:
+    return ", ".join(f"{name} {value:g}" for name, value in features.items())
+
+
+def _remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
+    if choice.nearest:
+        return "wider ranges, more seeds or evaluations"
+    if method == "ea":  # its population becomes more alike with time
+        return "more seeds"
+    if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
+        return "a tile set with more kinds of tiles, more seeds or generations"
+    larger = "larger maps, " if min(shape) < 4 else ""
+    return f"{larger}more seeds or generations"
 
 
 def _nearest(

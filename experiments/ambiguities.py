@@ -14,13 +14,14 @@ import numpy as np
 from paper import METRICS, TABLE
 from readings import READINGS
 from report import selections, table
-from results_folder import open_results, write_whole
+from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.folders import write_whole
 
 # The metrics that tell readings apart: those that the paper has other than 0 and 1.
 _TELLING = ("cyclomatic", "adjacent_crossing_score", "crossings", "straight_score", "adjacent_turns")

@@ -15,12 +15,13 @@ import numpy as np
 from figures import comparison, save
 from readings import READINGS
 from report import tables, timing_tables
-from results_folder import csv_of, open_results, write_whole
+from results_folder import csv_of, open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.folders import write_whole
 from elitelanes_jax.metrics import Metrics
 from elitelanes_jax.render import render, write_picture
 from elitelanes_jax.roadmap import RoadMap, to_json

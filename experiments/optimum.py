@@ -19,13 +19,13 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
-from results_folder import write_whole
 
 from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax.archive import read_axis
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.features import SHARES
+from elitelanes_jax.folders import write_whole
 from elitelanes_jax.illumination import gaps
 from elitelanes_jax.search import Result, seed_keys
 from elitelanes_jax.selection import choose_maps

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.folders import check_same, write_whole
 
-__all__ = ["csv_of", "kept", "open_results", "write_whole"]
+__all__ = ["csv_of", "kept", "open_results"]
 
 _SETTINGS = "settings.json"
 
@@ -22,21 +23,9 @@ def open_results(folder: Path, settings: dict[str, Any]) -> None:
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder, got a file")
-    settings = json.loads(json.dumps(settings))
     file = folder / _SETTINGS
     if folder.is_dir() and any(not entry.name.startswith(".") for entry in folder.iterdir()):
-        try:
-            there = json.loads(file.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
-        if not isinstance(there, dict):
-            raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")
-        for name in settings | there:
-            if settings.get(name) != there.get(name):
-                raise InputError(
-                    f"{folder}: expected results of {name} {settings.get(name)!r}, got some of {there.get(name)!r}; "
-                    "take another --out for these"
-                )
+        check_same(folder, file, settings)
         return
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(file, json.dumps(settings, indent=2).encode() + b"\n")
@@ -62,11 +51,3 @@ def csv_of(rows: Sequence[dict[str, Any]]) -> bytes:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue().encode()
-
-
-def write_whole(file: Path, content: bytes) -> None:
-    """Writes aside, then renames."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    aside = file.with_name(f".{file.name}.part")
-    aside.write_bytes(content)
-    aside.replace(file)

@@ -1,0 +1,91 @@
+"""What a user asks a search for: the part of the settings that all commands which evolve maps share."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from chex import PRNGKey
+
+from elitelanes_jax.archive import read_axis
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.objective import Weights
+from elitelanes_jax.rules import rules_named
+from elitelanes_jax.search import Result, evolve
+from elitelanes_jax.templates import read_template
+
+__all__ = ["Wishes", "search", "weights_of", "wishes_of"]
+
+# What each seed evaluates where nothing else is said.
+_EVALUATIONS = 200_000
+
+
+class Wishes(NamedTuple):
+    """What to evolve.
+
+    Attributes:
+      method: see `evolve`.
+      preset: see `evolve`.
+      generations: of each run.
+      evaluations: of each run, in place of generations; 200,000 where neither is given.
+      axes: of the niches, as `read_axis` reads them; by default the preset's.
+      where: ranges that every map meets, see `evolve`.
+      weights: of the fitness, by metric, in place of the usual ones.
+      fix: file of given cells, see `read_template`.
+      rules: see `evolve`.
+    """
+
+    method: str = "map-elites"
+    preset: str = "tuned"
+    generations: int | None = None
+    evaluations: int | None = None
+    axes: tuple[str, ...] = ()
+    where: tuple[str, ...] = ()
+    weights: tuple[tuple[str, int], ...] = ()
+    fix: Path | None = None
+    rules: str | None = None
+
+
+def wishes_of(settings: Any) -> Wishes:
+    """The wishes among the fields of a larger record of settings, the usual budget filled in."""
+    wishes = Wishes(*(getattr(settings, name) for name in Wishes._fields))
+    if wishes.generations is None and wishes.evaluations is None:
+        wishes = wishes._replace(evaluations=_EVALUATIONS)
+    return wishes
+
+
+def search(wishes: Wishes, keys: PRNGKey, shape: tuple[int, int], alphabet: tuple[int, ...]) -> Result:
+    """Evolves maps that can all be drawn: by the filling repair, but where rules leave cells empty.
+
+    Args:
+      wishes: what is asked for.
+      keys: ``[S]``, a run each.
+      shape: (height, width) of the grids.
+      alphabet: the codes that can be drawn.
+
+    Raises:
+      InputError: for wishes out of their range.
+    """
+    axes = [read_axis(text, shape) for text in wishes.axes]
+    return evolve(
+        keys,
+        shape,
+        method=wishes.method,
+        preset=wishes.preset,
+        generations=wishes.generations,
+        evaluations=wishes.evaluations,
+        alphabet=alphabet,
+        axes=axes or None,
+        weights=weights_of(wishes),
+        where=wishes.where,
+        fix=wishes.fix and read_template(wishes.fix, shape),
+        rules=wishes.rules,
+        fill=wishes.rules is None,
+    )
+
+
+def weights_of(wishes: Wishes) -> Weights:
+    """The usual weights, or those of the rules, with the given ones in their places."""
+    usual = rules_named(wishes.rules).weights if wishes.rules is not None else Weights()
+    for name, _ in wishes.weights:
+        if name not in Weights._fields:
+            raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {name!r}")
+    return usual._replace(**dict(wishes.weights))
