@@ -1,5 +1,7 @@
 """Rendering: a grid to one picture, its masks and its label map (paper, section "Real-World Data Integration")."""
 
+import json
+from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -44,6 +46,9 @@ class Picture(NamedTuple):
       red: likewise, the stop lines.
       yellow: likewise, the lane separators.
       labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
+      layers: masks like road, those that the tile set has of its maker's own, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
+        tile by tile, row by row.
     """
 
     image: NDArray[np.uint8]
@@ -51,6 +56,8 @@ class Picture(NamedTuple):
     red: NDArray[np.uint8]
     yellow: NDArray[np.uint8]
     labels: NDArray[np.uint8]
+    layers: Mapping[str, NDArray[np.uint8]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
 
 
 def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
@@ -106,10 +113,17 @@ def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chose
     images, masks = _scaled(tiles, int(tile_px))
     place = chosen[..., 0] * 4 + chosen[..., 1]
     image = _laid_out(images[place])
-    road, red, yellow = np.moveaxis(_laid_out(masks[place]), -1, 0)
+    road, red, yellow, *layers = np.moveaxis(_laid_out(masks[place]), -1, 0)
     labels = np.where(yellow, 3, np.where(red, 2, road)).astype(np.uint8)
-    layers = dict(zip(MASKS, (road * np.uint8(255), red * np.uint8(255), yellow * np.uint8(255)), strict=True))
-    return Picture(image=image, labels=labels, **layers)
+    return Picture(
+        image=image,
+        road=road * np.uint8(255),
+        red=red * np.uint8(255),
+        yellow=yellow * np.uint8(255),
+        labels=labels,
+        layers={name: mask * np.uint8(255) for name, mask in zip(tiles.layers, layers, strict=True)},
+        points={name: _laid_points(name, tiles, place, int(tile_px)) for name in tiles.points},
+    )
 
 
 def recall_tiles(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:
@@ -149,9 +163,14 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 
 
 def write_picture(folder: Path, picture: Picture) -> None:
-    """Writes image.png, road.png, red.png, yellow.png and labels.png."""
-    for name, pixels in picture._asdict().items():
-        write_png(folder / f"{name}.png", pixels)
+    """Writes image.png, road.png, red.png, yellow.png, labels.png; where there are more masks or points, these too."""
+    for name in ("image", *MASKS, "labels"):
+        write_png(folder / f"{name}.png", getattr(picture, name))
+    for name, mask in picture.layers.items():
+        write_png(folder / f"{name}.png", mask)
+    if picture.points:
+        points = {name: listed.tolist() for name, listed in picture.points.items()}
+        (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
 
 
 def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
@@ -168,11 +187,14 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=4)
 def _scaled(tiles: TileSet, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """All tiles in all four turns at one size: images ``[4·T, P, P, 3]``, masks ``[4·T, P, P, 3]``."""
+    """All tiles in all four turns at one size: images ``[4·T, P, P, 3]``, masks ``[4·T, P, P, 3 + L]``."""
     images, masks = [], []
     for tile in tiles.pictures:
         image = _resized(tile.image, size)
-        layers = np.stack([_resized_mask(getattr(tile, name), size, name) for name in MASKS], axis=-1)
+        empty = np.zeros(tile.road.shape, bool)
+        named = [(name, getattr(tile, name)) for name in MASKS]
+        named += [(name, tile.layers.get(name, empty)) for name in tiles.layers]
+        layers = np.stack([_resized_mask(mask, size, name) for name, mask in named], axis=-1)
         for turns in range(4):
             images.append(np.rot90(image, turns))
             masks.append(np.rot90(layers, turns))
@@ -198,6 +220,26 @@ def _resized_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.b
     if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
         return half
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
+
+
+@lru_cache(maxsize=64)
+def _turned_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
+    """Points of all tiles in all four turns, in pixels of a tile of one size."""
+    turned = []
+    for tile in tiles.pictures:
+        own = tile.image.shape[0]
+        points = tile.points.get(name, np.zeros((0, 2)))
+        for _ in range(4):
+            turned.append(points * size / own)
+            points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
+    return turned
+
+
+def _laid_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+    """Points of a map whose cells show the turned tiles ``place``."""
+    turned = _turned_points(name, tiles, size)
+    cells = np.ndindex(place.shape)
+    return np.concatenate([turned[place[row, column]] + (column * size, row * size) for row, column in cells])
 
 
 def _laid_out(tiles: NDArray[Any]) -> NDArray[Any]:

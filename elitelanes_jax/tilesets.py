@@ -4,6 +4,10 @@ A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, cro
 ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
 ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
+Beside them a tile may have masks of its maker's own, such as ``cones.png``, and points, in ``points.json``:
+``{"name": [[x, y], ...], ...}``, in pixels from the top left corner of the picture. They go wherever the tile goes. A
+tile without a mask or points that others have is empty there.
+
 An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
 single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
 N, S and W, a crossing4 all four.
@@ -14,18 +18,18 @@ lines on the wrong side.
 
 import re
 import tomllib
-import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, turned
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.tile_files import read_mask, read_picture, read_points, size_of
 
 __all__ = ["MASKS", "Tile", "TileSet", "Turned", "check_tiles", "default_tiles", "describe_tiles", "load_tiles"]
 
@@ -36,7 +40,7 @@ _SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "opens")
-_MOST_PIXELS = 2**26
+_OUTPUT = ("labels", "overlay")  # what is written beside the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
@@ -50,6 +54,8 @@ class Tile(NamedTuple):
       road: bool ``[S, S]``, the drivable surface.
       red: likewise, the stop lines.
       yellow: likewise, the lane separators.
+      layers: likewise, masks of its maker's own, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name.
     """
 
     name: str
@@ -58,6 +64,8 @@ class Tile(NamedTuple):
     road: NDArray[np.bool_]
     red: NDArray[np.bool_]
     yellow: NDArray[np.bool_]
+    layers: Mapping[str, NDArray[np.bool_]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
 
 
 class Turned(NamedTuple):
@@ -101,6 +109,16 @@ class TileSet:
             for turns in range(4):
                 draws.setdefault(turned(tile.code, turns), []).append(Turned(place, turns))
         return {code: tuple(draws[code]) for code in sorted(draws)}
+
+    @cached_property
+    def layers(self) -> tuple[str, ...]:
+        """The names of all masks of its maker's own, sorted."""
+        return tuple(sorted({name for tile in self.tiles for name in tile.layers}))
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """The names of all points, sorted."""
+        return tuple(sorted({name for tile in self.tiles for name in tile.points}))
 
     @property
     def alphabet(self) -> tuple[int, ...]:
@@ -161,9 +179,11 @@ def describe_tiles(tiles: TileSet) -> str:
     lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
     for tile in tiles.tiles:
         sides = "".join(letter for letter, side in _SIDES.items() if tile.code & side)
-        lines.append(f"  {tile.name:12} opens {sides:4}  {_size(tile.image)} pixels")
+        lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
     turned_tiles = sum(len(tiles.turned[code]) for code in tiles.alphabet)
     lines.append(f"turned, {turned_tiles} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
+    lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
+    lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
     return "\n".join(lines)
 
 
@@ -220,76 +240,33 @@ def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile 
     missing = [f"{name}.png" for name in _FILES if not (place / f"{name}.png").is_file()]
     if missing:
         problems.append(f"{place}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
-    image = _read(place / "image.png", problems)
+    image = read_picture(place / "image.png", problems)
     if image is not None:
         image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
         if image.shape[0] != image.shape[1]:
-            problems.append(f"{place / 'image.png'}: expected a square picture, got {_size(image)} pixels")
-    masks = [_read_mask(place / f"{name}.png", image, problems) for name in MASKS]
+            problems.append(f"{place / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
+    road, red, yellow = (read_mask(place / f"{name}.png", image, problems) for name in MASKS)
+    layers = _read_layers(place, image, problems)
+    points = read_points(place / "points.json", image, problems)
     code = _code(opens.get(place.name, opens.get(kind, _OPENS[kind])))
-    if len(problems) > before or image is None or code is None:
+    if len(problems) > before or code is None or image is None or road is None or red is None or yellow is None:
         return None
-    return Tile(place.name, code, image[..., :3], *(mask for mask in masks if mask is not None))
+    return Tile(place.name, code, image[..., :3], road, red, yellow, layers, points)
 
 
-def _read(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
-    """A picture with the channels in RGB order, or None, and why, if the file is there."""
-    if not file.is_file():
-        return None
-    flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = None
-    try:
-        content = file.read_bytes()
-        if _is_whole_png(content):
-            picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except (OSError, cv2.error, zlib.error):
-        pass
-    if picture is None or picture.dtype != np.uint8:
-        got = "one that cannot be read" if picture is None else str(picture.dtype)
-        problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
-        return None
-    if picture.ndim == 3:
-        picture = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGB if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB)
-    return np.asarray(picture, np.uint8)
-
-
-def _is_whole_png(content: bytes) -> bool:
-    """Whether a PNG file is whole and of a reasonable size: given another, the decoder writes to the terminal."""
-    place, packed, pixels = 8, bytearray(), 0
-    while content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= place + 12:
-        end = place + 8 + int.from_bytes(content[place : place + 4])
-        kind, data = content[place + 4 : place + 8], content[place + 8 : end]
-        if zlib.crc32(content[place + 4 : end]) != int.from_bytes(content[end : end + 4]):
-            return False
-        if kind == b"IHDR":
-            pixels = int.from_bytes(data[:4]) * int.from_bytes(data[4:8])
-        elif kind == b"IDAT":
-            packed += data
-        elif kind == b"IEND":
-            unpacked = zlib.decompressobj()
-            # Eight bytes for each pixel are the most there are, and one for each row.
-            return 0 < pixels <= _MOST_PIXELS and bool(unpacked.decompress(packed, 9 * pixels)) and unpacked.eof
-        place = end + 4
-    return False
-
-
-def _read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> NDArray[np.bool_] | None:
-    mask = _read(file, problems)
-    if mask is None:
-        return None
-    if mask.ndim == 3:
-        if (mask != mask[..., :1]).any():
-            problems.append(f"{file}: expected a grey mask, got one in colours")
-            return None
-        mask = mask[..., 0]
-    if image is not None and mask.shape != image.shape[:2]:
-        problems.append(f"{file}: expected {_size(image)} pixels like image.png, got {_size(mask)}")
-    values = np.unique(mask)
-    if len(values) > 2 or (len(values) == 2 and values[0] != 0):
-        listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
-        problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
-    return mask > 0
-
-
-def _size(picture: NDArray[Any]) -> str:
-    return f"{picture.shape[1]} x {picture.shape[0]}"
+def _read_layers(place: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
+    """The masks of the maker's own."""
+    layers = {}
+    for file in sorted(place.glob("[!.]*.png")):
+        if file.stem in _FILES:
+            continue
+        if not re.fullmatch("[a-z][a-z0-9_-]*", file.stem) or file.stem in _OUTPUT:
+            problems.append(
+                f"{file}: expected a mask's name in small letters, digits, - and _ and none of {', '.join(_OUTPUT)}, "
+                f"got {file.stem!r}"
+            )
+            continue
+        mask = read_mask(file, image, problems)
+        if mask is not None:
+            layers[file.stem] = mask
+    return layers

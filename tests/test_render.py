@@ -2,14 +2,25 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, random_grids, repair, rotate
-from elitelanes_jax.render import LABEL_COLOURS, LABELS, Picture, choose_tiles, overlay, recall_tiles, render
+from elitelanes_jax.render import (
+    LABEL_COLOURS,
+    LABELS,
+    Picture,
+    choose_tiles,
+    overlay,
+    recall_tiles,
+    render,
+    write_picture,
+)
 from elitelanes_jax.roadmap import Drawn, RoadMap
 from elitelanes_jax.tilesets import TileSet
 
+PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)
 GRID = np.array(repair(RNG.integers(0, 16, (4, 6)).astype(np.int8), fill=True))
 
@@ -23,7 +34,8 @@ def tiles(request):
 def test_shapes_types_and_values(tiles, size):
     picture = render(GRID[:2, :3], tiles, tile_px=size)
     assert picture.image.shape == (2 * size, 3 * size, 3)
-    for name, pixels in picture._asdict().items():
+    for name in PIXELS:
+        pixels = getattr(picture, name)
         assert pixels.dtype == np.uint8
         assert pixels.shape[:2] == (2 * size, 3 * size)
         if name in ("road", "red", "yellow"):
@@ -95,8 +107,8 @@ def test_variants_are_drawn_at_random_and_the_same_every_time(drawn_tiles):
     assert {tuple(draw) for draw in draws} == set(drawn_tiles.turned[10])
     assert (abs(counts - 900 / 8) < 5 * np.sqrt(900 / 8)).all()
     one, other = render(grid, drawn_tiles, tile_px=16, seed=1), render(grid, drawn_tiles, tile_px=16, seed=1)
-    for left, right in zip(one, other, strict=True):
-        np.testing.assert_array_equal(left, right)
+    for name in PIXELS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_a_turned_map_is_the_turned_picture(drawn_tiles):
@@ -105,8 +117,8 @@ def test_a_turned_map_is_the_turned_picture(drawn_tiles):
     turned[..., 1] = (turned[..., 1] + 1) % 4
     picture = render(GRID, drawn_tiles, tile_px=32, chosen=chosen)
     quarter = render(rotate(GRID), drawn_tiles, tile_px=32, chosen=turned)
-    for left, right in zip(picture, quarter, strict=True):
-        np.testing.assert_array_equal(np.rot90(left), right)
+    for name in PIXELS:
+        np.testing.assert_array_equal(np.rot90(getattr(picture, name)), getattr(quarter, name))
 
 
 def test_an_overlay_colours_each_label(drawn_tiles):
@@ -157,7 +169,7 @@ def test_sizes_out_of_range_are_refused(drawn_tiles, size):
 
 
 def test_pictures_are_plain_arrays(drawn_tiles):
-    assert Picture._fields == ("image", "road", "red", "yellow", "labels")
+    assert Picture._fields == (*PIXELS, "layers", "points")
     assert json.dumps(LABELS)
 
 
@@ -182,3 +194,62 @@ def test_what_is_no_grid_is_refused(drawn_tiles):
     for grid, message in (([[6.0, 3.0], [12.0, 9.0]], "integer tile codes"), ([6, 3], "two dimensions")):
         with pytest.raises(InputError, match=f"grid: expected {message}"):
             render(grid, drawn_tiles)
+
+
+@pytest.fixture
+def marked_tiles(drawn_tiles):
+    """The drawn tiles, of which all turns have a square cone, a point in its middle, and its corners."""
+    tiles = []
+    for number, tile in enumerate(drawn_tiles.tiles):
+        cones = np.zeros(tile.road.shape, bool)
+        left, top = 20 + 8 * number, 40 + 4 * number
+        cones[top : top + 24, left : left + 24] = True
+        points = {
+            "cones": np.array([[left + 12.0, top + 12.0]]),
+            "corners": np.array([[left, top], [left + 24, top], [left + 24, top + 24.0]]),
+        }
+        tiles.append(tile._replace(layers={"cones": cones}, points=points) if tile.code == 3 else tile)
+    tiles[-1] = tiles[-1]._replace(layers={"signs": tiles[-1].road})
+    return TileSet("marked", "", tuple(tiles))
+
+
+def test_masks_and_points_of_ones_own_go_where_their_tile_goes(marked_tiles):
+    grid = np.full((4, 6), 5)
+    grid[:, :3] = [[6, 9, 12], [12, 3, 9], [3, 6, 3], [9, 12, 6]]
+    for size in (64, 96, 384):
+        picture = render(grid, marked_tiles, tile_px=size, seed=2)
+        assert list(picture.layers) == ["cones", "signs"]
+        assert not picture.layers["signs"].any()
+        cones = picture.layers["cones"]
+        assert cones.dtype == np.uint8 and cones.shape == picture.road.shape
+        assert set(np.unique(cones)) == {0, 255}
+        assert not cones[:, 3 * size :].any()
+        # The middles of the squares, found in the mask, are where the points are.
+        _, _, stats, middles = cv2.connectedComponentsWithStats(cones)
+        assert len(middles) - 1 == len(picture.points["cones"]) == 12
+        order = np.lexsort((middles[1:, 0] // size, middles[1:, 1] // size))
+        np.testing.assert_allclose(middles[1:][order] + 0.5, picture.points["cones"], atol=0.51 if size < 384 else 1e-9)
+        assert picture.points["corners"].shape == (36, 2)
+        # A square's three corners turn with it: the second is the right angle, and the third is clockwise of the first.
+        first, second, third = picture.points["corners"].reshape(12, 3, 2).transpose(1, 0, 2)
+        one, other = first - second, third - second
+        np.testing.assert_allclose(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], -((24 * size / 384) ** 2))
+        if size == 384:
+            low, high = np.minimum(first, third)[np.argsort(order)], np.maximum(first, third)[np.argsort(order)]
+            np.testing.assert_allclose(stats[1:, :2], low)
+            np.testing.assert_allclose(stats[1:, :2] + stats[1:, 2:4], high)
+
+
+def test_masks_and_points_of_ones_own_are_written(marked_tiles, drawn_tiles, tmp_path):
+    picture = render([[6, 3], [12, 9]], marked_tiles, tile_px=32)
+    write_picture(tmp_path, picture)
+    written = sorted(path.name for path in tmp_path.iterdir())
+    assert written == sorted([f"{name}.png" for name in (*PIXELS, "cones", "signs")] + ["points.json"])
+    np.testing.assert_array_equal(
+        cv2.imread(str(tmp_path / "cones.png"), cv2.IMREAD_UNCHANGED), picture.layers["cones"]
+    )
+    points = json.loads((tmp_path / "points.json").read_text())
+    assert points == {name: listed.tolist() for name, listed in picture.points.items()}
+    plain = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)
+    assert (plain.layers, plain.points) == ({}, {})
+    np.testing.assert_array_equal(plain.image, picture.image)

@@ -78,6 +78,24 @@ def write(folder, name, picture):
     cv2.imwrite(str(folder / name), picture)
 
 
+def test_masks_and_points_of_ones_own(folder):
+    cones = np.zeros((384, 384), np.uint8)
+    cones[3:9, 5:7] = 255
+    write(folder, "turn_1/cones.png", cones)
+    write(folder, "turn_2/wet_floor.png", cones // 255)
+    (folder / "turn_1" / "._cones.png").write_bytes(b"what a file manager left")
+    (folder / "straight_3" / "points.json").write_text('{"cones": [[0, 384], [12.5, 7]], "none": []}')
+    tiles = load_tiles(folder)
+    assert tiles.layers == ("cones", "wet_floor")
+    assert tiles.points == ("cones", "none")
+    np.testing.assert_array_equal(tiles.tiles[0].layers["cones"], cones > 0)
+    assert [sorted(tile.layers) for tile in tiles.tiles[:3]] == [["cones"], ["wet_floor"], []]
+    points = tiles.tiles[6].points
+    assert points["cones"].tolist() == [[0, 384], [12.5, 7]]
+    assert points["none"].shape == (0, 2)
+    assert describe_tiles(tiles).endswith("layers: cones, wet_floor\npoints: cones, none")
+
+
 def png(width, height, rows, cut=False):
     """A PNG file of a grey picture, chunk by chunk."""
 
@@ -200,6 +218,46 @@ SPOILS = {
     "pixels that stop short": (
         lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 99, cut=True)),
         r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "a mask of one's own of another size": (
+        lambda folder: write(folder, "turn_1/cones.png", np.zeros((100, 90), np.uint8)),
+        r"turn_1/cones.png: expected 384 x 384 pixels like image.png, got 90 x 100",
+    ),
+    "a mask named as a map's labels": (
+        lambda folder: write(folder, "turn_1/labels.png", np.zeros((384, 384), np.uint8)),
+        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, got 'labels'",
+    ),
+    "a mask named as another in capitals": (
+        lambda folder: write(folder, "turn_1/Road.png", np.zeros((384, 384), np.uint8)),
+        r"turn_1/Road.png: expected a mask's name in small letters, .*, got 'Road'",
+    ),
+    "points that are no JSON": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text("{"),
+        r"turn_1/points.json: expected a readable JSON file, got: ",
+    ),
+    "points without names": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text("[[1, 2]]"),
+        r'turn_1/points.json: expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]',
+    ),
+    "points that are none": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 2], [true, 4]]}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[true, 4\]",
+    ),
+    "points that are not listed": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": 3}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got 3",
+    ),
+    "points without end": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, NaN]]}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[1, NaN\]",
+    ),
+    "points outside": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 384.5]]}'),
+        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
+    ),
+    "points far outside": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 1%s]]}' % ("0" * 400)),
+        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 10000",
     ),
     "opens unknown": (
         lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),
