@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.command import Parser, fail, folder_name, guarded, leave, name, say, weight, whole
+from elitelanes_jax.command import Parser, add_tiles, add_wishes, fail, folder_name, guarded, leave, say, whole
+from elitelanes_jax.dataset_command import add_dataset
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.version import __version__
 
@@ -32,6 +33,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
     _add_render(commands)
+    add_dataset(commands)
     tiles = commands.add_parser("tiles", help="look after tile sets")
     _add_tiles_check(tiles.add_subparsers(title="commands", required=True, metavar="COMMAND"))
     return parser
@@ -67,41 +69,8 @@ def _add_generate(commands: Any) -> None:
     command.add_argument(
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
-    command.add_argument("--method", type=name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
-    command.add_argument(
-        "--preset", type=name, default="tuned", help="settings of the method: tuned (the default), paper, or standard"
-    )
-    budget = command.add_mutually_exclusive_group()
-    budget.add_argument(
-        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 200000"
-    )
-    budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
-    command.add_argument(
-        "--axes", type=name, nargs="+", default=[], metavar="NAME:BINS", help="of the niches, such as straight_share:10"
-    )
-    command.add_argument(
-        "--where",
-        type=name,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=LOW..HIGH",
-        help="ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..",
-    )
-    command.add_argument(
-        "--weights", type=weight, nargs="+", default=[], metavar="NAME=N", help="of the fitness, such as dead_ends=480"
-    )
-    command.add_argument(
-        "--fix",
-        type=folder_name,
-        metavar="FILE",
-        help="JSON rows of tile codes that every map keeps, null where free",
-    )
-    command.add_argument("--rules", type=name, metavar="NAME", help="rules that every map keeps: duckietown")
-    command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
-    command.add_argument(
-        "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
-    )
+    add_wishes(command)
+    add_tiles(command)
     command.set_defaults(run=_generate)
 
 
@@ -146,10 +115,7 @@ def _add_render(commands: Any) -> None:
         metavar="DIR",
         help="folder to write to, new or empty; by default map/ beside map.json",
     )
-    command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
-    command.add_argument(
-        "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
-    )
+    add_tiles(command)
     command.add_argument(
         "--seed",
         type=whole(0, 2**32 - 1),

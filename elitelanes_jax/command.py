@@ -14,7 +14,20 @@ from typing import NoReturn
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.interrupts import catch_interrupts
 
-__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "name", "say", "weight", "whole"]
+__all__ = [
+    "Parser",
+    "add_tiles",
+    "add_wishes",
+    "fail",
+    "folder_name",
+    "guarded",
+    "leave",
+    "name",
+    "number",
+    "say",
+    "weight",
+    "whole",
+]
 
 _INTERRUPTED = 130
 
@@ -51,6 +64,17 @@ def weight(text: str) -> tuple[str, int]:
         raise argparse.ArgumentTypeError(f"expected NAME=N with a whole number, got {_short(text)}") from None
 
 
+def number(text: str) -> float:
+    """A type of argument: a number, 0 or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 <= value < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected a number, 0 or more, got {_short(text)}")
+    return value
+
+
 def name(text: str) -> str:
     """A type of argument: any text but the empty one."""
     if not text.strip():
@@ -61,6 +85,49 @@ def name(text: str) -> str:
 def folder_name(text: str) -> Path:
     """A type of argument: a path."""
     return Path(name(text))
+
+
+def add_tiles(command: argparse.ArgumentParser) -> None:
+    """Adds the arguments of a command that draws."""
+    command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
+    command.add_argument(
+        "--tile-px", type=whole(16, 512), default=64, metavar="N", help="side of a tile in pixels; by default 64"
+    )
+
+
+def add_wishes(command: argparse.ArgumentParser) -> None:
+    """Adds the arguments of a command that evolves maps: the fields of `elitelanes_jax.wishes.Wishes`."""
+    command.add_argument("--method", type=name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
+    command.add_argument(
+        "--preset", type=name, default="tuned", help="settings of the method: tuned (the default), paper, or standard"
+    )
+    budget = command.add_mutually_exclusive_group()
+    budget.add_argument(
+        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 200000"
+    )
+    budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
+    command.add_argument(
+        "--axes", type=name, nargs="+", default=[], metavar="NAME:BINS", help="of the niches, such as straight_share:10"
+    )
+    command.add_argument(
+        "--where",
+        type=name,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=LOW..HIGH",
+        help="ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..",
+    )
+    command.add_argument(
+        "--weights", type=weight, nargs="+", default=[], metavar="NAME=N", help="of the fitness, such as dead_ends=480"
+    )
+    command.add_argument(
+        "--fix",
+        type=folder_name,
+        metavar="FILE",
+        help="JSON rows of tile codes that every map keeps, null where free",
+    )
+    command.add_argument("--rules", type=name, metavar="NAME", help="rules that every map keeps: duckietown")
 
 
 def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:

@@ -4,7 +4,7 @@ import json
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -54,8 +54,12 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         raise
 
 
-def write_whole(file: Path, content: bytes) -> None:
+def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
     """Writes a file aside, then renames it: whoever reads it, even after a kill, finds it whole or not at all.
+
+    Args:
+      file: where; folders above it are made.
+      content: all of it, or piece by piece.
 
     Raises:
       OSError: that names the file, if it cannot be written; nothing is left of it then.
@@ -63,7 +67,8 @@ def write_whole(file: Path, content: bytes) -> None:
     aside = file.with_name(f".{file.name}.part")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        aside.write_bytes(content)
+        with aside.open("wb") as stream:
+            stream.writelines([content] if isinstance(content, bytes) else content)
         aside.replace(file)
     except OSError as error:
         aside.unlink(missing_ok=True)

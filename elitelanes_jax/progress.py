@@ -5,7 +5,7 @@ import sys
 from types import TracebackType
 from typing import Any
 
-__all__ = ["Progress"]
+__all__ = ["Progress", "counter"]
 
 
 class Progress:
@@ -47,6 +47,28 @@ class Progress:
     ) -> None:
         if self._bar is not None:
             self._bar.close()
+
+
+def counter(name: str, total: int, unit: str, done: int = 0) -> Any:
+    """A bar that counts things, with their speed and the time left: a context with ``update(more)``.
+
+    Args:
+      name: of what is being done.
+      total: how many there will be.
+      unit: of what.
+      done: how many there are already.
+    """
+    from tqdm import tqdm
+
+    return tqdm(
+        desc=name,
+        initial=done,
+        total=total,
+        unit=f" {unit}",
+        delay=1,
+        disable=not (sys.stderr.isatty() or "ipykernel" in sys.modules),
+        bar_format="{desc} {n_fmt}/{total_fmt}{unit}, {rate_noinv_fmt}, {remaining} left |{bar}|",
+    )
 
 
 def _short(number: float) -> str:

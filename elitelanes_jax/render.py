@@ -22,6 +22,7 @@ __all__ = [
     "Picture",
     "choose_tiles",
     "overlay",
+    "png_of",
     "recall_tiles",
     "render",
     "write_picture",
@@ -175,8 +176,12 @@ def write_picture(folder: Path, picture: Picture) -> None:
 
 def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
     """Writes a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    encoded = cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1]
-    file.write_bytes(encoded.tobytes())
+    file.write_bytes(png_of(pixels))
+
+
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
+    """The bytes of a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:

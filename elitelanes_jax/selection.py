@@ -1,6 +1,7 @@
 """Choosing maps among what runs have found: valid, different, spread over the niches."""
 
 from collections import Counter
+from collections.abc import Set
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -47,7 +48,7 @@ class Choice(NamedTuple):
       maps: the chosen ones, sorted by niche, within one by fitness.
       found: how many elites there were.
       rejected: how many of them were useless, by reason.
-      alike: how many were another one turned or mirrored.
+      alike: how many were another one, or a known one, turned or mirrored.
       nearest: of the elites that are useless for their ranges alone the one nearest to them: the values of what was
         asked for; None where there is none.
     """
@@ -59,7 +60,7 @@ class Choice(NamedTuple):
     nearest: dict[str, float] | None = None
 
 
-def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
+def choose_maps(result: Result, count: int, seed: int = 0, *, known: Set[bytes] = frozenset()) -> Choice:
     """Chooses up to `count` maps of a run with an array of keys.
 
     A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
@@ -72,6 +73,7 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
       count: how many maps are wanted.
       seed: of the run, to be noted in the maps.
+      known: maps to be left out, as `canonical` has them.
 
     Raises:
       InputError: for the result of one key alone.
@@ -103,7 +105,9 @@ def choose_maps(result: Result, count: int, seed: int = 0) -> Choice:
     grids = np.asarray(elites.grids)
     distinct: dict[bytes, NDArray[np.int_]] = {}
     for place in places:
-        distinct.setdefault(canonical(grids[tuple(place)]), place)
+        form = canonical(grids[tuple(place)])
+        if form not in known:
+            distinct.setdefault(form, place)
 
     kept = np.array(list(distinct.values()), int).reshape(-1, 2)
     descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]

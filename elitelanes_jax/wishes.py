@@ -8,11 +8,12 @@ from chex import PRNGKey
 from elitelanes_jax.archive import read_axis
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.objective import Weights
+from elitelanes_jax.requests import read_ranges
 from elitelanes_jax.rules import rules_named
-from elitelanes_jax.search import Result, evolve
+from elitelanes_jax.search import Result, evolve, preset_config
 from elitelanes_jax.templates import read_template
 
-__all__ = ["Wishes", "search", "weights_of", "wishes_of"]
+__all__ = ["Wishes", "read_wishes", "search", "weights_of", "wishes_of"]
 
 # What each seed evaluates where nothing else is said.
 _EVALUATIONS = 200_000
@@ -52,7 +53,14 @@ def wishes_of(settings: Any) -> Wishes:
     return wishes
 
 
-def search(wishes: Wishes, keys: PRNGKey, shape: tuple[int, int], alphabet: tuple[int, ...]) -> Result:
+def search(
+    wishes: Wishes,
+    keys: PRNGKey,
+    shape: tuple[int, int],
+    alphabet: tuple[int, ...],
+    *,
+    progress: bool | None = None,
+) -> Result:
     """Evolves maps that can all be drawn: by the filling repair, but where rules leave cells empty.
 
     Args:
@@ -60,26 +68,34 @@ def search(wishes: Wishes, keys: PRNGKey, shape: tuple[int, int], alphabet: tupl
       keys: ``[S]``, a run each.
       shape: (height, width) of the grids.
       alphabet: the codes that can be drawn.
+      progress: see `evolve`.
+
+    Raises:
+      InputError: for wishes out of their range.
+    """
+    return evolve(keys, shape, alphabet=alphabet, progress=progress, **read_wishes(wishes, shape))
+
+
+def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
+    """The arguments of `evolve` that wishes come to.
 
     Raises:
       InputError: for wishes out of their range.
     """
     axes = [read_axis(text, shape) for text in wishes.axes]
-    return evolve(
-        keys,
-        shape,
-        method=wishes.method,
-        preset=wishes.preset,
-        generations=wishes.generations,
-        evaluations=wishes.evaluations,
-        alphabet=alphabet,
-        axes=axes or None,
-        weights=weights_of(wishes),
-        where=wishes.where,
-        fix=wishes.fix and read_template(wishes.fix, shape),
-        rules=wishes.rules,
-        fill=wishes.rules is None,
-    )
+    preset_config(wishes.method, wishes.preset)
+    return {
+        "method": wishes.method,
+        "preset": wishes.preset,
+        "generations": wishes.generations,
+        "evaluations": wishes.evaluations,
+        "axes": axes or None,
+        "weights": weights_of(wishes),
+        "where": read_ranges(wishes.where),
+        "fix": wishes.fix and read_template(wishes.fix, shape),
+        "rules": wishes.rules,
+        "fill": wishes.rules is None,
+    }
 
 
 def weights_of(wishes: Wishes) -> Weights:

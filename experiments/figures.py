@@ -13,7 +13,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from report import selections
-from results_folder import write_whole
+
+from elitelanes_jax.folders import write_whole
 
 __all__ = ["comparison", "save", "scaling"]
 

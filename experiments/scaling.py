@@ -14,12 +14,13 @@ from figures import save, scaling
 from paper import METHODS
 from readings import READINGS
 from report import table
-from results_folder import csv_of, open_results, write_whole
+from results_folder import csv_of, open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.folders import write_whole
 
 _SIZES = [(side, side) for side in (8, 12, 16, 24, 32, 48, 64)]
 

@@ -12,12 +12,13 @@ from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 from paper import METHODS, METRICS, TABLE
 from readings import READINGS
-from results_folder import kept, open_results, write_whole
+from results_folder import kept, open_results
 from runs import run_method
 from scaling import main as scaling
 from significance import bootstrap_interval, compare_all, holm
 
 from elitelanes_jax import InputError, Weights
+from elitelanes_jax.folders import write_whole
 from elitelanes_jax.metrics import COUNTED
 from elitelanes_jax.objective import check_weights
 

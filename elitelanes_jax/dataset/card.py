@@ -1,0 +1,138 @@
+"""What a dataset says of itself: a card for people, and a sheet of some of its samples."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.dataset.settings import SPLITS
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.overview import overview
+from elitelanes_jax.render import LABEL_COLOURS, LABELS
+from elitelanes_jax.tile_files import read_picture
+
+__all__ = ["card", "contact_sheet"]
+
+_SHEET_PX, _GROUND = 240, 236
+
+# Licences by the names under which Hugging Face lists them.
+_LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
+
+
+def card(about: dict[str, Any], loading: str) -> str:
+    """The README of a dataset, Markdown with the front matter that Hugging Face reads.
+
+    Args:
+      about: the record in ``dataset.json``.
+      loading: a program that loads it.
+    """
+    licence = about["tile_set"]["licence"]
+    counts = about["maps"]
+    total = sum(counts.values())
+    size = next((text for limit, text in ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K")) if total < limit), "")
+    front = [
+        "---",
+        "task_categories: [image-segmentation]",
+        f"license: {licence.lower() if licence.lower() in _LICENCES else 'other'}",
+        *([f"size_categories: [{size}]"] if size else []),
+        "tags: [road-networks, duckietown, synthetic]",
+        "---",
+    ]
+    asked = about["settings"]
+    low, high = asked["size"]
+    sides = f"{low} x {low}" if low == high else f"{low} x {low} to {high} x {high}"
+    changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
+    rows = [
+        f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
+        + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
+        + " |"
+        for label, name in enumerate(LABELS)
+    ]
+    wanted = [
+        f"- {words}: {asked[name]}"
+        for name, words in (
+            ("where", "ranges that every map meets"),
+            ("rules", "rules that every map keeps"),
+            ("weights", "weights of the fitness"),
+            ("axes", "axes of the niches"),
+        )
+        if asked[name]
+    ]
+    return "\n".join(
+        [
+            *front,
+            "",
+            "# Road maps of a miniature city, with labels",
+            "",
+            f"{total:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile, each connected and unlike "
+            "all others when turned or mirrored, with a label for every pixel. Evolved and drawn by Elite Lanes JAX "
+            f"{about['versions']['elitelanes_jax']}.",
+            "",
+            "![Some of them](contact-sheet.png)",
+            "",
+            "| label | class | colour in the sheet | " + " | ".join(f"{split}, pixels" for split in SPLITS) + " |",
+            "|---|---|---|---|---|---|",
+            *rows,
+            "| | maps | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
+            "",
+            "Lines lie over the road. What lies beyond a map in a turned view is background.",
+            "",
+            "## Loading it",
+            "",
+            "```python",
+            loading,
+            "```",
+            "",
+            "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, which tile picture "
+            "lies where, and `transform.matrix`, which takes places (x, y) of the plain map, in pixels from its top "
+            "left corner, to places of the picture.",
+            "",
+            "## How it was made",
+            "",
+            f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
+            f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
+            f"- search: {asked['method']}, preset {asked['preset']}, seed {asked['seed']}",
+            "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
+            *wanted,
+            "- all settings and versions: `dataset.json`",
+            "",
+        ]
+    )
+
+
+def contact_sheet(out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str) -> NDArray[np.uint8]:
+    """Pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
+
+    Args:
+      out: folder of the dataset.
+      samples: of each, the files of its image and its labels within the folder, and lines of text.
+      title: of the sheet.
+    """
+    pictures = []
+    for image, labels, _ in samples:
+        colours = np.array(LABEL_COLOURS, np.uint8)[_fitted(out / labels, cv2.INTER_NEAREST)]
+        shown = _fitted(out / image, cv2.INTER_AREA)
+        gap = np.full((_SHEET_PX, 4, 3), _GROUND, np.uint8)
+        pictures.append(np.concatenate([shown, gap, colours], axis=1))
+    return overview(title, pictures, [lines for *_, lines in samples])
+
+
+def _fitted(file: Path, interpolation: int) -> NDArray[np.uint8]:
+    """A square picture of a file, at the sheet's size, RGB or grey."""
+    problems: list[str] = []
+    picture = read_picture(file, problems)
+    if picture is None:
+        raise InputError("; ".join(problems) or f"{file}: expected a picture, got none")
+    return np.asarray(cv2.resize(picture, (_SHEET_PX, _SHEET_PX), interpolation=interpolation), np.uint8)
+
+
+def _share(pixels: Sequence[int], label: int) -> str:
+    total = sum(pixels)
+    return f"{100 * pixels[label] / total:.2f} %" if total else "-"
+
+
+def _plain(value: Any) -> str:
+    return f"{value[0]:g}..{value[1]:g}" if isinstance(value, list) else "yes" if value is True else f"{value:g}"

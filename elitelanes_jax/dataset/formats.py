@@ -1,0 +1,205 @@
+"""Layouts of a dataset's folder, each as some training library reads it."""
+
+import json
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.dataset.settings import SPLITS
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.folders import write_whole
+from elitelanes_jax.render import LABELS
+from elitelanes_jax.tilesets import MASKS
+
+__all__ = ["FORMATS", "Format", "format_named"]
+
+Record = dict[str, Any]
+
+
+class Format(NamedTuple):
+    """A layout.
+
+    Attributes:
+      layers: the layers it has beside image, labels and those of the tile set's maker.
+      file: (split, number, layer) -> where a picture lies, relative to the folder.
+      note: labels uint8 ``[h, w]`` -> what a sample's record has beside the usual, for `list_samples`.
+      list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
+      loading: lines of Python that load the training split from the folder ``DIR``.
+    """
+
+    layers: tuple[str, ...]
+    file: Callable[[int, int, str], str]
+    note: Callable[[NDArray[np.uint8]], Record]
+    list_samples: Callable[[Path, int, Iterable[Record]], None]
+    loading: str
+
+
+def format_named(name: str) -> Format:
+    """A format by its name.
+
+    Raises:
+      InputError: if there is none, or what it needs is not installed.
+    """
+    if name not in FORMATS:
+        raise InputError(f"format: expected one of {', '.join(FORMATS)}, got {name!r}")
+    if name == "coco":
+        try:
+            import pycocotools  # noqa: F401
+        except ImportError:
+            raise InputError(
+                "format: expected pycocotools for coco, got none; it comes with: pip install 'elitelanes_jax[coco]'"
+            ) from None
+    return FORMATS[name]
+
+
+_SHORT = ("train", "val", "test")
+
+
+def _write_lines(file: Path, rows: Iterator[Record]) -> None:
+    write_whole(file, (f"{json.dumps(row)}\n".encode() for row in rows))
+
+
+# --- plain: a folder for each map, with all its masks
+
+
+def _plain_file(split: int, number: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{number:06d}/{layer}.png"
+
+
+def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    def rows() -> Iterator[Record]:
+        for record in records:
+            yield {"folder": f"{record['number']:06d}"} | record
+
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows())
+
+
+# --- imagefolder: Hugging Face datasets
+
+
+def _imagefolder_file(split: int, number: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{layer}/{number:06d}.png"
+
+
+def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    def rows() -> Iterator[Record]:
+        for record in records:
+            names = {
+                f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
+                for layer in ("image", "labels", *record["layers"])
+            }
+            yield names | {key: value for key, value in record.items() if key != "layers" and value != {}}
+
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows())
+
+
+# --- mmseg: MMSegmentation
+
+
+def _mmseg_file(split: int, number: int, layer: str) -> str:
+    place = {"image": "img_dir", "labels": "ann_dir"}.get(layer, f"{layer}_dir")
+    return f"{place}/{_SHORT[split]}/{number:06d}.png"
+
+
+def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", iter(records))
+
+
+# --- coco: one annotation for each class of an image, run-length encoded
+
+
+def _coco_file(split: int, number: int, layer: str) -> str:
+    return f"{'images' if layer == 'image' else layer}/{_SHORT[split]}/{number:06d}.png"
+
+
+def _coco_note(labels: NDArray[np.uint8]) -> Record:
+    from pycocotools import mask
+
+    annotations = []
+    for category in range(1, len(LABELS)):
+        runs = mask.encode(np.asfortranarray(labels == category, np.uint8))
+        area = int(mask.area(runs))
+        if area:
+            annotations.append(
+                {
+                    "category_id": category,
+                    "segmentation": runs | {"counts": runs["counts"].decode()},
+                    "area": area,
+                    "bbox": mask.toBbox(runs).tolist(),
+                    "iscrowd": 1,
+                }
+            )
+    return {"annotations": annotations}
+
+
+def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    images: list[Record] = []
+    annotations: list[Record] = []
+    rows: list[Record] = []
+    for record in records:
+        number = record["number"]
+        found = record.pop("annotations")
+        height, width = record["pixels"]
+        images.append({"id": number, "file_name": f"{number:06d}.png", "height": height, "width": width})
+        for one in found:
+            annotations.append({"id": len(annotations) + 1, "image_id": number} | one)
+        rows.append(record)
+    categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
+    table = {"images": images, "annotations": annotations, "categories": categories}
+    write_whole(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", iter(rows))
+
+
+def _no_note(labels: NDArray[np.uint8]) -> Record:
+    return {}
+
+
+FORMATS = {
+    "imagefolder": Format(
+        (),
+        _imagefolder_file,
+        _no_note,
+        _imagefolder_index,
+        "from datasets import load_dataset\n\n"
+        'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
+        'sample = dataset["train"][0]\n'
+        'print(sample["image"].size, sample["labels"].getextrema())',
+    ),
+    "mmseg": Format(
+        (),
+        _mmseg_file,
+        _no_note,
+        _mmseg_index,
+        "from mmseg.datasets import BaseSegDataset\n\n"
+        f"metainfo = dict(classes={LABELS!r})\n"
+        'prefix = dict(img_path="img_dir/train", seg_map_path="ann_dir/train")\n'
+        'dataset = BaseSegDataset(data_root="DIR", img_suffix=".png", data_prefix=prefix, metainfo=metainfo)\n'
+        "print(len(dataset))",
+    ),
+    "coco": Format(
+        (),
+        _coco_file,
+        _coco_note,
+        _coco_index,
+        "from pycocotools.coco import COCO\n\n"
+        'coco = COCO("DIR/annotations/train.json")\n'
+        "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
+        'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
+        'print(image["file_name"], len(masks))',
+    ),
+    "plain": Format(
+        MASKS,
+        _plain_file,
+        _no_note,
+        _plain_index,
+        "import json\nfrom pathlib import Path\n\nimport cv2\n\n"
+        'folder = Path("DIR") / "train"\n'
+        'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
+        'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
+        "print(len(rows), labels.shape)",
+    ),
+}
+"""The formats, by name."""

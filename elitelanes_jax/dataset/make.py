@@ -1,0 +1,184 @@
+"""From settings to a dataset's folder, by several threads, at any moment ready to be killed and gone on with."""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from hashlib import sha256
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.dataset.card import card, contact_sheet
+from elitelanes_jax.dataset.formats import Format, format_named
+from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
+from elitelanes_jax.dataset.samples import draw_sample, write_sample
+from elitelanes_jax.dataset.settings import SPLITS, Settings, checked, digest, tiles_by_split
+from elitelanes_jax.dataset.work import LAST, work_folder
+from elitelanes_jax.folders import write_whole
+from elitelanes_jax.progress import counter
+from elitelanes_jax.render import LABEL_COLOURS, LABELS, png_of
+from elitelanes_jax.roadmap import RoadMap, to_json
+from elitelanes_jax.tilesets import TileSet, load_tiles
+from elitelanes_jax.versions import versions
+from elitelanes_jax.wishes import read_wishes, wishes_of
+
+__all__ = ["make_dataset"]
+
+_ON_SHEET = 12
+
+
+def make_dataset(
+    settings: Settings, out: Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
+) -> dict[str, Any]:
+    """Evolves maps, draws them, and writes them as a dataset.
+
+    A run that was killed goes on where it was when it is started again; the same settings give the same files, byte for
+    byte, whatever the number of workers and however often it was killed.
+
+    Args:
+      settings: what to make.
+      out: the folder: new, empty, or one that was begun with the same settings.
+      workers: threads that draw; by default as many as there are processors.
+      maps: to be drawn in place of evolved ones, as many as settings say, square.
+
+    Returns:
+      The record in ``dataset.json``.
+
+    Raises:
+      InputError: for settings out of their range, a bad tile set, or a folder that is anything else.
+      NotEnoughMapsError: if the searches give too few maps.
+      OSError: if a file cannot be written; it names the file. What was complete stays, and is gone on from.
+    """
+    settings = checked(settings)
+    layout = format_named(settings.format)
+    tiles = load_tiles(settings.tiles)
+    by_split = tiles_by_split(tiles, settings)
+    for side in settings.size:
+        read_wishes(wishes_of(settings), (side, side))
+    identity = _identity(settings, tiles, maps)
+    with work_folder(out, identity) as work:
+        if work is not None:
+            found = evolve_maps(settings, tiles, work) if maps is None else given_maps(maps, work)
+            splits = split_maps(settings, found, by_split[2])
+            records = work / "records"
+
+            def draw(number: int) -> None:
+                split = int(splits[number])
+                sample = draw_sample(
+                    found[number],
+                    by_split[split],
+                    number,
+                    seed=settings.seed,
+                    tile_px=settings.tile_px,
+                    transforms=settings.transforms,
+                )
+                write_sample(sample, layout, split, out)
+                note = layout.note(sample.layers["labels"])
+                write_whole(_record_file(records, number), json.dumps(sample.record | note).encode())
+
+            waiting = [number for number in range(len(found)) if not _record_file(records, number).exists()]
+            _draw_all(draw, waiting, len(found), workers or len(os.sched_getaffinity(0)))
+            _finish(out, records, splits, layout, identity)
+    about: dict[str, Any] = json.loads((out / LAST).read_text(encoding="utf-8"))
+    return about
+
+
+def _identity(settings: Settings, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:
+    """All that the files depend on, plain values for JSON."""
+    plain = settings._asdict() | {"transforms": settings.transforms._asdict()}
+    del plain["tiles"]  # what counts is not where they are, but what they show
+    plain["fix"] = settings.fix and json.loads(settings.fix.read_text(encoding="utf-8"))
+    given = None if maps is None else sha256("".join(map(to_json, maps)).encode()).hexdigest()[:16]
+    about = {"name": tiles.name, "licence": tiles.licence, "digest": digest(tiles)}
+    identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": versions()}
+    return json.loads(json.dumps(identity))
+
+
+def _record_file(records: Path, number: int) -> Path:
+    return records / f"{number // 1000:03d}" / f"{number:06d}.json"
+
+
+def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
+    """Draws what is waiting. Pictures are warped and packed outside of Python, so that threads run side by side."""
+    with (
+        counter("drawing", total, "maps", done=total - len(waiting)) as bar,
+        _one_thread_each(),
+        ThreadPoolExecutor(workers) as pool,
+    ):
+        numbers = iter(waiting)
+        under_way = {pool.submit(draw, number) for number in islice(numbers, 2 * workers)}
+        try:
+            while under_way:
+                done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+                    bar.update(1)
+                under_way |= {pool.submit(draw, number) for number in islice(numbers, len(done))}
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """OpenCV's own threads would stand in the workers' way."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)
+
+
+def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, identity: dict[str, Any]) -> None:
+    """Writes all that tells of the samples, the record of the whole last."""
+
+    def read(number: int) -> dict[str, Any]:
+        return json.loads(_record_file(records, number).read_text(encoding="utf-8"))
+
+    pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
+
+    def counted(split: int) -> Iterator[dict[str, Any]]:
+        for number in np.flatnonzero(splits == split).tolist():
+            record = read(number)
+            pixels[SPLITS[split]] += record["class_pixels"]
+            yield record
+
+    for split in range(len(SPLITS)):
+        layout.list_samples(out, split, counted(split))
+    about = identity | {
+        "maps": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
+        "classes": [
+            {"label": place, "name": name, "colour": colour}
+            for place, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
+        ],
+        "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
+    }
+    write_whole(out / "README.md", card(about, layout.loading).encode())
+    count = min(_ON_SHEET, len(splits))
+    shown = [read(place * len(splits) // count) for place in range(count)]
+    title = f"{count} of {len(splits)} maps"
+    sheet = contact_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
+    write_whole(out / "contact-sheet.png", png_of(sheet))
+    write_whole(out / LAST, json.dumps(about, indent=2).encode() + b"\n")
+
+
+def _on_sheet(record: dict[str, Any], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:
+    number = record["number"]
+    split = int(splits[number])
+    height, width = record["size"]
+    figures = record.get("metrics", {})
+    return (
+        layout.file(split, number, "image"),
+        layout.file(split, number, "labels"),
+        (
+            f"{number:06d}, {SPLITS[split]}, {height} x {width} tiles",
+            ", ".join(f"{name} {figures[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in figures),
+        ),
+    )

@@ -1,0 +1,96 @@
+"""One sample: a map drawn, seen in one view, and written."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.dataset.formats import Format
+from elitelanes_jax.folders import write_whole
+from elitelanes_jax.render import LABELS, choose_tiles, png_of, render
+from elitelanes_jax.roadmap import RoadMap
+from elitelanes_jax.tilesets import TileSet
+from elitelanes_jax.transforms import Transforms, View, draw_view, map_points, photograph, warp
+
+__all__ = ["Sample", "draw_sample", "write_sample"]
+
+
+class Sample(NamedTuple):
+    """A drawn sample.
+
+    Attributes:
+      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, those of the tile set's own.
+      record: all that is known of it, plain values for JSON.
+    """
+
+    layers: dict[str, NDArray[np.uint8]]
+    record: dict[str, Any]
+
+
+def draw_sample(
+    road_map: RoadMap,
+    tiles: TileSet,
+    number: int,
+    *,
+    seed: int = 0,
+    tile_px: int = 64,
+    transforms: Transforms = Transforms(),  # noqa: B008, an immutable record
+) -> Sample:
+    """Draws a map with tiles of a set and looks at it: all follows from the seed and the number.
+
+    Args:
+      road_map: which map.
+      tiles: to draw it with.
+      number: of the sample, 0 or more.
+      seed: of the dataset.
+      tile_px: side of a tile in pixels.
+      transforms: how views vary.
+    """
+    chosen = choose_tiles(road_map.codes, tiles, [seed, number])
+    picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
+    size = (picture.labels.shape[0], picture.labels.shape[1])
+    view = draw_view(np.random.default_rng([seed, number, 1]), transforms, size)
+    ground = tiles.pictures[-1].image[0, 0]
+    masks = {name: getattr(picture, name) for name in ("labels", "road", "red", "yellow")} | dict(picture.layers)
+    layers = {"image": photograph(warp(picture.image, view, ground), view)}
+    layers |= {name: warp(mask, view) for name, mask in masks.items()}
+    record = {
+        "number": number,
+        "size": list(road_map.codes.shape),
+        "pixels": list(view.size),
+        "codes": road_map.codes.tolist(),
+        "metrics": road_map.metrics,
+        "fitness": road_map.fitness,
+        "niche": road_map.niche,
+        "map_seed": road_map.seed,
+        "tiles": [[tiles.pictures[tile].name for tile, _ in row] for row in chosen],
+        "quarter_turns": chosen[..., 1].tolist(),
+        "transform": _plain(view),
+        "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
+        "layers": list(picture.layers),
+        "class_pixels": np.bincount(layers["labels"].ravel(), minlength=len(LABELS)).tolist(),
+    }
+    return Sample(layers, {name: value for name, value in record.items() if value is not None})
+
+
+def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
+    """Writes the pictures of a sample where a format has them.
+
+    Raises:
+      OSError: that names the file, if one cannot be written.
+    """
+    number = sample.record["number"]
+    for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
+        write_whole(out / layout.file(split, number, name), png_of(sample.layers[name]))
+
+
+def _plain(view: View) -> dict[str, Any]:
+    values = view._asdict() | {"matrix": view.matrix.tolist()}
+    return {name: value for name, value in values.items() if name != "size"}
+
+
+def _within(points: NDArray[np.float64], view: View) -> list[list[float]]:
+    height, width = view.size
+    inside = (points >= 0).all(axis=1) & (points <= (width, height)).all(axis=1)
+    return [[float(x), float(y)] for x, y in points[inside]]
