@@ -77,6 +77,7 @@ def make_dataset(
                     seed=settings.seed,
                     tile_px=settings.tile_px,
                     transforms=settings.transforms,
+                    layers=layout.layers,
                 )
                 write_sample(sample, layout, split, out)
                 note = layout.note(sample.layers["labels"])

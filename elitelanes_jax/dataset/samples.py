@@ -1,5 +1,6 @@
 """One sample: a map drawn, seen in one view, and written."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +11,7 @@ from elitelanes_jax.dataset.formats import Format
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.render import LABELS, choose_tiles, png_of, render
 from elitelanes_jax.roadmap import RoadMap
-from elitelanes_jax.tilesets import TileSet
+from elitelanes_jax.tilesets import MASKS, TileSet
 from elitelanes_jax.transforms import Transforms, View, draw_view, map_points, photograph, warp
 
 __all__ = ["Sample", "draw_sample", "write_sample"]
@@ -36,6 +37,7 @@ def draw_sample(
     seed: int = 0,
     tile_px: int = 64,
     transforms: Transforms = Transforms(),  # noqa: B008, an immutable record
+    layers: Sequence[str] = MASKS,
 ) -> Sample:
     """Draws a map with tiles of a set and looks at it: all follows from the seed and the number.
 
@@ -46,15 +48,16 @@ def draw_sample(
       seed: of the dataset.
       tile_px: side of a tile in pixels.
       transforms: how views vary.
+      layers: which masks it gets, beside labels and those of the tile set's own.
     """
     chosen = choose_tiles(road_map.codes, tiles, [seed, number])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])
     view = draw_view(np.random.default_rng([seed, number, 1]), transforms, size)
     ground = tiles.pictures[-1].image[0, 0]
-    masks = {name: getattr(picture, name) for name in ("labels", "road", "red", "yellow")} | dict(picture.layers)
-    layers = {"image": photograph(warp(picture.image, view, ground), view)}
-    layers |= {name: warp(mask, view) for name, mask in masks.items()}
+    masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
+    seen = {"image": photograph(warp(picture.image, view, ground), view)}
+    seen |= {name: warp(mask, view) for name, mask in masks.items()}
     record = {
         "number": number,
         "size": list(road_map.codes.shape),
@@ -69,9 +72,9 @@ def draw_sample(
         "transform": _plain(view),
         "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
         "layers": list(picture.layers),
-        "class_pixels": np.bincount(layers["labels"].ravel(), minlength=len(LABELS)).tolist(),
+        "class_pixels": np.bincount(seen["labels"].ravel(), minlength=len(LABELS)).tolist(),
     }
-    return Sample(layers, {name: value for name, value in record.items() if value is not None})
+    return Sample(seen, {name: value for name, value in record.items() if value is not None})
 
 
 def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
