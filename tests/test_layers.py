@@ -17,8 +17,8 @@ version  errors
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
 command
 lattice  grids  tilesets  wfc  fixed_point  templates
-faces  repairs  symmetry  roadmap
-metrics  render
+faces  repairs  symmetry  roadmap  masking
+metrics  render  seams
 objective  features
 archive  requests  rules
 problem  variation
@@ -31,12 +31,13 @@ run
 search
 selection
 generate
+tiles_command
 cli
 """
 FLOOR = {name: floor for floor, line in enumerate(FLOORS.split("\n")) for name in line.split()}
 
 # What the search side must not know: pictures; and the picture side: searches.
-PICTURES = {"tile_files", "tilesets", "render", "overview"}
+PICTURES = {"tile_files", "tilesets", "masking", "seams", "render", "overview"}
 
 
 def modules():
