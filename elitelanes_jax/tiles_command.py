@@ -44,7 +44,7 @@ def _check(options: argparse.Namespace) -> int:
     seams = find_seams(tiles)
     lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
     if options.picture:
-        _write_whole(options.picture, seam_picture(tiles, seams))
+        _write_together({options.picture: seam_picture(tiles, seams)})
         lines.append(f"the worst seam is in {options.picture}")
     say("\n".join(lines))
     return 0
@@ -80,15 +80,15 @@ def _masks(options: argparse.Namespace) -> int:
     proposals = mask_folder(options.folder, colours, options.overwrite)
     sheet = options.sheet or options.folder / "masks.png"
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
-    _write_whole(sheet, proposal_sheet(title, proposals))
-    count = 0
-    for proposal in proposals:
-        for mask in proposal.proposed:
-            _write_whole(proposal.folder / f"{mask}.png", proposal.masks[mask].astype("uint8") * 255)
-            count += 1
-    kept = len(_MASKED) * len(proposals) - count
+    masks = {
+        proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
+        for proposal in proposals
+        for mask in proposal.proposed
+    }
+    _write_together({sheet: proposal_sheet(title, proposals)} | masks)
+    kept = len(_MASKED) * len(proposals) - len(masks)
     say(
-        f"{count} masks of {len(proposals)} tiles in {options.folder}"
+        f"{len(masks)} masks of {len(proposals)} tiles in {options.folder}"
         + (f", {kept} that were there are as they were" if kept else "")
         + f"; all of them on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
@@ -96,16 +96,19 @@ def _masks(options: argparse.Namespace) -> int:
     return 0
 
 
-def _write_whole(file: Path, pixels: "NDArray[np.uint8]") -> None:
-    """Writes a picture whole or not at all."""
+def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
+    """Writes all pictures or, where one cannot be written, none."""
     from elitelanes_jax.render import write_png
 
-    aside = file.with_name(f".{file.name}.part")
+    aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
     try:
-        write_png(aside, pixels)
-        aside.replace(file)
+        for file, pixels in pictures.items():
+            write_png(aside[file], pixels)
+        for file, part in aside.items():
+            part.replace(file)
     finally:
-        aside.unlink(missing_ok=True)
+        for part in aside.values():
+            part.unlink(missing_ok=True)
 
 
 def _png(text: str) -> Path:

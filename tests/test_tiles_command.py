@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -107,6 +108,37 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert main(["tiles", "masks", str(folder), "--overwrite", "--yellow", "0..5,0..1,0..1"]) == 0
     assert not read(folder / "straight_1" / "yellow.png").any()
     assert read(sheet).shape[2] == read(folder / "masks.png").shape[2] == 3
+
+
+def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
+    before = files(bare(folder))
+    writes, write = [], Path.write_bytes
+
+    def fail_late(file, content):
+        writes.append(file)
+        if len(writes) == 9:
+            raise OSError(28, "No space left on device", str(file))
+        return write(file, content)
+
+    monkeypatch.setattr("pathlib.Path.write_bytes", fail_late)
+    assert main(["tiles", "masks", str(folder)]) == 2
+    assert "png.part: No space left on device" in capsys.readouterr().err
+    assert files(folder) == before
+
+
+def test_masks_and_points_of_ones_own_come_out_with_the_map(folder, tmp_path):
+    cones = np.zeros((384, 384), np.uint8)
+    cones[96:192, 288:] = 255
+    cv2.imwrite(str(folder / "turn_1" / "cones.png"), cones)
+    (folder / "turn_1" / "points.json").write_text('{"cones": [[384, 96]]}')
+    (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
+    assert main(["render", str(tmp_path / "map.json"), "--tiles", str(folder), "--tile-px", "32"]) == 0
+    assert read(tmp_path / "map" / "cones.png").astype(bool).sum() == 4 * 8 * 8
+    # The drawn turn opens south and west; in reading order these are turned by 1, 0, 2 and 3 quarters.
+    expected = [[8, 0], [64, 8], [0, 56], [56, 64]]
+    assert json.loads((tmp_path / "map" / "points.json").read_text()) == {"cones": expected}
+    mask = read(tmp_path / "map" / "cones.png") > 0
+    assert mask[:8, 8:16].all() and mask[8:16, 56:].all() and mask[48:56, :8].all() and mask[56:, 48:56].all()
 
 
 def first(name):
