@@ -19,6 +19,11 @@ _DEPTH = 1 / 32  # of the strip along a side whose colour is compared, as a part
 _WHOLE, _NEAR, _GAP, _TOP, _LINE = 300, 360, 24, 96, 20  # lengths on the picture, in pixels
 _GROUND, _INK, _FAINT, _EDGE, _BOX = (250, 249, 246), (40, 40, 44), (120, 120, 126), (0, 190, 230), (235, 40, 160)
 _FONT = cv2.FONT_HERSHEY_SIMPLEX
+_ADVICE = (
+    "Blue: the edge of road.png. Both tiles are turned so that these sides meet.",
+    "To mend a seam, crop the photographs again or correct road.png, so that",
+    "the road leaves every tile at the same place.",
+)
 
 
 class Seams(NamedTuple):
@@ -115,13 +120,6 @@ def seam_picture(tiles: TileSet, seams: Seams) -> NDArray[np.uint8]:
     for number, line in enumerate(_ADVICE):
         _write(sheet, line, (_GAP, _TOP + _WHOLE + 28 + number * _LINE), 0.48, _FAINT)
     return sheet
-
-
-_ADVICE = (
-    "Blue: the edge of road.png. Both tiles are turned so that these sides meet.",
-    "To mend a seam, crop the photographs again or correct road.png, so that",
-    "the road leaves every tile at the same place.",
-)
 
 
 def _named(tiles: TileSet, seams: Seams, number: int) -> str:
