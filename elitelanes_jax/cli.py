@@ -1,14 +1,14 @@
 """The command ``elitelanes``. Too few maps end in exit code 1, all else as `command` has it."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.command import Parser, add_tiles, add_wishes, fail, folder_name, guarded, leave, say, whole
+from elitelanes_jax.command import Parser, add_drawing, add_wishes, fail, folder_name, guarded, leave, say, whole
 from elitelanes_jax.dataset_command import add_dataset
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.tiles_command import add_tiles
 from elitelanes_jax.version import __version__
 
 __all__ = ["main", "run"]
@@ -34,8 +34,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_generate(commands)
     _add_render(commands)
     add_dataset(commands)
-    tiles = commands.add_parser("tiles", help="look after tile sets")
-    _add_tiles_check(tiles.add_subparsers(title="commands", required=True, metavar="COMMAND"))
+    add_tiles(commands)
     return parser
 
 
@@ -70,7 +69,7 @@ def _add_generate(commands: Any) -> None:
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
     add_wishes(command)
-    add_tiles(command)
+    add_drawing(command)
     command.set_defaults(run=_generate)
 
 
@@ -115,7 +114,7 @@ def _add_render(commands: Any) -> None:
         metavar="DIR",
         help="folder to write to, new or empty; by default map/ beside map.json",
     )
-    add_tiles(command)
+    add_drawing(command)
     command.add_argument(
         "--seed",
         type=whole(0, 2**32 - 1),
@@ -144,21 +143,4 @@ def _render(options: argparse.Namespace) -> int:
         if options.overlay:
             write_png(folder / "overlay.png", overlay(picture))
     say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
-    return 0
-
-
-def _add_tiles_check(commands: Any) -> None:
-    command = commands.add_parser("check", help="say what a tile set can draw, or all that is wrong with it")
-    command.add_argument("folder", type=Path, metavar="DIR")
-    command.set_defaults(run=_tiles_check)
-
-
-def _tiles_check(options: argparse.Namespace) -> int:
-    from elitelanes_jax.tilesets import check_tiles, describe_tiles
-
-    tiles, problems = check_tiles(options.folder)
-    if tiles is None:
-        print("\n".join(problems), file=sys.stderr)
-        return 2
-    say(describe_tiles(tiles))
     return 0

@@ -16,7 +16,7 @@ from elitelanes_jax.interrupts import catch_interrupts
 
 __all__ = [
     "Parser",
-    "add_tiles",
+    "add_drawing",
     "add_wishes",
     "fail",
     "folder_name",
@@ -87,7 +87,7 @@ def folder_name(text: str) -> Path:
     return Path(name(text))
 
 
-def add_tiles(command: argparse.ArgumentParser) -> None:
+def add_drawing(command: argparse.ArgumentParser) -> None:
     """Adds the arguments of a command that draws."""
     command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(

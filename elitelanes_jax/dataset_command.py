@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from elitelanes_jax.command import add_tiles, add_wishes, fail, folder_name, name, number, say, whole
+from elitelanes_jax.command import add_drawing, add_wishes, fail, folder_name, name, number, say, whole
 
 __all__ = ["add_dataset"]
 
@@ -58,7 +58,7 @@ def add_dataset(commands: Any) -> None:
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
     add_wishes(command)
-    add_tiles(command)
+    add_drawing(command)
     command.set_defaults(run=_dataset)
 
 

@@ -18,7 +18,7 @@ lines on the wrong side.
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,15 +31,31 @@ from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, t
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.tile_files import read_mask, read_picture, read_points, size_of
 
-__all__ = ["MASKS", "Tile", "TileSet", "Turned", "check_tiles", "default_tiles", "describe_tiles", "load_tiles"]
+__all__ = [
+    "MASKS",
+    "SIDES",
+    "Tile",
+    "TileSet",
+    "Turned",
+    "check_tiles",
+    "default_tiles",
+    "describe_tiles",
+    "load_tiles",
+    "side_of",
+    "stray_files",
+    "tile_folders",
+]
 
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
 
-_SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
+SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
+"""The sides of a tile, clockwise: their letters and bits."""
+
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "opens")
+_TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
 _OUTPUT = ("labels", "overlay")  # what is written beside the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
@@ -153,16 +169,16 @@ def check_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
     problems: list[str] = []
     about = _about(folder, problems)
     tiles = []
-    places = _tile_folders(folder, problems)
+    places = tile_folders(folder, problems)
     strangers = set(about.get("opens", {})) - set(_OPENS) - {place.name for place in places}
     problems += [f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {name!r}" for name in strangers]
     for place in places:
         tile = _load_tile(place, about.get("opens", {}), problems)
         if tile is not None:
             tiles.append(tile)
-    drawn = {kind for kind, codes in KINDS.items() if any(tile.code in codes for tile in tiles)}
-    missing = [kind for kind in ("straight", "turn") if kind not in drawn]
-    if not drawn & {"crossing3", "crossing4"}:
+    absent = _absent_kinds(tiles)
+    missing: list[str] = [kind for kind in ("straight", "turn") if kind in absent]
+    if {"crossing3", "crossing4"} <= set(absent):
         missing.append("crossing")
     if missing and not problems:
         problems.append(
@@ -174,17 +190,50 @@ def check_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
     return TileSet(about.get("name", folder.resolve().name), about.get("licence", ""), tuple(tiles)), []
 
 
+def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
+    """The folders of a set's tiles, sorted by kind and number; folders that only look like one go to the problems."""
+    found = []
+    for place in folder.iterdir():
+        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
+        if place.is_dir() and match and match[1] in _OPENS:
+            found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
+        elif place.is_dir() and any((place / f"{name}.png").exists() for name in _FILES):
+            problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
+    return [place for _, place in sorted(found)]
+
+
+def stray_files(folder: Path) -> list[Path]:
+    """What lies in the folders of a set's tiles and is not read, hidden files aside, sorted."""
+    return [
+        file
+        for place in tile_folders(folder, [])
+        for file in sorted(place.iterdir())
+        if not file.name.startswith(".") and file.suffix != ".png" and file.name != "points.json"
+    ]
+
+
+def side_of(picture: NDArray[Any], side: str) -> NDArray[Any]:
+    """The outermost pixels along a side of a picture ``[S, S, ...]``, left to right from inside, ``[S, ...]``."""
+    return np.rot90(picture, list(SIDES).index(side))[0]
+
+
 def describe_tiles(tiles: TileSet) -> str:
     """What a set holds and can draw, a few lines of text."""
     lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
     for tile in tiles.tiles:
-        sides = "".join(letter for letter, side in _SIDES.items() if tile.code & side)
+        sides = "".join(letter for letter, side in SIDES.items() if tile.code & side)
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
     turned_tiles = sum(len(tiles.turned[code]) for code in tiles.alphabet)
     lines.append(f"turned, {turned_tiles} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
+    lines += [f"no {kind}: maps will have none" for kind in _absent_kinds(tiles.tiles)]
     lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
     lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
     return "\n".join(lines)
+
+
+def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
+    drawn = {tile.code for tile in tiles}
+    return [kind for kind in _OPENS if not drawn & set(KINDS[kind])]
 
 
 def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
@@ -218,20 +267,9 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
 
 def _code(sides: str) -> int | None:
     """The tile code of sides given as letters, or None."""
-    if len(set(sides)) != len(sides) or not set(sides) <= set(_SIDES):
+    if len(set(sides)) != len(sides) or not set(sides) <= set(SIDES):
         return None
-    return sum(_SIDES[side] for side in sides)
-
-
-def _tile_folders(folder: Path, problems: list[str]) -> list[Path]:
-    found = []
-    for place in folder.iterdir():
-        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
-        if place.is_dir() and match and match[1] in _OPENS:
-            found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
-        elif place.is_dir() and any((place / f"{name}.png").exists() for name in _FILES):
-            problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
-    return [place for _, place in sorted(found)]
+    return sum(SIDES[side] for side in sides)
 
 
 def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
@@ -251,7 +289,25 @@ def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile 
     code = _code(opens.get(place.name, opens.get(kind, _OPENS[kind])))
     if len(problems) > before or code is None or image is None or road is None or red is None or yellow is None:
         return None
+    if _check_sides(place, code, road, problems):
+        return None
     return Tile(place.name, code, image[..., :3], road, red, yellow, layers, points)
+
+
+def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
+    """Notes the sides that a tile opens but no road reaches, and the other way round; whether there are any."""
+    before, size = len(problems), road.shape[0]
+    for number, (side, bit) in enumerate(SIDES.items()):
+        across = np.rot90(road, number).sum(axis=1)  # by the distance from the side
+        if (code & bit > 0) == (across[0] >= _TOUCHES * size):
+            continue
+        expected = f"to reach the side {side}, which the tile opens" if code & bit else f"to end before the side {side}"
+        short = int(np.argmax(across >= _TOUCHES * size))
+        problems.append(
+            f"{place / 'road.png'}: expected the road {expected} (see [opens] in tileset.toml), "
+            f"got road on {across[0]} of its {size} pixels" + (f"; it ends {short} pixels short of it" if short else "")
+        )
+    return len(problems) > before
 
 
 def _read_layers(place: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:

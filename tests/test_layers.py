@@ -17,9 +17,9 @@ version  errors
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
 command  transforms  versions
 lattice  grids  tilesets  wfc  fixed_point  templates
-faces  repairs  symmetry  roadmap
+faces  repairs  symmetry  roadmap  masking
 metrics  render  dataset.settings
-objective  features  dataset.formats  dataset.card  dataset.work
+objective  features  dataset.formats  dataset.card  dataset.work  seams
 archive  requests  rules  dataset.samples
 problem  variation
 evolution  moves
@@ -33,13 +33,16 @@ selection  wishes
 generate  dataset.plan
 dataset.make
 dataset
-dataset_command
+dataset_command  tiles_command
 cli
 """
 FLOOR = {name: floor for floor, line in enumerate(FLOORS.split("\n")) for name in line.split()}
 
 # What the search side must not know: pictures; and the picture side: searches.
-PICTURES = {"tile_files", "tilesets", "render", "overview", "transforms", "dataset.card", "dataset.samples"}
+PICTURES = {
+    *("tile_files", "tilesets", "masking", "seams", "render", "overview", "transforms"),
+    *("dataset.card", "dataset.samples"),
+}
 
 # All that imports OpenCV.
 OPENCV = PICTURES - {"tilesets", "dataset.samples"} | {"versions", "dataset.make"}

@@ -96,6 +96,12 @@ def test_masks_and_points_of_ones_own(folder):
     assert describe_tiles(tiles).endswith("layers: cones, wet_floor\npoints: cones, none")
 
 
+def clear(folder, part):
+    mask = cv2.imread(str(folder / "straight_1" / "road.png"), cv2.IMREAD_GRAYSCALE)
+    mask[part] = 0
+    write(folder, "straight_1/road.png", mask)
+
+
 def png(width, height, rows, cut=False):
     """A PNG file of a grey picture, chunk by chunk."""
 
@@ -258,6 +264,17 @@ SPOILS = {
     "points far outside": (
         lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 1%s]]}' % ("0" * 400)),
         r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 10000",
+    ),
+    "a road that ends short of a side": (
+        lambda folder: clear(folder, np.s_[:3]),
+        r"straight_1/road.png: expected the road to reach the side N, which the tile opens \(see \[opens\] in "
+        r"tileset.toml\), got road on 0 of its 384 pixels; it ends 3 pixels short of it",
+    ),
+    "a road to a closed side": (
+        lambda folder: (folder / "crossing3_1" / "road.png").write_bytes(
+            (folder / "crossing4_1" / "road.png").read_bytes()
+        ),
+        r"crossing3_1/road.png: expected the road to end before the side E \(see .*\), got road on 284 of its 384",
     ),
     "opens unknown": (
         lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),

@@ -26,7 +26,7 @@ __all__ = ["Maps", "evolve_maps", "given_maps", "split_maps"]
 
 # A round evolves so many seeds, and gives at most so many maps: of what is akin not too much. It ends the search for
 # one size if so many rounds in a row give nothing new.
-_SEEDS, _FROM_ROUND, _FRUITLESS = 16, 256, 2
+_SEEDS, _FROM_ROUND, _FRUITLESS = 16, 512, 2
 
 
 class Maps:

@@ -1,0 +1,92 @@
+"""Draws the pictures of docs/tiles.md.
+
+python docs/tiles.py
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.masking import propose_masks
+from elitelanes_jax.seams import find_seams, seam_picture
+from elitelanes_jax.tilesets import TileSet, load_tiles
+
+FOLDER = Path(__file__).parent
+CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph
+SIDE, PHOTO = 512, (1600, 1200)
+PANEL, GAP, HEAD = 330, 20, 40
+TABLE, PAPER, INK, MARK = (190, 168, 136), (250, 249, 246), (40, 40, 44), (235, 40, 160)
+MASKS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
+
+
+def main() -> None:
+    tiles = load_tiles()
+    photo = photograph(tiles.tiles[0].image)
+    image = cropped(photo)
+    write("tiles-masks.jpg", steps(photo, image))
+    spoilt = displaced(tiles, 5, 11)
+    write("tiles-seam.jpg", seam_picture(spoilt, find_seams(spoilt)))
+
+
+def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """A tile on a table, as a camera sees it that does not look straight down; RGB."""
+    width, height = PHOTO
+    photo = np.full((height, width, 3), TABLE, np.uint8)
+    there = cv2.getPerspectiveTransform(_square(tile.shape[0]), np.array(CORNERS, np.float32))
+    cv2.warpPerspective(tile, there, PHOTO, dst=photo, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_TRANSPARENT)
+    light = np.linspace(1.05, 0.9, width)[None, :, None]
+    return np.clip(photo * light, 0, 255).astype(np.uint8)
+
+
+def cropped(photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The square that docs/tiles.md crops out of a photograph."""
+    back = cv2.getPerspectiveTransform(np.array(CORNERS, np.float32), _square(4 * SIDE))
+    large = cv2.warpPerspective(photo, back, (4 * SIDE, 4 * SIDE), flags=cv2.INTER_CUBIC)
+    return np.asarray(cv2.resize(large, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def displaced(tiles: TileSet, place: int, pixels: int) -> TileSet:
+    """A set of which one tile was cropped too far to the left."""
+    tile = tiles.tiles[place]
+    layers = {name: np.roll(getattr(tile, name), pixels, axis=1) for name in ("image", "road", "red", "yellow")}
+    moved = (*tiles.tiles[:place], tile._replace(**layers), *tiles.tiles[place + 1 :])
+    return TileSet("my tiles", tiles.licence, moved)
+
+
+def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Photograph, square and masks side by side."""
+    marked = photo.copy()
+    for number, corner in enumerate(CORNERS, start=1):
+        cv2.circle(marked, corner, 22, MARK, 6, cv2.LINE_AA)
+        beside = (corner[0] + (-90 if number in (1, 4) else 40), corner[1] + 15)
+        cv2.putText(marked, str(number), beside, cv2.FONT_HERSHEY_SIMPLEX, 2.2, MARK, 6, cv2.LINE_AA)
+    painted = image.copy()
+    for name, mask in propose_masks(image).items():
+        painted[mask] = MASKS[name]
+    panels = [
+        titled("a photograph, and the tile's corners in it", marked, round(PANEL * PHOTO[0] / PHOTO[1])),
+        titled("cropped: turn_1/image.png", image, PANEL),
+        titled("what tiles masks proposes", painted, PANEL),
+    ]
+    return np.hstack(panels)
+
+
+def titled(text: str, picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    panel = np.full((HEAD + PANEL + GAP, width + 2 * GAP, 3), PAPER, np.uint8)
+    panel[HEAD : HEAD + PANEL, GAP : GAP + width] = cv2.resize(picture, (width, PANEL), interpolation=cv2.INTER_AREA)
+    cv2.putText(panel, text, (GAP, HEAD - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    return panel
+
+
+def write(name: str, pixels: NDArray[np.uint8]) -> None:
+    cv2.imwrite(str(FOLDER / name), pixels[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 90])
+
+
+def _square(side: int) -> NDArray[np.float32]:
+    return np.array([[0, 0], [side, 0], [side, side], [0, side]], np.float32)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,118 @@
+"""The commands ``elitelanes tiles``: what a tile set is worth, and masks for one that has none."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from elitelanes_jax.command import folder_name, name, say
+from elitelanes_jax.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["add_tiles"]
+
+_MASKED = ("road", "red", "yellow")
+
+
+def add_tiles(commands: Any) -> None:
+    """Adds ``tiles`` to the commands of a parser."""
+    tiles = commands.add_parser("tiles", help="look after tile sets")
+    below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_check(below)
+    _add_masks(below)
+
+
+def _add_check(commands: Any) -> None:
+    command = commands.add_parser("check", help="say what a tile set can draw, or all that is wrong with it")
+    command.add_argument("folder", type=Path, metavar="DIR")
+    command.add_argument("--picture", type=_png, metavar="FILE", help="PNG file to write, with the worst seam")
+    command.set_defaults(run=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from elitelanes_jax.seams import describe_seams, find_seams, seam_picture
+    from elitelanes_jax.tilesets import check_tiles, describe_tiles, stray_files
+
+    tiles, problems = check_tiles(options.folder)
+    strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
+    if tiles is None:
+        print("\n".join(problems + strays), file=sys.stderr)
+        return 2
+    seams = find_seams(tiles)
+    lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
+    if options.picture:
+        _write_together({options.picture: seam_picture(tiles, seams)})
+        lines.append(f"the worst seam is in {options.picture}")
+    say("\n".join(lines))
+    return 0
+
+
+def _add_masks(commands: Any) -> None:
+    command = commands.add_parser(
+        "masks",
+        help="propose masks for photographs, by colour",
+        description="Writes road.png, red.png and yellow.png beside each image.png that lacks them, to be corrected by "
+        "hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+    )
+    command.add_argument("folder", type=Path, metavar="DIR", help="folder of a tile set")
+    for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
+        command.add_argument(f"--{mask}", type=name, metavar="RANGE", help=f"colours of {what}")
+    command.add_argument("--overwrite", action="store_true", help="propose also the masks that are there")
+    command.add_argument(
+        "--sheet", type=_png, metavar="FILE", help="PNG file for all of them on one sheet; by default DIR/masks.png"
+    )
+    command.set_defaults(run=_masks)
+
+
+def _masks(options: argparse.Namespace) -> int:
+    from elitelanes_jax.masking import COLOURS, mask_folder, proposal_sheet, read_colour
+
+    colours = dict(COLOURS)
+    for mask in _MASKED:
+        if getattr(options, mask) is not None:
+            try:
+                colours[mask] = read_colour(getattr(options, mask))
+            except InputError as error:
+                raise InputError(f"--{mask}: {error}") from None
+    proposals = mask_folder(options.folder, colours, options.overwrite)
+    sheet = options.sheet or options.folder / "masks.png"
+    title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
+    masks = {
+        proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
+        for proposal in proposals
+        for mask in proposal.proposed
+    }
+    _write_together({sheet: proposal_sheet(title, proposals)} | masks)
+    kept = len(_MASKED) * len(proposals) - len(masks)
+    say(
+        f"{len(masks)} masks of {len(proposals)} tiles in {options.folder}"
+        + (f", {kept} that were there are as they were" if kept else "")
+        + f"; all of them on {sheet}\n"
+        f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
+    )
+    return 0
+
+
+def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
+    """Writes all pictures or, where one cannot be written, none."""
+    from elitelanes_jax.render import write_png
+
+    aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
+    try:
+        for file, pixels in pictures.items():
+            write_png(aside[file], pixels)
+        for file, part in aside.items():
+            part.replace(file)
+    finally:
+        for part in aside.values():
+            part.unlink(missing_ok=True)
+
+
+def _png(text: str) -> Path:
+    file = folder_name(text)
+    if file.suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(f"expected a name that ends in .png, got {text[:40]!r}")
+    return file

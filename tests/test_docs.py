@@ -1,0 +1,87 @@
+"""The pages in docs: their programs run, their commands are understood, their links lead somewhere."""
+
+import re
+import runpy
+import shlex
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax.cli import _parser, main
+from elitelanes_jax.masking import COLOURS, read_colour
+from elitelanes_jax.tile_files import read_points
+from elitelanes_jax.tilesets import check_tiles, load_tiles
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = {file.name: file.read_text() for file in sorted(DOCS.glob("*.md"))}
+
+
+def blocks(page):
+    """The programs and commands of a page, in order."""
+    return re.findall(r"```(python|sh)\n(.*?)```", PAGES[page], re.DOTALL)
+
+
+def commands(page):
+    lines = [line for language, text in blocks(page) if language == "sh" for line in text.splitlines()]
+    return [shlex.split(line)[1:] for line in lines if line.startswith("elitelanes ")]
+
+
+def test_commands_are_understood():
+    understood = [_parser().parse_args(command).run for page in PAGES for command in commands(page)]
+    assert len(understood) >= 5
+
+
+def test_links_lead_somewhere():
+    for page, text in PAGES.items():
+        for link in re.findall(r"\]\((?!https?:)([^)]+)\)", text):
+            assert (DOCS / link.partition("#")[0]).exists(), f"{page}: {link}"
+
+
+@pytest.fixture
+def photographs(tmp_path, monkeypatch, drawn_tiles):
+    """A folder with a photograph of the first tile, and the pictures of all others as if they were cropped already."""
+    monkeypatch.chdir(tmp_path)
+    script = runpy.run_path(str(DOCS / "tiles.py"))
+    Path("photos").mkdir()
+    cv2.imwrite("photos/turn.jpg", script["photograph"](drawn_tiles.tiles[0].image)[..., ::-1])
+    for tile in drawn_tiles.tiles[1:]:
+        Path("my-tiles", tile.name).mkdir(parents=True)
+        cv2.imwrite(f"my-tiles/{tile.name}/image.png", tile.image[..., ::-1])
+
+
+def test_the_way_from_photographs_to_a_tile_set(photographs, drawn_tiles, capsys):
+    """The page on tiles, step by step; the last one, which evolves maps, is tested elsewhere."""
+    for language, text in blocks("tiles.md"):
+        if language == "python":
+            exec(compile(text, "docs/tiles.md", "exec"), {})
+        for line in text.splitlines() if language == "sh" else ():
+            if line.startswith("elitelanes tiles"):
+                assert main(shlex.split(line)[1:]) == 0
+    capsys.readouterr()
+    tiles = load_tiles("my-tiles")
+    assert [tile.name for tile in tiles.tiles] == [tile.name for tile in drawn_tiles.tiles]
+    assert {file.name for file in Path().iterdir()} == {"photos", "my-tiles", "sheet.png", "worst-seam.png"}
+    # Through a slanted photograph, JPEG and back, the masks are still those of the tile.
+    own, given = tiles.tiles[0], drawn_tiles.tiles[0]
+    for name in ("road", "yellow"):
+        mask = cv2.resize(getattr(given, name).astype(np.uint8), (512, 512), interpolation=cv2.INTER_NEAREST) > 0
+        assert (mask & getattr(own, name)).sum() > 0.85 * (mask | getattr(own, name)).sum()
+
+
+def test_the_ranges_on_the_page_are_the_ones_that_are_used():
+    said = dict(re.findall(r"--(road|red|yellow) (\S+)", PAGES["tiles.md"]))
+    assert {name: read_colour(text) for name, text in said.items()} == COLOURS
+
+
+def test_the_example_files_are_ones_that_are_read(tmp_path):
+    (example,) = re.findall(r"```toml\n(.*?)```", PAGES["tiles.md"], re.DOTALL)
+    (points,) = re.findall(r"```json\n(.*?)```", PAGES["tiles.md"], re.DOTALL)
+    (tmp_path / "turn_2").mkdir()
+    (tmp_path / "tileset.toml").write_text(example)
+    (tmp_path / "points.json").write_text(points)
+    problems = []
+    assert set(read_points(tmp_path / "points.json", np.zeros((512, 512), np.uint8), problems)) == {"cones", "duck"}
+    assert not problems
+    assert not [line for line in check_tiles(tmp_path)[1] if "tileset.toml" in line]
