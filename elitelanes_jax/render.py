@@ -111,18 +111,11 @@ def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chose
     if not isinstance(tile_px, int | np.integer) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
     chosen = choose_tiles(grid, tiles, seed) if chosen is None else _checked_choice(grid, tiles, chosen)
-    images, masks = _scaled(tiles, int(tile_px))
     place = chosen[..., 0] * 4 + chosen[..., 1]
-    image = _laid_out(images[place])
-    road, red, yellow, *layers = np.moveaxis(_laid_out(masks[place]), -1, 0)
-    labels = np.where(yellow, 3, np.where(red, 2, road)).astype(np.uint8)
+    layers = {name: _laid_out(turned[place]) for name, turned in _scaled(tiles, int(tile_px)).items()}
     return Picture(
-        image=image,
-        road=road * np.uint8(255),
-        red=red * np.uint8(255),
-        yellow=yellow * np.uint8(255),
-        labels=labels,
-        layers={name: mask * np.uint8(255) for name, mask in zip(tiles.layers, layers, strict=True)},
+        **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
+        layers=layers,
         points={name: _laid_points(name, tiles, place, int(tile_px)) for name in tiles.points},
     )
 
@@ -191,19 +184,19 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=4)
-def _scaled(tiles: TileSet, size: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """All tiles in all four turns at one size: images ``[4·T, P, P, 3]``, masks ``[4·T, P, P, 3 + L]``."""
-    images, masks = [], []
+def _scaled(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
+    """What is drawn of all tiles in all four turns, at one size: uint8 ``[4·T, P, P]``, images ``[4·T, P, P, 3]``."""
+    layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
-        image = _resized(tile.image, size)
         empty = np.zeros(tile.road.shape, bool)
-        named = [(name, getattr(tile, name)) for name in MASKS]
-        named += [(name, tile.layers.get(name, empty)) for name in tiles.layers]
-        layers = np.stack([_resized_mask(mask, size, name) for name, mask in named], axis=-1)
-        for turns in range(4):
-            images.append(np.rot90(image, turns))
-            masks.append(np.rot90(layers, turns))
-    return np.stack(images), np.stack(masks)
+        masks = {name: getattr(tile, name) for name in MASKS}
+        masks |= {name: tile.layers.get(name, empty) for name in tiles.layers}
+        masks = {name: _resized_mask(mask, size, name) for name, mask in masks.items()}
+        labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(np.uint8)
+        drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
+        for name, layer in (drawn | {"image": _resized(tile.image, size), "labels": labels}).items():
+            layers.setdefault(name, []).extend(np.rot90(layer, turns) for turns in range(4))
+    return {name: np.stack(turned) for name, turned in layers.items()}
 
 
 def _resized(picture: NDArray[Any], size: int) -> NDArray[Any]:
@@ -248,6 +241,6 @@ def _laid_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) 
 
 
 def _laid_out(tiles: NDArray[Any]) -> NDArray[Any]:
-    """Pictures ``[H, W, P, P, C]`` side by side, ``[H·P, W·P, C]``."""
-    height, width, size, _, channels = tiles.shape
-    return tiles.transpose(0, 2, 1, 3, 4).reshape(height * size, width * size, channels)
+    """Pictures ``[H, W, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
+    height, width, size, _, *channels = tiles.shape
+    return tiles.swapaxes(1, 2).reshape(height * size, width * size, *channels)

@@ -72,7 +72,7 @@ def draw_sample(
         "transform": _plain(view),
         "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
         "layers": list(picture.layers),
-        "class_pixels": np.bincount(seen["labels"].ravel(), minlength=len(LABELS)).tolist(),
+        "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
     return Sample(seen, {name: value for name, value in record.items() if value is not None})
 
