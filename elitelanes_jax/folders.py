@@ -92,12 +92,17 @@ def check_same(folder: Path, file: Path, asked: dict[str, Any]) -> None:
         raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
     if not isinstance(there, dict):
         raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")
-    asked = json.loads(json.dumps(asked))
+    _compare(folder, json.loads(json.dumps(asked)), there)
+
+
+def _compare(folder: Path, asked: dict[str, Any], there: dict[str, Any]) -> None:
     for name in asked | there:
-        if asked.get(name) != there.get(name):
+        mine, found = asked.get(name), there.get(name)
+        if isinstance(mine, dict) and isinstance(found, dict):
+            _compare(folder, mine, found)
+        elif mine != found:
             raise InputError(
-                f"{folder}: expected results of {name} {asked.get(name)!r}, got some of {there.get(name)!r}; "
-                "take another --out for these"
+                f"{folder}: expected results of {name} {mine!r}, got some of {found!r}; take another --out for these"
             )
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from pages import blocks, run_program
 
 from elitelanes_jax.cli import _parser, main
 from elitelanes_jax.masking import COLOURS, read_colour
@@ -18,13 +19,8 @@ DOCS = Path(__file__).parents[1] / "docs"
 PAGES = {file.name: file.read_text() for file in sorted(DOCS.glob("*.md"))}
 
 
-def blocks(page):
-    """The programs and commands of a page, in order."""
-    return re.findall(r"```(python|sh)\n(.*?)```", PAGES[page], re.DOTALL)
-
-
 def commands(page):
-    lines = [line for language, text in blocks(page) if language == "sh" for line in text.splitlines()]
+    lines = [line for _, text in blocks(PAGES[page], "sh") for line in text.splitlines()]
     return [shlex.split(line)[1:] for line in lines if line.startswith("elitelanes ")]
 
 
@@ -37,6 +33,14 @@ def test_links_lead_somewhere():
     for page, text in PAGES.items():
         for link in re.findall(r"\]\((?!https?:)([^)]+)\)", text):
             assert (DOCS / link.partition("#")[0]).exists(), f"{page}: {link}"
+
+
+@pytest.mark.parametrize(
+    ("page", "program"),
+    [(page, text) for page in PAGES if page != "tiles.md" for _, text in blocks(PAGES[page], "python")],
+)
+def test_programs_run_and_print_what_they_say(page, program, capsys):
+    run_program(program, page, capsys)
 
 
 @pytest.fixture
@@ -53,7 +57,7 @@ def photographs(tmp_path, monkeypatch, drawn_tiles):
 
 def test_the_way_from_photographs_to_a_tile_set(photographs, drawn_tiles, capsys):
     """The page on tiles, step by step; the last one, which evolves maps, is tested elsewhere."""
-    for language, text in blocks("tiles.md"):
+    for language, text in blocks(PAGES["tiles.md"], "python", "sh"):
         if language == "python":
             exec(compile(text, "docs/tiles.md", "exec"), {})
         for line in text.splitlines() if language == "sh" else ():

@@ -5,25 +5,21 @@ import shlex
 from pathlib import Path
 
 import pytest
+from pages import blocks, run_program
 
 from elitelanes_jax.cli import _parser
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
 EXPERIMENTS = (ROOT / "experiments" / "README.md").read_text()
-PROGRAMS = re.findall(r"```python\n(.*?)```", README + EXPERIMENTS, re.DOTALL)
+PROGRAMS = [program for _, program in blocks(README + EXPERIMENTS, "python")]
 COMMANDS = re.findall(r"^elitelanes .*$", README, re.MULTILINE)
 TARGETS = re.findall(r"^make (\S+)", README, re.MULTILINE)
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_programs_run_and_print_what_they_say(program, capsys):
-    exec(compile(program, "README.md", "exec"), {})
-    printed = capsys.readouterr().out.splitlines()
-    said = re.findall(r"print\(.*\)  # (.*)$", program, re.MULTILINE)
-    assert len(said) <= len(printed)
-    for line, words in zip(printed[: len(said)], said, strict=True):
-        assert words.split(":")[0] == line
+    run_program(program, "README.md", capsys)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
