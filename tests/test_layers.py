@@ -17,7 +17,7 @@ version  errors  exports
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache
 command
 lattice  grids  tilesets  wfc  fixed_point  templates  exports.graph
-faces  repairs  symmetry  roadmap
+faces  repairs  symmetry  roadmap  exports.sumo
 metrics  render
 objective  features
 archive  requests  rules
