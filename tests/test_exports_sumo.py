@@ -63,7 +63,10 @@ def linked(grid):
 def test_roads_are_the_links_in_both_directions(grid):
     graph = linked(grid)
     assume(graph)
-    nodes, edges, _ = read(plain_xml(grid, Streets(tile=10)))
+    plain = plain_xml(grid, Streets(tile=10))
+    nodes, edges, _ = read(plain)
+    stops = {node["id"] for node in elements(plain.nodes) if node["type"] == "allway_stop"}
+    assert stops == {f"{row}_{column}" for row, column in graph if graph.degree((row, column)) > 2}
 
     # Each tile that is no node joins two links to one.
     assert len(edges) == 2 * (graph.number_of_edges() - (len(graph) - len(nodes)))
@@ -300,11 +303,13 @@ def test_to_scale_cars_as_long_as_duckiebots_arrive(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("right_of_way", ["allway_stop", "priority", "right_before_left", "traffic_light"])
 @pytest.mark.parametrize("grid", [KNOT, RING], ids=["knot", "ring"])
-def test_loops_dead_ends_and_rings_are_driven(grid, tmp_path):
-    net = tmp_path / "city.net.xml"
+def test_loops_dead_ends_and_rings_are_driven(grid, right_of_way, tmp_path):
     run("netconvert", "--version")
-    assert convert(net, grid) == ()
+    net = tmp_path / "city.net.xml"
+    assert convert(net, grid, streets=Streets(right_of_way=right_of_way)) == ()
+    assert (f'type="{right_of_way}"' in net.read_text()) == (grid is KNOT or right_of_way == "priority")
     assert drive(net, read(plain_xml(grid))[2], tmp_path, 0) == (20, "")
 
 
