@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow lint benchmark compare scaling optimum sumo clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -16,6 +16,16 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# The tests that need SUMO, which is large, in an environment of its own.
+sumo: .venv-sumo/.ready
+	.venv-sumo/bin/python -m pytest -m slow tests/test_exports_sumo.py
+
+.venv-sumo/.ready: pyproject.toml constraints.txt
+	rm -rf .venv-sumo
+	$(PYTHON) -m venv .venv-sumo
+	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,sumo]'
+	touch $@
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -35,7 +45,7 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv $(DEMO)
+	rm -rf .venv .venv-sumo $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -13,11 +13,11 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
-version  errors
+version  errors  exports
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
 command  transforms  versions
-lattice  grids  tilesets  wfc  fixed_point  templates
-faces  repairs  symmetry  roadmap  masking
+lattice  grids  tilesets  wfc  fixed_point  templates  exports.graph
+faces  repairs  symmetry  roadmap  masking  exports.sumo
 metrics  render  dataset.settings
 objective  features  dataset.formats  dataset.card  dataset.work  seams
 archive  requests  rules  dataset.samples
