@@ -165,6 +165,21 @@ def test_pycocotools_loads_it(tmp_path):
             np.testing.assert_array_equal(found, labels)
 
 
+def test_mmsegmentation_loads_it(tmp_path):
+    mmseg = pytest.importorskip("mmseg.datasets")  # needs all of PyTorch, so it is not among the tests' packages
+    out = tmp_path / "out"
+    make_dataset(small(format="mmseg"), out, maps=some_maps())
+    for split, count in (("train", 6), ("val", 3), ("test", 3)):
+        prefix = {"img_path": f"img_dir/{split}", "seg_map_path": f"ann_dir/{split}"}
+        loaded = mmseg.BaseSegDataset(
+            data_root=str(out), img_suffix=".png", data_prefix=prefix, metainfo={"classes": LABELS}
+        )
+        assert len(loaded) == count
+        for sample in loaded:
+            annotated = mmseg.transforms.LoadAnnotations()(dict(sample))
+            np.testing.assert_array_equal(annotated["gt_seg_map"], read(sample["seg_map_path"]))
+
+
 def test_mmsegmentation_finds_pairs(tmp_path):
     """As its BaseSegDataset does: an annotation for every image, of the same name."""
     out = tmp_path / "out"
