@@ -13,10 +13,10 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
-version  errors
+version  errors  exports
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache
 command
-lattice  grids  tilesets  wfc  fixed_point  templates
+lattice  grids  tilesets  wfc  fixed_point  templates  exports.graph
 faces  repairs  symmetry  roadmap
 metrics  render
 objective  features

@@ -1,0 +1,153 @@
+"""Road networks as graphs of NetworkX: tiles as nodes, or crossings as nodes and roads as edges.
+
+`tile_graph` has the nodes and edges that `measure` counts. `reduced_graph` keeps its components, its cyclomatic number
+and its total length, and leaves out the tiles at which there is nothing to decide:
+
+- Its nodes are the tiles with three or four connections ("crossing"), the tiles where a road ends or that stand alone
+  ("end": one link or none), and, in a component that is a ring without either, the ring's first tile ("ring").
+- Its edges are the roads between them. Two crossings may be joined by several roads, and a road may come back to the
+  crossing that it left, so it is a multigraph with self-loops. A ring is one self-loop.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from elitelanes_jax.checks import check_grid
+from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST
+from elitelanes_jax.errors import InputError
+
+if TYPE_CHECKING:
+    import networkx
+
+__all__ = ["Tile", "reduced_graph", "tile_graph", "to_graphml"]
+
+Tile = tuple[int, int]
+"""A place in the grid: row and column, from the north-west corner."""
+
+# Each side with the step to the neighbour there and the neighbour's side that answers, clockwise.
+_SIDES = ((NORTH, -1, 0, SOUTH), (EAST, 0, 1, WEST), (SOUTH, 1, 0, NORTH), (WEST, 0, -1, EAST))
+_KIND = {code: kind for kind, codes in KINDS.items() for code in codes}
+
+
+def tile_graph(codes: Any) -> "networkx.Graph":
+    """The tiles of a grid and their links.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      A graph whose nodes are the non-empty tiles, as (row, column), in the order of their rows; each with `code`, an
+      int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours that both connect to each other.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+    """
+    nx = _networkx()
+    grid = np.asarray(check_grid(codes))
+    links = _links(grid)
+    graph = nx.Graph()
+    graph.add_nodes_from((tile, {"code": int(grid[tile]), "kind": _KIND[int(grid[tile])]}) for tile in links)
+    graph.add_edges_from((tile, other) for tile, others in links.items() for other in others if other > tile)
+    return graph
+
+
+def reduced_graph(codes: Any) -> "networkx.MultiGraph":
+    """The crossings of a grid and the roads between them.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      A multigraph. Its nodes are tiles as (row, column), in the order of their rows, each with `code`, an int, and
+      `kind`, "crossing", "end" or "ring". Each edge has `length`, an int, the steps from tile to tile along the road,
+      which is its length in tiles from centre to centre; and `path`, the tiles from end to end, both ends among them,
+      so `length + 1` tiles. It starts at the end that comes first in the order of rows; that of a self-loop starts and
+      ends at its node, and leaves it by its first side clockwise from north. Parallel edges have the keys 0, 1, ...,
+      clockwise likewise around the first end.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+    """
+    nx = _networkx()
+    grid = np.asarray(check_grid(codes))
+    links = _links(grid)
+    graph = nx.MultiGraph()
+    for tile, others in links.items():
+        if CONNECTIONS[grid[tile]] >= 3:
+            graph.add_node(tile, code=int(grid[tile]), kind="crossing")
+        elif len(others) < 2:
+            graph.add_node(tile, code=int(grid[tile]), kind="end")
+    walked: set[tuple[Tile, Tile]] = set()  # the last steps of roads: they are first steps from the other end
+    passed: set[Tile] = set(graph)
+
+    def add_roads(node: Tile) -> None:
+        for other in links[node]:
+            if (node, other) not in walked:
+                path = [node, *_walk(links, graph, node, other)]
+                walked.add((path[-1], path[-2]))
+                passed.update(path)
+                graph.add_edge(node, path[-1], length=len(path) - 1, path=path)
+
+    for node in list(graph):
+        add_roads(node)
+    for tile in links:
+        if tile not in passed:
+            graph.add_node(tile, code=int(grid[tile]), kind="ring")
+            add_roads(tile)
+    ordered = nx.MultiGraph()
+    ordered.add_nodes_from(sorted(graph.nodes(data=True)))
+    ordered.add_edges_from(graph.edges(keys=True, data=True))
+    return ordered
+
+
+def to_graphml(graph: Any) -> str:
+    """A graph of `tile_graph` or `reduced_graph` as the text of a GraphML file.
+
+    Nodes are named "row,column" and have `row` and `column` too; a path is its tiles' names with blanks between.
+
+    Raises:
+      InputError: where NetworkX is not installed.
+    """
+    nx = _networkx()
+    written = graph.__class__()
+    for tile, data in graph.nodes(data=True):
+        written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
+    for one, other, data in graph.edges(data=True):
+        roads = {"path": " ".join(map(_name, data["path"]))} if "path" in data else {}
+        written.add_edge(_name(one), _name(other), **data | roads)
+    return "\n".join(nx.generate_graphml(written)) + "\n"
+
+
+def _name(tile: Tile) -> str:
+    return f"{tile[0]},{tile[1]}"
+
+
+def _walk(links: dict[Tile, list[Tile]], ends: Any, before: Tile, tile: Tile) -> Iterator[Tile]:
+    """The tiles of a road from its second one up to the next that is an end."""
+    while tile not in ends:
+        yield tile
+        before, tile = tile, next(other for other in links[tile] if other != before)
+    yield tile
+
+
+def _links(grid: np.ndarray) -> dict[Tile, list[Tile]]:
+    """The linked neighbours of each tile, clockwise from north; tiles in the order of rows."""
+    codes = {(row, column): code for row, line in enumerate(grid.tolist()) for column, code in enumerate(line) if code}
+    return {
+        (row, column): [
+            (row + down, column + right)
+            for side, down, right, answer in _SIDES
+            if code & side and codes.get((row + down, column + right), 0) & answer
+        ]
+        for (row, column), code in codes.items()
+    }
+
+
+def _networkx() -> Any:
+    try:
+        import networkx
+    except ImportError:
+        raise InputError("graphs need NetworkX: pip install 'elitelanes_jax[exports]'") from None
+    return networkx
