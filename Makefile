@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow duckietown lint benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -16,6 +16,16 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# The tests that need duckietown-world, in an environment of its own: its packages are older than ours.
+duckietown: $(READY) .venv-duckietown/.ready
+	$(BIN)/python -m pytest -m slow tests/test_exports_duckietown.py
+
+.venv-duckietown/.ready: tests/duckietown/requirements.txt
+	rm -rf .venv-duckietown
+	$(PYTHON) -m venv .venv-duckietown
+	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -35,7 +45,7 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv $(DEMO)
+	rm -rf .venv .venv-duckietown $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

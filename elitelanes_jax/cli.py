@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 
 from elitelanes_jax.command import Parser, fail, folder_name, guarded, leave, name, say, weight, whole
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.exports.command import add_export, add_show
 from elitelanes_jax.version import __version__
 
 __all__ = ["main", "run"]
@@ -32,6 +33,8 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
     _add_render(commands)
+    add_export(commands)
+    add_show(commands)
     tiles = commands.add_parser("tiles", help="look after tile sets")
     _add_tiles_check(tiles.add_subparsers(title="commands", required=True, metavar="COMMAND"))
     return parser
@@ -138,7 +141,7 @@ def _generate(options: argparse.Namespace) -> int:
 
 def _add_render(commands: Any) -> None:
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
-    command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
+    command.add_argument("map", type=Path, help="a map.json, any JSON file with codes, or a Duckietown map, .yaml")
     command.add_argument(
         "--out",
         type=folder_name,

@@ -14,7 +14,7 @@ from typing import NoReturn
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.interrupts import catch_interrupts
 
-__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "name", "say", "weight", "whole"]
+__all__ = ["Parser", "fail", "folder_name", "guarded", "leave", "metres", "name", "say", "weight", "whole"]
 
 _INTERRUPTED = 130
 
@@ -40,6 +40,17 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
         return number
 
     return parse
+
+
+def metres(text: str) -> float:
+    """A type of argument: a length over 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected metres, a number over 0, got {_short(text)}")
+    return number
 
 
 def weight(text: str) -> tuple[str, int]:

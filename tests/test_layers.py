@@ -15,10 +15,12 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 FLOORS = """
 version  errors  exports
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache
-command
-lattice  grids  tilesets  wfc  fixed_point  templates  exports.graph
+command  exports.graph  exports.boxes
+lattice  grids  tilesets  wfc  fixed_point  templates  exports.duckietown
 faces  repairs  symmetry  roadmap
 metrics  render
+exports.table
+exports.command
 objective  features
 archive  requests  rules
 problem  variation
