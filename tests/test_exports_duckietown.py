@@ -60,6 +60,8 @@ def test_a_map_by_hand():
     assert to_duckietown([[6, 3], [12, 9]], tile_size=0.61, ground="floor") == (
         "tile_size: 0.61\ntiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n"
     )
+    for size in (1, 0.6, 0.00001, 12.5):
+        assert yaml.safe_load(to_duckietown([[6, 3], [12, 9]], tile_size=size))["tile_size"] == size
 
 
 def test_all_kinds_and_sides():

@@ -2,8 +2,8 @@
 
 A tile is a kind and the side that it is turned to, such as ``curve_left/W``. The sides that a kind opens are those that
 both programs drive along: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all
-kinds but ``3way_right``, whose curves in gym-duckietown are those of ``3way_left``, and contradict its own picture: it
-is read as duckietown-world has it, and never written.
+kinds but ``3way_right``, which gym-duckietown gives the curves of ``3way_left``: it is read as duckietown-world has it,
+which is how the maps that use it fit together, and never written.
 """
 
 import reprlib
@@ -79,7 +79,8 @@ def to_duckietown(codes: Any, *, tile_size: float = TILE_SIZE, ground: str = "gr
     tiles = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
     width = max(len(tile) for row in tiles for tile in row) + 1
     rows = ["".join(f"{tile},".ljust(width + 1) for tile in row).rstrip(", ") for row in tiles]
-    return f"tile_size: {tile_size}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
+    metres = np.format_float_positional(tile_size, trim="0")  # to YAML 1.1, 1e-5 is a word
+    return f"tile_size: {metres}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
 
 
 def from_duckietown(text: str) -> NDArray[np.int8]:
