@@ -100,6 +100,15 @@ def _add_generate(commands: Any) -> None:
         metavar="FILE",
         help="JSON rows of tile codes that every map keeps, null where free",
     )
+    command.add_argument(
+        "--from",
+        dest="initial",
+        type=folder_name,
+        nargs="+",
+        default=[],
+        metavar="MAP",
+        help="maps that every run begins with, map.json or Duckietown's .yaml",
+    )
     command.add_argument("--rules", type=name, metavar="NAME", help="rules that every map keeps: duckietown")
     command.add_argument("--tiles", type=folder_name, metavar="DIR", help="tile pictures; by default the package's own")
     command.add_argument(
@@ -113,7 +122,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.generate import NotEnoughMapsError, Settings, generate
 
     use_compile_cache()
-    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights")}
+    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights", "initial")}
     settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | lists)
     try:
         maps = generate(settings, options.out)

@@ -19,7 +19,7 @@ from elitelanes_jax.illumination import coverage, qd_score
 from elitelanes_jax.objective import Weights
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
-from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
+from elitelanes_jax.roadmap import Drawn, RoadMap, read_map, to_json
 from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result, evolve, preset_config, seed_keys
 from elitelanes_jax.selection import Choice, choose_maps
@@ -55,6 +55,7 @@ class Settings(NamedTuple):
       weights: of the fitness, by metric, in place of the usual ones.
       fix: file of given cells, see `read_template`.
       rules: see `evolve`.
+      initial: files of maps that every run begins with, see `read_map`.
     """
 
     size: tuple[int, int] = (12, 12)
@@ -72,6 +73,7 @@ class Settings(NamedTuple):
     weights: tuple[tuple[str, int], ...] = ()
     fix: Path | None = None
     rules: str | None = None
+    initial: tuple[Path, ...] = ()
 
 
 class NotEnoughMapsError(Exception):
@@ -125,6 +127,7 @@ def _evolved(settings: Settings, tiles: TileSet) -> Result:
         where=settings.where,
         fix=settings.fix and read_template(settings.fix, settings.size),
         rules=settings.rules,
+        initial=[read_map(file).codes for file in settings.initial] or None,
         fill=settings.rules is None,
     )
 
@@ -219,7 +222,8 @@ def _run_record(
     elites = result.elites
     return {
         "settings": settings._asdict()
-        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))},
+        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))}
+        | {"initial": [str(file) for file in settings.initial]},
         "config": _plain(preset_config(settings.method, settings.preset)),
         "weights": _weights(settings)._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
