@@ -19,6 +19,8 @@ from elitelanes_jax.roadmap import to_json as map_json
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 
+pytestmark = pytest.mark.usefixtures("own_compile_cache")
+
 
 @pytest.fixture
 def maps(tmp_path):

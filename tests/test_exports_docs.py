@@ -5,6 +5,7 @@ import shlex
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elitelanes_jax.cli import _parser, main
 from elitelanes_jax.exports.boxes import boxes
@@ -15,6 +16,8 @@ PAGE = (ROOT / "docs" / "exports.md").read_text()
 COMMANDS = re.findall(r"^elitelanes .*$", PAGE, re.MULTILINE)
 (SHOWN,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
 (PROGRAM,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+
+pytestmark = pytest.mark.usefixtures("own_compile_cache")
 
 
 def shown_grid():

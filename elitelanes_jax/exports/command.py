@@ -50,15 +50,23 @@ def _reduced_graphml(codes: Any) -> str:
 
 
 def _json(names: Sequence[str], grids: Sequence[Any]) -> str:
-    from elitelanes_jax.exports.table import measured, to_json
+    from elitelanes_jax.exports.table import to_json
 
-    return to_json(measured(names, grids))
+    return to_json(_measured(names, grids))
 
 
 def _csv(names: Sequence[str], grids: Sequence[Any]) -> str:
-    from elitelanes_jax.exports.table import measured, to_csv
+    from elitelanes_jax.exports.table import to_csv
 
-    return to_csv(measured(names, grids))
+    return to_csv(_measured(names, grids))
+
+
+def _measured(names: Sequence[str], grids: Sequence[Any]) -> list[Any]:
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.exports.table import measured
+
+    use_compile_cache()
+    return measured(names, grids)
 
 
 FORMATS = {
@@ -182,17 +190,16 @@ def _show(options: argparse.Namespace) -> int:
     import textwrap
 
     from elitelanes_jax.exports.boxes import boxes
-    from elitelanes_jax.exports.table import measured
     from elitelanes_jax.roadmap import read_map
 
     codes = read_map(options.map).codes
-    (figures,) = measured([str(options.map)], [codes])
+    (figures,) = _measured([str(options.map)], [codes])
     drawn = boxes(codes)
     try:
         drawn.encode(sys.stdout.encoding or "ascii")
     except UnicodeEncodeError:
         drawn = boxes(codes, ascii_only=True)
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
-    words += [f"{key.replace('_', ' ')} {value:g}" for key, value in figures.items() if key != "file"]
+    words += [f"{key.replace('_', ' ')} {round(value, 3)}" for key, value in figures.items() if key != "file"]
     say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)))
     return 0
