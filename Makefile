@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling optimum sumo clean
+.PHONY: demo test test-slow duckietown sumo lint benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -27,6 +27,16 @@ sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,sumo]'
 	touch $@
 
+# The tests that need duckietown-world, in an environment of its own: its packages are older than ours.
+duckietown: $(READY) .venv-duckietown/.ready
+	$(BIN)/python -m pytest -m slow tests/test_exports_duckietown.py
+
+.venv-duckietown/.ready: tests/duckietown/requirements.txt
+	rm -rf .venv-duckietown
+	$(PYTHON) -m venv .venv-duckietown
+	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -45,7 +55,7 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv .venv-sumo $(DEMO)
+	rm -rf .venv .venv-duckietown .venv-sumo $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

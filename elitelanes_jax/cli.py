@@ -8,6 +8,7 @@ from typing import Any, NoReturn
 from elitelanes_jax.command import Parser, add_drawing, add_wishes, fail, folder_name, guarded, leave, say, whole
 from elitelanes_jax.dataset_command import add_dataset
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.exports.command import add_export, add_show
 from elitelanes_jax.tiles_command import add_tiles
 from elitelanes_jax.version import __version__
 
@@ -34,6 +35,8 @@ def _parser() -> argparse.ArgumentParser:
     _add_generate(commands)
     _add_render(commands)
     add_dataset(commands)
+    add_export(commands)
+    add_show(commands)
     add_tiles(commands)
     return parser
 
@@ -69,6 +72,15 @@ def _add_generate(commands: Any) -> None:
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
     add_wishes(command)
+    command.add_argument(
+        "--from",
+        dest="initial",
+        type=folder_name,
+        nargs="+",
+        default=[],
+        metavar="MAP",
+        help="maps that every run begins with, map.json or Duckietown's .yaml",
+    )
     add_drawing(command)
     command.set_defaults(run=_generate)
 
@@ -79,7 +91,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.selection import NotEnoughMapsError
 
     use_compile_cache()
-    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights")}
+    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights", "initial")}
     settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | lists)
     try:
         maps = generate(settings, options.out)
@@ -107,7 +119,7 @@ def _generate(options: argparse.Namespace) -> int:
 
 def _add_render(commands: Any) -> None:
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
-    command.add_argument("map", type=Path, help="a map.json, or any JSON file with a grid of codes")
+    command.add_argument("map", type=Path, help="a map.json, any JSON file with codes, or a Duckietown map, .yaml")
     command.add_argument(
         "--out",
         type=folder_name,

@@ -22,6 +22,7 @@ __all__ = [
     "folder_name",
     "guarded",
     "leave",
+    "metres",
     "name",
     "number",
     "say",
@@ -53,6 +54,17 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
         return number
 
     return parse
+
+
+def metres(text: str) -> float:
+    """A type of argument: a length over 0."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = 0.0
+    if not 0 < number < float("inf"):
+        raise argparse.ArgumentTypeError(f"expected metres, a number over 0, got {_short(text)}")
+    return number
 
 
 def weight(text: str) -> tuple[str, int]:

@@ -13,7 +13,7 @@ from elitelanes_jax.folders import new_folder
 from elitelanes_jax.illumination import coverage, qd_score
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
-from elitelanes_jax.roadmap import Drawn, RoadMap, to_json
+from elitelanes_jax.roadmap import Drawn, RoadMap, read_map, to_json
 from elitelanes_jax.search import Result, preset_config, seed_keys
 from elitelanes_jax.selection import Choice, NotEnoughMapsError, choose_maps, shortage
 from elitelanes_jax.tilesets import TileSet, load_tiles
@@ -36,6 +36,7 @@ class Settings(NamedTuple):
       seed: of everything random.
       tiles: folder of the tile set; the package's own by default.
       tile_px: side of a tile in pixels.
+      initial: files of maps that every run begins with, see `read_map`.
       the others: see `Wishes`.
     """
 
@@ -54,6 +55,7 @@ class Settings(NamedTuple):
     weights: tuple[tuple[str, int], ...] = ()
     fix: Path | None = None
     rules: str | None = None
+    initial: tuple[Path, ...] = ()
 
 
 def generate(settings: Settings, out: Path) -> list[RoadMap]:
@@ -75,7 +77,9 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
     settings = settings._replace(evaluations=wishes.evaluations)
     with new_folder(out) as folder:
         began = time.perf_counter()
-        result = search(wishes, seed_keys(settings.seed, settings.seeds), settings.size, tiles.alphabet)
+        initial = [read_map(file).codes for file in settings.initial]
+        keys = seed_keys(settings.seed, settings.seeds)
+        result = search(wishes, keys, settings.size, tiles.alphabet, initial=initial or None)
         choice = choose_maps(result, settings.maps, settings.seed)
         if len(choice.maps) < settings.maps:
             raise NotEnoughMapsError(shortage(choice, settings.maps, settings.method, settings.size))
@@ -143,7 +147,8 @@ def _run_record(
     elites = result.elites
     return {
         "settings": settings._asdict()
-        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))},
+        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))}
+        | {"initial": [str(file) for file in settings.initial]},
         "config": _plain(preset_config(settings.method, settings.preset)),
         "weights": weights_of(wishes_of(settings))._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},

@@ -11,6 +11,7 @@ from chex import Array, PRNGKey
 from elitelanes_jax.archive import Axis
 from elitelanes_jax.checks import check_shape
 from elitelanes_jax.codes import KINDS, ROAD_ALPHABET, alphabet_of
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.features import features_of
 from elitelanes_jax.grids import random_grids
 from elitelanes_jax.metrics import counts_of, measure
@@ -43,7 +44,7 @@ class Problem(NamedTuple):
       axes: of the descriptor space.
       fill: whether repair fills.
       kept: bool ``[H, W]``, the cells that are given and stay; None where none is.
-      random: (key, count) -> int8 ``[count, H, W]``, repaired.
+      random: (key, count) -> int8 ``[count, H, W]``, repaired: what a search begins with.
       repair: (grid, dirty) -> grid, all ``[H, W]``.
       settle: grid -> grid, repairs one of which all tiles are new: each dictates to those after it, row by row.
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
@@ -69,6 +70,7 @@ def road_problem(
     fill: bool = False,
     where: Ranges | None = None,
     fix: Template | None = None,
+    initial: Array | None = None,
 ) -> Problem:
     """The paper's problem: road networks of a given size.
 
@@ -82,9 +84,10 @@ def road_problem(
       fill: whether repair also fills (see `repair`).
       where: ranges to steer into: what a grid lacks adds to its fitness. Its numbers may be traced.
       fix: cells that are given.
+      initial: int8 ``[N, H, W]``, grids that stand first among the random ones, repaired.
 
     Raises:
-      InputError: for a bad shape or alphabet.
+      InputError: for a bad shape or alphabet; of `random`, for more initial grids than it is asked for.
     """
     shape = check_shape(shape)
     alphabet = ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet)
@@ -101,7 +104,14 @@ def road_problem(
         return mend(grid, jnp.asarray(raster_rank(shape)))
 
     def random(key: PRNGKey, count: int) -> Array:
-        return jax.vmap(settle)(random_grids(key, count, shape, alphabet=alphabet))
+        grids = jax.vmap(settle)(random_grids(key, count, shape, alphabet=alphabet))
+        if initial is None:
+            return grids
+        if len(initial) > count:
+            raise InputError(
+                f"initial: expected at most {count} grids, as many as there are at first, got {len(initial)}"
+            )
+        return grids.at[: len(initial)].set(jax.vmap(mend, in_axes=(0, None))(initial, jnp.zeros(shape, bool)))
 
     def evaluate(grids: Array) -> Evaluation:
         chex.assert_shape(grids, (None, *shape))

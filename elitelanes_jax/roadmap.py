@@ -1,4 +1,4 @@
-"""A road map with its figures, and the JSON file that keeps it."""
+"""A road map with its figures, and the JSON file that keeps it. Duckietown's map files are read too."""
 
 import json
 from collections.abc import Callable, Mapping
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_grid
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.exports.duckietown import from_duckietown
 
 __all__ = ["Drawn", "RoadMap", "read_map", "to_json"]
 
@@ -79,17 +80,24 @@ def _lines(value: Any, indent: str) -> str:
 
 
 def read_map(file: str | Path) -> RoadMap:
-    """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one.
+    """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one. ``.yaml`` and ``.yml`` are maps of Duckietown.
 
     Raises:
       InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
     """
+    foreign = Path(file).suffix.lower() in (".yaml", ".yml")
+    kind = "YAML" if foreign else "JSON"
     try:
-        values = json.loads(Path(file).read_text(encoding="utf-8"))
+        text = Path(file).read_text(encoding="utf-8")
+        if foreign:
+            return RoadMap(from_duckietown(text))
+        values = json.loads(text)
     except OSError as error:
-        raise InputError(f"{file}: expected a readable JSON file, got: {error.strerror or error}") from None
+        raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
     except ValueError as error:
-        raise InputError(f"{file}: expected a readable JSON file, got: {error}") from None
+        raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
     if not isinstance(values, dict) or "codes" not in values:

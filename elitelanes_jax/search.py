@@ -13,7 +13,7 @@ import numpy as np
 from chex import Array, ArrayTree, PRNGKey
 
 from elitelanes_jax.archive import Axis, check_axes, describe, paper_axes, tuned_axes
-from elitelanes_jax.checks import check_shape
+from elitelanes_jax.checks import check_grid, check_shape
 from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.metrics import Metrics, metrics_of
@@ -191,6 +191,7 @@ def evolve(
     where: Any = None,
     fix: Any = None,
     rules: str | None = None,
+    initial: Any = None,
     state: RunState | None = None,
     progress: bool | None = None,
 ) -> Result:
@@ -215,6 +216,8 @@ def evolve(
         `read_ranges`). What a grid lacks adds to its fitness; `Result.meets` says which elites meet them.
       fix: rows of given tile codes, None for free cells (see `template_of`); all grids keep them.
       rules: "duckietown": crossings beside no turn or crossing, all neighbours linked, cells may stay empty.
+      initial: grids ``[N, H, W]`` that every seed begins with, beside random ones; repaired as all grids are, and
+        filled where `fill` says so. None for the paper's PSO, whose particles are no grids.
       state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit.
       progress: whether to show a progress bar; by default in a terminal or notebook, when a run takes over a second.
 
@@ -248,7 +251,8 @@ def evolve(
         weights = law.weights if law else Weights()
     weights = check_weights(weights, shape)
     reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
-    numbers = _Numbers(Weights(*map(np.int32, weights)), ranges_of(ranges), reals)
+    begun = None if initial is None else _checked_initial(initial, shape, config)
+    numbers = _Numbers(Weights(*map(np.int32, weights)), ranges_of(ranges), reals, begun)
     fingerprint = _fingerprint(setup, numbers, keys)
     if state is None:
         done, inner = 0, _start(setup, numbers, keys)
@@ -335,12 +339,25 @@ def _checked(config: Any, method: str, preset: str) -> Config:
     return config
 
 
+def _checked_initial(initial: Any, shape: tuple[int, int], config: Config) -> np.ndarray:
+    if isinstance(config, PsoConfig):
+        raise InputError("initial: expected none with the paper's PSO, whose particles are no grids; tuned would do")
+    grids = [np.asarray(check_grid(grid)) for grid in initial]
+    for grid in grids:
+        if grid.shape != shape:
+            raise InputError(
+                f"initial: expected grids of {shape[0]} x {shape[1]}, got {grid.shape[0]} x {grid.shape[1]}"
+            )
+    return np.array(grids, np.int8).reshape(-1, *shape)
+
+
 class _Numbers(NamedTuple):
-    """Settings that may change without a second compilation: weights, ranges, a configuration's real numbers."""
+    """Settings that may change without a second compilation: weights, ranges, real numbers, grids to begin with."""
 
     weights: Weights
     ranges: Ranges
     config: tuple[np.float32, ...]
+    initial: np.ndarray | None
 
 
 class _Setup(NamedTuple):
@@ -365,6 +382,7 @@ class _Setup(NamedTuple):
             fill=self.fill,
             where=numbers.ranges if self.steered else None,
             fix=self.fix,
+            initial=numbers.initial,
         )
 
     def optimizer(self, numbers: _Numbers) -> Optimizer:

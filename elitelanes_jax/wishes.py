@@ -59,6 +59,7 @@ def search(
     shape: tuple[int, int],
     alphabet: tuple[int, ...],
     *,
+    initial: Any = None,
     progress: bool | None = None,
 ) -> Result:
     """Evolves maps that can all be drawn: by the filling repair, but where rules leave cells empty.
@@ -68,12 +69,13 @@ def search(
       keys: ``[S]``, a run each.
       shape: (height, width) of the grids.
       alphabet: the codes that can be drawn.
+      initial: see `evolve`.
       progress: see `evolve`.
 
     Raises:
       InputError: for wishes out of their range.
     """
-    return evolve(keys, shape, alphabet=alphabet, progress=progress, **read_wishes(wishes, shape))
+    return evolve(keys, shape, alphabet=alphabet, initial=initial, progress=progress, **read_wishes(wishes, shape))
 
 
 def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Graphs, against NetworkX and the metrics."""
 
 import io
+import re
 from itertools import pairwise
 
 import networkx as nx
@@ -87,3 +88,5 @@ def test_graphml_gives_the_graph_back(reduce):
         lengths = sorted((data["length"], data["path"]) for *_, data in back.edges(data=True))
         assert lengths[0] == (1, "0,1 1,1")
         assert len(lengths) == graph.number_of_edges() == 8
+        names = re.findall(r'<edge [^>]*id="(\w+)"', to_graphml(graph))
+        assert len(set(names)) == 8

@@ -15,12 +15,12 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 FLOORS = """
 version  errors  exports
 checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
-command  transforms  versions
-lattice  grids  tilesets  wfc  fixed_point  templates  exports.graph
+command  transforms  versions  exports.graph  exports.boxes
+lattice  grids  tilesets  wfc  fixed_point  templates  exports.duckietown
 faces  repairs  symmetry  roadmap  masking  exports.sumo
 metrics  render  dataset.settings
-objective  features  dataset.formats  dataset.card  dataset.work  seams
-archive  requests  rules  dataset.samples
+exports.table  objective  features  dataset.formats  dataset.card  dataset.work  seams
+archive  requests  rules  dataset.samples  exports.command
 problem  variation
 evolution  moves
 annealing

@@ -21,7 +21,7 @@ from elitelanes_jax.errors import InputError
 if TYPE_CHECKING:
     import networkx
 
-__all__ = ["Tile", "reduced_graph", "tile_graph", "to_graphml"]
+__all__ = ["Tile", "linked_tiles", "reduced_graph", "tile_graph", "to_graphml"]
 
 Tile = tuple[int, int]
 """A place in the grid: row and column, from the north-west corner."""
@@ -29,6 +29,27 @@ Tile = tuple[int, int]
 # Each side with the step to the neighbour there and the neighbour's side that answers, clockwise.
 _SIDES = ((NORTH, -1, 0, SOUTH), (EAST, 0, 1, WEST), (SOUTH, 1, 0, NORTH), (WEST, 0, -1, EAST))
 _KIND = {code: kind for kind, codes in KINDS.items() for code in codes}
+
+
+def linked_tiles(codes: Any) -> dict[Tile, list[Tile]]:
+    """The neighbours that each non-empty tile is linked with, clockwise from north; tiles in the order of rows.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    rows = np.asarray(check_grid(codes)).tolist()
+    tiles = {(row, column): code for row, line in enumerate(rows) for column, code in enumerate(line) if code}
+    return {
+        (row, column): [
+            (row + down, column + right)
+            for side, down, right, answer in _SIDES
+            if code & side and tiles.get((row + down, column + right), 0) & answer
+        ]
+        for (row, column), code in tiles.items()
+    }
 
 
 def tile_graph(codes: Any) -> "networkx.Graph":
@@ -46,7 +67,7 @@ def tile_graph(codes: Any) -> "networkx.Graph":
     """
     nx = _networkx()
     grid = np.asarray(check_grid(codes))
-    links = _links(grid)
+    links = linked_tiles(grid)
     graph = nx.Graph()
     graph.add_nodes_from((tile, {"code": int(grid[tile]), "kind": _KIND[int(grid[tile])]}) for tile in links)
     graph.add_edges_from((tile, other) for tile, others in links.items() for other in others if other > tile)
@@ -72,7 +93,7 @@ def reduced_graph(codes: Any) -> "networkx.MultiGraph":
     """
     nx = _networkx()
     grid = np.asarray(check_grid(codes))
-    links = _links(grid)
+    links = linked_tiles(grid)
     graph = nx.MultiGraph()
     for tile, others in links.items():
         if CONNECTIONS[grid[tile]] >= 3:
@@ -114,8 +135,9 @@ def to_graphml(graph: Any) -> str:
     written = graph.__class__()
     for tile, data in graph.nodes(data=True):
         written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
-    for one, other, data in graph.edges(data=True):
-        roads = {"path": " ".join(map(_name, data["path"]))} if "path" in data else {}
+    for number, (one, other, data) in enumerate(graph.edges(data=True)):
+        # The key becomes the edge's name in the file, which has to be its own in the whole of it.
+        roads = {"path": " ".join(map(_name, data["path"])), "key": number} if graph.is_multigraph() else {}
         written.add_edge(_name(one), _name(other), **data | roads)
     return "\n".join(nx.generate_graphml(written)) + "\n"
 
@@ -130,19 +152,6 @@ def _walk(links: dict[Tile, list[Tile]], ends: Any, before: Tile, tile: Tile) ->
         yield tile
         before, tile = tile, next(other for other in links[tile] if other != before)
     yield tile
-
-
-def _links(grid: np.ndarray) -> dict[Tile, list[Tile]]:
-    """The linked neighbours of each tile, clockwise from north; tiles in the order of rows."""
-    codes = {(row, column): code for row, line in enumerate(grid.tolist()) for column, code in enumerate(line) if code}
-    return {
-        (row, column): [
-            (row + down, column + right)
-            for side, down, right, answer in _SIDES
-            if code & side and codes.get((row + down, column + right), 0) & answer
-        ]
-        for (row, column), code in codes.items()
-    }
 
 
 def _networkx() -> Any:

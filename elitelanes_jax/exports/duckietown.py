@@ -1,0 +1,155 @@
+"""Duckietown's map files, for gym-duckietown and duckietown-world: YAML with a table of tiles, the first row north.
+
+A tile is a kind and the side that it is turned to, such as ``curve_left/W``. The sides that a kind opens are those that
+both programs drive along: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all
+kinds but ``3way_right``, which gym-duckietown gives the curves of ``3way_left``: it is read as duckietown-world has it,
+which is how the maps that use it fit together, and never written.
+"""
+
+import reprlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.checks import check_grid
+from elitelanes_jax.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, turned
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.exports.graph import linked_tiles
+
+__all__ = ["GROUNDS", "TILE_SIZE", "from_duckietown", "to_duckietown", "without_dead_ends"]
+
+TILE_SIZE = 0.585
+"""The pitch of Duckietown's tiles in metres."""
+
+GROUNDS = ("grass", "floor", "asphalt", "empty")
+"""The kinds that a cell without a road may be written as."""
+
+# The sides that each kind opens when it is turned to the south, and the quarter turns counter-clockwise to others.
+_ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
+_TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
+_CODE = {
+    **{f"{kind}/{side}": turned(code, turns) for kind, code in _ROADS.items() for side, turns in _TURNS.items()},
+    **{kind: turned(code, _TURNS["E"]) for kind, code in _ROADS.items()},
+    **{kind + side: 0 for kind in (*GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
+}
+
+# What is written for each code that has a tile.
+_TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
+    _CODE[f"{kind}/{side}"]: f"{kind}/{side}" for kind in ("curve_left", "3way_left") for side in _TURNS
+}
+
+# The side towards a neighbour, by the step to it.
+_SIDE = {(-1, 0): NORTH, (0, 1): EAST, (1, 0): SOUTH, (0, -1): WEST}
+
+
+def to_duckietown(codes: Any, *, tile_size: float = TILE_SIZE, ground: str = "grass", dead_ends: str = "refuse") -> str:
+    """A grid as the text of a Duckietown map.
+
+    A road that leaves the grid, or that the neighbour does not answer, is written as it is: gym-duckietown draws it,
+    duckietown-world loads it, but makes no graph of its lanes.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      tile_size: in metres. duckietown-world rounds to centimetres where lanes meet: a size in whole ones does at any
+        extent, 0.585 up to 37 tiles a side.
+      ground: what cells without a road are, one of `GROUNDS`.
+      dead_ends: "refuse" tiles with one connection, as Duckietown has none; or "grass", `without_dead_ends` first.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`) or setting, or if it has such tiles; the message names them.
+    """
+    grid = np.asarray(check_grid(codes))
+    if not isinstance(tile_size, int | float) or not 0 < tile_size < float("inf"):
+        raise InputError(f"tile_size: expected metres, a number over 0, got {tile_size!r}")
+    if ground not in GROUNDS:
+        raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
+    if dead_ends not in ("refuse", "grass"):
+        raise InputError(f"dead_ends: expected 'refuse' or 'grass', got {dead_ends!r}")
+    if dead_ends == "grass":
+        grid = without_dead_ends(grid)
+    stubs = np.argwhere(CONNECTIONS[grid] == 1).tolist()
+    if stubs:
+        cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
+        more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
+        raise InputError(
+            f"grid: expected tiles with two or more connections, as Duckietown has no other, got dead ends at {cells}"
+            f"{more}; have dead ends as grass to leave such roads out"
+        )
+    tiles = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
+    width = max(len(tile) for row in tiles for tile in row) + 1
+    rows = ["".join(f"{tile},".ljust(width + 1) for tile in row).rstrip(", ") for row in tiles]
+    metres = np.format_float_positional(tile_size, trim="0")  # to YAML 1.1, 1e-5 is a word
+    return f"tile_size: {metres}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
+
+
+def from_duckietown(text: str) -> NDArray[np.int8]:
+    """The grid of a Duckietown map; what else it has, such as objects, is left out.
+
+    Kinds without a side are turned to the east, as Duckietown's programs have it.
+
+    Args:
+      text: of the YAML file.
+
+    Returns:
+      int8 ``[H, W]``.
+
+    Raises:
+      InputError: if it is no such map, has a kind of tile that is not known or a side under 2 tiles, or where PyYAML
+        is not installed.
+    """
+    try:
+        import yaml
+    except ImportError:
+        raise InputError("Duckietown maps need PyYAML: pip install 'elitelanes_jax[exports]'") from None
+    try:
+        values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise InputError(f"expected readable YAML, got: {' '.join(str(error).split())}") from None
+    except (RecursionError, ValueError) as error:
+        raise InputError(f"expected a Duckietown map, got: {error}") from None
+    if not isinstance(values, dict) or "tiles" not in values:
+        raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
+    rows = values["tiles"]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise InputError(f"tiles: expected rows of kinds of tiles, got {reprlib.repr(rows)}")
+    return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
+
+
+def _code(tile: Any, row: int, column: int) -> int:
+    kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else None
+    if kind not in _CODE:
+        kinds = ", ".join((*_ROADS, *GROUNDS))
+        place = f"at row {row}, column {column}"
+        raise InputError(
+            f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {reprlib.repr(tile)} {place}"
+        )
+    return _CODE[kind]
+
+
+def without_dead_ends(codes: Any) -> NDArray[np.int8]:
+    """The grid without roads that lead nowhere: each is taken back to the last crossing, which loses that side.
+
+    What is left has no dead end as `measure` counts them: every tile has two connections or more, all answered.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      int8 ``[H, W]``; where all roads lead nowhere, zeros.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    grid = np.asarray(check_grid(codes))
+    links = linked_tiles(grid)
+    ends = [tile for tile, others in links.items() if len(others) < 2]
+    while ends:
+        tile = ends.pop()
+        for other in links.pop(tile, []):
+            links[other].remove(tile)
+            ends += [other] * (len(links[other]) < 2)
+    left = np.zeros_like(grid)
+    for (row, column), others in links.items():
+        left[row, column] = sum(_SIDE[other[0] - row, other[1] - column] for other in others)
+    return left

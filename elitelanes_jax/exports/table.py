@@ -1,0 +1,55 @@
+"""The metrics of many maps as one table, for those who build benchmarks."""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from elitelanes_jax.checks import check_grid
+from elitelanes_jax.metrics import measure
+
+__all__ = ["Row", "measured", "to_csv", "to_json"]
+
+Row = dict[str, str | int | float]
+"""A map's name, `file`, its `height` and `width` in tiles, and its metrics."""
+
+
+def measured(names: Sequence[str], grids: Sequence[Any]) -> list[Row]:
+    """The metrics of grids, a row each. Those of one shape are measured in one compiled call.
+
+    Args:
+      names: of the grids, such as their files.
+      grids: as many, integer codes ``[H, W]`` of any shapes.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    checked = [np.asarray(check_grid(grid)) for grid in grids]
+    figures: list[dict[str, Any]] = [{} for _ in checked]
+    for shape in dict.fromkeys(grid.shape for grid in checked):
+        places = [place for place, grid in enumerate(checked) if grid.shape == shape]
+        metrics = jax.device_get(jax.vmap(measure)(np.stack([checked[place] for place in places])))
+        for number, place in enumerate(places):
+            figures[place] = {name: values[number].item() for name, values in metrics._asdict().items()}
+    return [
+        {"file": name, "height": grid.shape[0], "width": grid.shape[1]} | figure
+        for name, grid, figure in zip(names, checked, figures, strict=True)
+    ]
+
+
+def to_csv(rows: Sequence[Row]) -> str:
+    """Rows of `measured` as CSV with a head; every one has the same columns."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    return text.getvalue()
+
+
+def to_json(rows: Sequence[Row]) -> str:
+    """Rows of `measured` as a JSON list of objects, one a line."""
+    return "[\n" + ",\n".join("  " + json.dumps(row) for row in rows) + "\n]\n"

@@ -1,0 +1,137 @@
+"""The commands ``export`` and ``show``, and what they write beside Duckietown's maps and graphs."""
+
+import csv
+import io
+import json
+import sys
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from elitelanes_jax import measure
+from elitelanes_jax.cli import main
+from elitelanes_jax.exports.boxes import boxes
+from elitelanes_jax.exports.table import measured, to_csv, to_json
+from elitelanes_jax.roadmap import RoadMap, read_map
+from elitelanes_jax.roadmap import to_json as map_json
+
+GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
+LOOP = np.array([[6, 3], [12, 9]], np.int8)
+
+pytestmark = pytest.mark.usefixtures("own_compile_cache")
+
+
+@pytest.fixture
+def maps(tmp_path):
+    files = [tmp_path / "maps" / number / "map.json" for number in ("0000", "0001")]
+    for file, grid in zip(files, (LOOP, GRID), strict=True):
+        file.parent.mkdir(parents=True)
+        file.write_text(map_json(RoadMap(grid)))
+    return list(map(str, files))
+
+
+def test_a_map_in_boxes():
+    assert boxes(GRID).splitlines() == ["┌───┬─┐", "│   │ │", "├───┴─┘", "╵"]
+    assert boxes(GRID, ascii_only=True).splitlines() == ["+---+-+", "|   | |", "+---+-+", "|"]
+    sides = {8: "╵│└├┘┤┴┼", 4: "╶─└┌├┬┴┼", 2: "╷│┌┐├┤┬┼", 1: "╴─┐┘┤┬┴┼"}  # who has a line to the north, and so on
+    for code in range(16):
+        sign = boxes([[code, 0], [0, 0]])[:1].strip()
+        assert {side for side, signs in sides.items() if sign and sign in signs} == {s for s in sides if code & s}
+
+
+def test_a_table_is_what_measure_says():
+    rows = measured(["a", "b", "c"], [GRID, LOOP, GRID.T])
+    for row, (name, grid) in zip(rows, (("a", GRID), ("b", LOOP), ("c", GRID.T)), strict=True):
+        figures = {field: value.item() for field, value in measure(grid)._asdict().items()}
+        assert row == {"file": name, "height": grid.shape[0], "width": grid.shape[1]} | figures
+        assert next(iter(row)) == "file"
+    assert json.loads(to_json(rows)) == rows
+    lines = list(csv.DictReader(to_csv(rows).splitlines()))
+    assert [{key: str(value) for key, value in row.items()} for row in rows] == lines
+    assert json.loads(to_json([])) == []
+
+
+def test_a_file_for_each_map(maps, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["export", *maps, "--to", "duckietown", "--dead-ends", "grass", "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"2 maps in {out}\n"
+    assert sorted(file.name for file in out.iterdir()) == ["0000.yaml", "0001.yaml"]
+    assert read_map(out / "0001.yaml").codes.tolist() == [[6, 5, 7, 3], [10, 0, 10, 10], [12, 5, 13, 9], [0] * 4]
+    again = tmp_path / "again"
+    assert main(["export", *map(str, sorted(out.iterdir())), "--to", "graphml-reduced", "--out", str(again)]) == 0
+    assert sorted(file.name for file in again.iterdir()) == ["0000.graphml", "0001.graphml"]
+    assert nx.read_graphml(again / "0001.graphml").number_of_nodes() == 2
+
+
+@pytest.mark.parametrize("target", ["graphml", "csv", "json", "duckietown"])
+def test_one_file(maps, target, tmp_path):
+    out = tmp_path / "new" / f"out.{'yaml' if target == 'duckietown' else target}"
+    command = ["export", maps[0], "--to", target, "--out", str(out)]
+    assert main(command) == 0
+    text = out.read_text()
+    if target == "graphml":
+        assert nx.read_graphml(out).number_of_edges() == 4
+    if target in ("csv", "json"):
+        assert maps[0] in text
+        assert main(["export", *maps, "--to", target, "--out", str(tmp_path / "both")]) == 0
+        assert maps[1] in (tmp_path / "both").read_text()
+    assert main(command) == 2
+    assert out.read_text() == text
+    assert [file.name for file in out.parent.iterdir()] == [out.name]
+
+
+def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    (tmp_path / "there.csv").write_text("")
+    cases = [
+        (["--to", "duckietown"], "0001/map.json: grid: expected tiles with two or more connections"),
+        (["--to", "paper"], "--to: expected one of duckietown, graphml, graphml-reduced, json, csv"),
+        (["--to", "csv", "--ground", "grass"], "--ground: expected it with duckietown alone, got it with csv"),
+        (["--to", "duckietown", "--ground", "sea"], "ground: expected one of grass"),
+        (["--to", "duckietown", "--tile-size", "0"], "argument --tile-size: expected metres, a number over 0, got '0'"),
+        (["--to", "duckietown", "--out", out + ".yaml"], "--out: expected a folder for 2 maps, got a file"),
+        (["--to", "duckietown", "--out", out + ".yml"], "--out: expected a folder, or a file that ends in .yaml"),
+        (["--to", "graphml", "--out", str(tmp_path / "maps")], "expected a folder that is new or empty"),
+        (["--to", "csv", "--out", str(tmp_path / "there.csv")], "expected a file that is new, got one that is there"),
+        ([*maps, *maps, "--to", "graphml"], "expected maps of different names, got two for 0000.graphml"),
+    ]
+    for options, message in cases:
+        try:
+            code = main(["export", "--out", out, *([] if maps[0] in options else maps), *options])
+        except SystemExit as stop:
+            code = stop.code
+        error = capsys.readouterr().err
+        assert code == 2 and message in error and error.count("\n") == 1, (options, error)
+        assert {file.name for file in tmp_path.iterdir()} == {"maps", "there.csv"}
+
+
+def test_show(maps, tmp_path, capsys):
+    assert main(["show", maps[1]]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:5] == [*boxes(GRID).splitlines(), ""]
+    assert lines[5].startswith("4 x 4 tiles, components 1, cyclomatic 2, dead ends 1, ")
+    assert max(map(len, lines)) <= 100
+    (tmp_path / "map.yaml").write_text("tiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n")
+    assert main(["show", str(tmp_path / "map.yaml")]) == 0
+    assert capsys.readouterr().out.startswith("┌─┐\n└─┘\n\n2 x 2 tiles")
+    assert main(["render", str(tmp_path / "map.yaml"), "--tile-px", "16"]) == 0
+    assert (tmp_path / "map" / "image.png").exists()
+
+
+def test_a_terminal_without_box_drawing(maps, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert main(["show", maps[0]]) == 0
+    assert stream.buffer.getvalue().startswith(b"+-+\n+-+\n\n2 x 2 tiles")
+
+
+def test_libraries_that_are_not_there_are_named(maps, tmp_path, monkeypatch, capsys):
+    (tmp_path / "map.yaml").write_text("tiles: [[grass, grass], [grass, grass]]")
+    for module in ("yaml", "networkx"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert main(["show", str(tmp_path / "map.yaml")]) == 2
+    assert "map.yaml: Duckietown maps need PyYAML: pip install 'elitelanes_jax[exports]'" in capsys.readouterr().err
+    assert main(["export", maps[0], "--to", "graphml", "--out", str(tmp_path / "out.graphml")]) == 2
+    assert "graphs need NetworkX: pip install 'elitelanes_jax[exports]'" in capsys.readouterr().err
+    assert main(["export", maps[0], "--to", "duckietown", "--out", str(tmp_path / "out.yaml")]) == 0
