@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow proofs-interop lint benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -16,6 +16,13 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
+
+# QDax, evosax and pyribs bring some sixty packages: they have an environment of their own.
+proofs-interop:
+	$(PYTHON) -m venv .venv-interop
+	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  -e '.[dev,interop,plots]'
+	.venv-interop/bin/python -m pytest tests/test_interop.py
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -35,7 +42,7 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv $(DEMO)
+	rm -rf .venv .venv-interop $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -23,7 +23,7 @@ objective  features
 archive  requests  rules
 problem  variation
 evolution  moves
-annealing
+annealing  interop
 optimizers.base
 optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo  optimizers.annealed  optimizers.aimed_map_elites
 optimizers
