@@ -28,11 +28,13 @@ _GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "
 
 _HARD_SPACE = "\N{NO-BREAK SPACE}"
 
-# Of a tile's side.
-_ROAD_WIDTH, _KERB_WIDTH, _LANE_WIDTH = 0.5, 0.6, 0.045
+# Widths as parts of the road's.
+_KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
 
-def road_map(grid: Any, *, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None) -> "Axes":
+def road_map(
+    grid: Any, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
+) -> "Axes":
     """A map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
 
     Each link is one ribbon from the middle of a tile to the middle of the next. A connection that is not answered is
@@ -40,39 +42,43 @@ def road_map(grid: Any, *, lanes: bool = True, marked: Any = None, ax: "Axes | N
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
+      width: of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes; small pictures are clearer without.
       marked: bool ``[H, W]``, cells to colour, such as those that a move changed.
       ax: to draw on.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), a mask of another shape, or without matplotlib.
+      InputError: for a bad grid (see `check_grid`), a width out of its range, a mask of another shape, or without
+        matplotlib.
     """
     codes = np.asarray(check_grid(grid))
+    if not 0 < width <= 0.8:
+        raise InputError(f"width: expected a part of a tile's side, over 0 and at most 0.8, got {width!r}")
     shown = np.zeros(codes.shape, bool) if marked is None else np.asarray(marked, bool)
     if shown.shape != codes.shape:
         raise InputError(f"marked: expected a mask of the grid's shape {codes.shape}, got {shown.shape}")
     ax = _axes(ax)
     from matplotlib.collections import LineCollection, PolyCollection
 
-    height, width = codes.shape
+    rows, columns = codes.shape
     ax.set_aspect("equal")
-    ax.set(xlim=(0, width), ylim=(height, 0), xticks=[], yticks=[], facecolor=_GROUND)
+    ax.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], facecolor=_GROUND)
     ax.spines[:].set_visible(False)
     cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for y, x in np.argwhere(shown)]
     ax.add_collection(PolyCollection(cells, facecolors="#ffdf9e", label="marked"))
     lines, ends = _links(codes)
-    for name, share, colour in (("kerb", _KERB_WIDTH, _KERB), ("road", _ROAD_WIDTH, _ROAD)):
+    for name, share, colour in (("kerb", _KERB_WIDTH * width, _KERB), ("road", width, _ROAD)):
         # A hairline of the same colour closes the seams that two smoothed edges leave.
         ribbons = [_ribbon(line, share) for line in lines]
         ax.add_collection(
             PolyCollection(ribbons, facecolors=colour, edgecolors=colour, linewidths=0.3, snap=False, label=name)
         )
     if lanes:
-        points = _LANE_WIDTH * _points_a_tile(ax, codes.shape)
+        points = _LANE_WIDTH * width * _points_a_tile(ax, codes.shape)
         ax.add_collection(
             LineCollection(lines, colors=_LANE, linewidths=points, linestyles=(0, (2.2, 1.5)), label="lanes")
         )
-    bars = [_bar(line) for line in ends]
+    bars = [_bar(line, width + 0.2) for line in ends]
     ax.add_collection(PolyCollection(bars, facecolors=_END, label="ends"))
     return ax
 
@@ -324,9 +330,9 @@ def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
     return np.concatenate([line + aside, (line - aside)[::-1]])
 
 
-def _bar(line: NDArray[np.float64]) -> NDArray[np.float64]:
+def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
     """The outline of the bar across the first point of a line."""
-    return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], _KERB_WIDTH)
+    return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
 
 
 def _points_a_tile(ax: "Axes", shape: tuple[int, ...]) -> float:

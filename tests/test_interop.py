@@ -27,18 +27,20 @@ from elitelanes_jax.interop import (
 )
 from elitelanes_jax.moves import Mix
 from elitelanes_jax.problem import road_problem
+from elitelanes_jax.templates import template_of
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
 
 DOCS = Path(__file__).parents[1] / "docs"
-SHAPE, COUNT = (5, 6), 24
+SHAPE, COUNT, PARK = (5, 6), 24, (2, 3)
 AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis("components", 2, start=1))
 
 
 @pytest.fixture(scope="module")
 def problem():
-    return road_problem(SHAPE, AXES)
+    park = [[0 if (row, column) == PARK else None for column in range(6)] for row in range(5)]
+    return road_problem(SHAPE, AXES, fix=template_of(park, SHAPE))
 
 
 @pytest.fixture(scope="module")
@@ -79,6 +81,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     children = vary(grids, grids[::-1], key)
     assert children.dtype == jnp.int8
     np.testing.assert_array_equal(jax.vmap(repair)(children), children)
+    assert not children[:, *PARK].any()
     np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
     with pytest.raises(InputError, match="moves"):

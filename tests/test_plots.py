@@ -77,8 +77,11 @@ def test_lanes_lead_from_tile_to_tile_over_the_middle_of_their_side(grid):
 
 def test_ribbons_are_of_one_width_and_meet_in_turns():
     ax = road_map([[6, 3], [12, 9]])
-    for label, width in (("road", 0.5), ("kerb", 0.6)):
-        for outline in artist(ax, label):
+    steps = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in artist(ax, "lanes")]
+    assert sum(steps) == pytest.approx(np.pi, rel=0.005)
+    thin = road_map([[6, 3], [12, 9]], width=0.2)
+    for drawn, label, width in ((ax, "road", 0.5), (ax, "kerb", 0.6), (thin, "road", 0.2), (thin, "kerb", 0.24)):
+        for outline in artist(drawn, label):
             points = outline[:-1]
             left, right = points[: len(points) // 2], points[len(points) // 2 :][::-1]
             np.testing.assert_allclose(np.linalg.norm(left - right, axis=1), width, rtol=1e-6)
@@ -95,6 +98,8 @@ def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
     assert corners == [(2, 1), (0, 2)]
     with pytest.raises(InputError, match=r"marked: expected a mask of the grid's shape \(3, 4\), got \(4, 3\)"):
         road_map(np.zeros((3, 4), int), marked=marked.T)
+    with pytest.raises(InputError, match="width: expected a part of a tile's side, over 0 and at most 0.8, got 1"):
+        road_map(np.zeros((3, 4), int), width=1)
     with pytest.raises(InputError, match="grid: expected tile codes"):
         road_map([[16, 0], [0, 0]])
 
