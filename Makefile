@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow duckietown sumo lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow duckietown interop sumo lint benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -17,7 +17,7 @@ test: $(READY)
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
 
-# The tests that need SUMO, which is large, in an environment of its own.
+# The tests that need large or old packages have an environment each: SUMO,
 sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pytest -m slow tests/test_exports_sumo.py
 
@@ -27,7 +27,18 @@ sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,sumo]'
 	touch $@
 
-# The tests that need duckietown-world, in an environment of its own: its packages are older than ours.
+# QDax, evosax and pyribs,
+interop: .venv-interop/.ready
+	.venv-interop/bin/python -m pytest tests/test_interop.py
+
+.venv-interop/.ready: pyproject.toml constraints.txt
+	rm -rf .venv-interop
+	$(PYTHON) -m venv .venv-interop
+	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  -e '.[dev,interop,plots]'
+	touch $@
+
+# duckietown-world, called from ours as a program.
 duckietown: $(READY) .venv-duckietown/.ready
 	$(BIN)/python -m pytest -m slow tests/test_exports_duckietown.py
 
@@ -55,7 +66,7 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv .venv-duckietown .venv-sumo $(DEMO)
+	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -5,11 +5,8 @@ python docs/moves.py
 
 from pathlib import Path
 
-import cv2
 import jax
-import jax.numpy as jnp
-import numpy as np
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
 
 from elitelanes_jax import random_grids, repair
 from elitelanes_jax.draws import random_words
@@ -24,10 +21,10 @@ from elitelanes_jax.moves import (
     toggle_street,
     transplant,
 )
+from elitelanes_jax.plots import road_map
 from elitelanes_jax.variation import Move
 
-SIDE, PX, GAP, TITLE = 7, 30, 26, 34
-GROUND, CHANGED, ROAD, INK = (250, 249, 246), (255, 226, 160), (60, 66, 82), (40, 40, 44)
+SIDE = 7
 
 # A seed for each, with which it is easily seen what the move does.
 MOVES: dict[str, tuple[Move, int]] = {
@@ -46,37 +43,14 @@ MOVES: dict[str, tuple[Move, int]] = {
 
 def main() -> None:
     grid, mate = (repair(codes, fill=True) for codes in random_grids(jax.random.key(4), 2, (SIDE, SIDE)))
-    panels = []
-    for name, (move, seed) in MOVES.items():
+    figure = Figure(figsize=(9.2, 12), layout="constrained")
+    panels = figure.subplots(len(MOVES) // 2, 4).reshape(-1, 2)
+    for (before, after), (name, (move, seed)) in zip(panels, MOVES.items(), strict=True):
         varied = move.apply(random_words(jax.random.key(seed), (move.words,)), grid, mate)
-        panel = np.hstack([draw(grid), draw(repair(*varied), varied.dirty)])
-        panels.append(titled(name, panel))
-    rows = [np.hstack(panels[start : start + 2]) for start in range(0, len(panels), 2)]
-    cv2.imwrite(str(Path(__file__).parent / "moves.png"), np.vstack(rows)[..., ::-1])
-
-
-def draw(grid: jax.Array, dirty: jax.Array | None = None) -> NDArray[np.uint8]:
-    """The roads of a network as lines, the changed tiles in colour."""
-    size = SIDE * PX
-    sheet = np.full((size + GAP, size + GAP, 3), GROUND, np.uint8)
-    changed = np.zeros(grid.shape, bool) if dirty is None else np.asarray(dirty)
-    codes = np.asarray(jnp.asarray(grid))
-    for row, column in np.argwhere(changed):
-        corner = (GAP // 2 + column * PX, GAP // 2 + row * PX)
-        cv2.rectangle(sheet, corner, (corner[0] + PX - 1, corner[1] + PX - 1), CHANGED, -1)
-    for row, column in np.ndindex(codes.shape):
-        middle = (GAP // 2 + column * PX + PX // 2, GAP // 2 + row * PX + PX // 2)
-        for side, right, down in ((8, 0, -1), (4, 1, 0), (2, 0, 1), (1, -1, 0)):
-            if codes[row, column] & side:
-                end = (middle[0] + right * PX // 2, middle[1] + down * PX // 2)
-                cv2.line(sheet, middle, end, ROAD, 7, cv2.LINE_AA)
-    return sheet
-
-
-def titled(name: str, panel: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    head = np.full((TITLE, panel.shape[1], 3), GROUND, np.uint8)
-    cv2.putText(head, name, (GAP // 2, TITLE - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.6, INK, 1, cv2.LINE_AA)
-    return np.vstack([head, panel])
+        road_map(grid, width=0.25, lanes=False, ax=before)
+        road_map(repair(*varied), width=0.25, lanes=False, marked=varied.dirty, ax=after)
+        before.set_title(name, loc="left", fontsize=11)
+    figure.savefig(Path(__file__).parent / "moves.png", dpi=80, metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from report import selections
 
 from elitelanes_jax.folders import write_whole
+from elitelanes_jax.plots import metric_boxes
 
 __all__ = ["comparison", "save", "scaling"]
 
@@ -34,22 +35,17 @@ _WORDS = {
 def comparison(rows: Sequence[dict[str, Any]], title: str) -> Figure:
     """Box plots of the paper's metrics by method, with the paper's means marked."""
     groups = selections(rows)
-    names = [name.replace(", ", ",\n") for name in groups]
+    samples = {name.replace(", ", ",\n"): held for name, (_, held) in groups.items()}
     figure, axes = plt.subplots(3, 3, figsize=(13, 10.5), layout="constrained")
     for metric, ax in zip(METRICS, axes.flat, strict=True):
-        samples = [[row[metric] for row in held] for _, held in groups.values()]
-        boxes = ax.boxplot(samples, widths=0.55, patch_artist=True, medianprops={"color": "black"})
-        for number, box in enumerate(boxes["boxes"]):
-            box.set_facecolor(f"C{number}")
-            box.set_alpha(0.55)
+        metric_boxes({name: {metric: [row[metric] for row in held]} for name, held in samples.items()}, metric, ax=ax)
         means = [TABLE[method][metric].mean for method, _ in groups.values()]
         if is_of_the_papers_size(rows[0]):
             ax.plot(
                 range(1, len(means) + 1), means, "D", color="crimson", markersize=6, label="the paper's mean", zorder=3
             )
         ax.set_title(_WORDS[metric], fontsize=11)
-        ax.set_xticks(range(1, len(names) + 1), names, fontsize=8)
-        ax.grid(axis="y", alpha=0.3)
+        ax.tick_params(axis="x", labelsize=8)
     if axes[0, 0].get_legend_handles_labels()[0]:
         axes[0, 0].legend(fontsize=9)
     figure.suptitle(title)

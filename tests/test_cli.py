@@ -297,7 +297,7 @@ def test_too_little_memory_is_one_line(error, tmp_path, capsys, monkeypatch):
     def fail(*_, **__):
         raise error
 
-    monkeypatch.setattr("elitelanes_jax.generate.evolve", fail)
+    monkeypatch.setattr("elitelanes_jax.wishes.evolve", fail)
     assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err == (
         "elitelanes: not enough memory; fewer seeds, smaller maps or smaller tiles need less\n"
@@ -309,7 +309,7 @@ def test_a_fault_of_the_program_is_not_blamed_on_the_user(tmp_path, monkeypatch)
     def fail(*_, **__):
         raise ValueError("a bug")
 
-    monkeypatch.setattr("elitelanes_jax.generate.evolve", fail)
+    monkeypatch.setattr("elitelanes_jax.wishes.evolve", fail)
     with pytest.raises(ValueError, match="a bug"):
         main(["generate", *SMALL, "--out", str(tmp_path / "out")])
 

@@ -86,7 +86,7 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     (tmp_path / "there.csv").write_text("")
     cases = [
         (["--to", "duckietown"], "0001/map.json: grid: expected tiles with two or more connections"),
-        (["--to", "paper"], "--to: expected one of duckietown, graphml, graphml-reduced, json, csv"),
+        (["--to", "paper"], "--to: expected one of duckietown, graphml, graphml-reduced, sumo, opendrive, json, csv"),
         (["--to", "csv", "--ground", "grass"], "--ground: expected it with duckietown alone, got it with csv"),
         (["--to", "duckietown", "--ground", "sea"], "ground: expected one of grass"),
         (["--to", "duckietown", "--tile-size", "0"], "argument --tile-size: expected metres, a number over 0, got '0'"),

@@ -23,13 +23,13 @@ exports.table  objective  features  dataset.formats  dataset.card  dataset.work 
 archive  requests  rules  dataset.samples  exports.command
 problem  variation
 evolution  moves
-annealing
+annealing  interop
 optimizers.base
 optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo  optimizers.annealed  optimizers.aimed_map_elites
 optimizers
 run
 search
-selection  wishes
+selection  wishes  plots
 generate  dataset.plan
 dataset.make
 dataset
@@ -103,6 +103,13 @@ def test_search_and_pictures_meet_at_a_grid_only():
         assert not PICTURES & reach(name, found)
 
 
+def test_other_libraries_are_met_at_a_function_only():
+    for name, file in modules():
+        _, others = imported(file)
+        assert not {"qdax", "evosax", "ribs"} & others, name
+        assert ("matplotlib" in others) == (name == "plots"), name
+
+
 def test_optimizers_know_neither_each_other_nor_the_fitness():
     found = dict(modules())
     names = {name for name in found if name.startswith("optimizers.")} - {"optimizers.base"}
@@ -159,6 +166,7 @@ def test_kernels_bring_no_pictures_no_plots_and_no_command_line(program):
         "import elitelanes_jax",
         "import elitelanes_jax.cli; elitelanes_jax.cli._parser()",
         "import elitelanes_jax.render, elitelanes_jax.symmetry, elitelanes_jax.roadmap, elitelanes_jax.wfc",
+        "import elitelanes_jax.plots",
     ],
 )
 def test_what_needs_no_jax_does_not_wait_for_it(program):

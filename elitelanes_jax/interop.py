@@ -1,0 +1,226 @@
+"""The problem as QDax, evosax and pyribs expect it; none of them is imported, or needed, here.
+
+Each function takes a `Problem` (see `road_problem`) and returns what the other library's own loop calls. QDax and
+pyribs maximise: there the fitness comes with its sign changed. A fitness is a whole number; float32, in which QDax and
+evosax keep it, holds it exactly up to 2**24 either way.
+"""
+
+from collections.abc import Callable
+from math import prod
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from chex import Array, Numeric, PRNGKey
+from numpy.typing import NDArray
+
+from elitelanes_jax.archive import Axis, describe, niche_bins
+from elitelanes_jax.draws import random_words
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.moves import Mix, mixed
+from elitelanes_jax.problem import Problem
+
+__all__ = [
+    "EvosaxState",
+    "EvosaxTask",
+    "evosax_task",
+    "qdax_centroids",
+    "qdax_moves",
+    "qdax_scoring_fn",
+    "ribs_archive_space",
+    "ribs_evaluate",
+    "ribs_grids",
+]
+
+
+def qdax_scoring_fn(problem: Problem) -> Callable[[Array, PRNGKey], tuple[Array, Array, dict[str, Array]]]:
+    """The scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
+
+    Args:
+      problem: whose fitness and axes are taken.
+
+    Returns:
+      (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor float32 ``[B, D]``,
+      extra scores). The descriptor is the bin on each axis, a whole number from 0, whose nearest centroid of
+      `qdax_centroids` is our niche. Extra scores are ``{"counts": int32 [B, M]}``, the `counts_of` metrics. The key is
+      not used: there is no noise. Genotypes are taken as they are: those of `Problem.random` and `qdax_moves` are
+      repaired.
+
+    Raises:
+      InputError: from the function, for genotypes of another shape or type.
+    """
+
+    def score(genotypes: Array, key: PRNGKey) -> tuple[Array, Array, dict[str, Array]]:
+        if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
+            height, width = problem.shape
+            raise InputError(
+                f"genotypes: expected int8 grids [B, {height}, {width}], got {genotypes.dtype} {genotypes.shape}"
+            )
+        worth, counts = problem.evaluate(genotypes)
+        bins = niche_bins(describe(counts, problem.axes), problem.axes)
+        return (-worth).astype(jnp.float32), bins.astype(jnp.float32), {"counts": counts}
+
+    return score
+
+
+def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
+    """The centroids, float32 ``[N, D]``, with which QDax's niches are ours, in the order of `niche_of`.
+
+    They are whole numbers, so that no distance is rounded and none is as near as the niche's own.
+    """
+    bins = np.indices([axis.bins for axis in axes], np.float32)
+    return jnp.asarray(bins.reshape(len(axes), -1).T)
+
+
+def qdax_moves(
+    problem: Problem,
+    mix: Mix = Mix(),  # noqa: B008
+) -> tuple[Callable[[Array, PRNGKey], Array], Callable[[Array, Array, PRNGKey], Array]]:
+    """The mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): one move of the mix each, repaired.
+
+    Args:
+      problem: that repairs.
+      mix: how often each move is made.
+
+    Returns:
+      (genotypes, key) -> genotypes, and (genotypes, mates, key) -> genotypes, all int8 ``[B, H, W]``. The second takes
+      the blocks that it transplants from the mates, the first from elsewhere in the same grid. Keys are consumed.
+
+    Raises:
+      InputError: for a bad mix.
+    """
+    move = mixed(mix.checked(), fill=problem.fill, kept=problem.kept)
+
+    def varied(words: Array, grid: Array, mate: Array) -> Array:
+        return problem.repair(*move.apply(words, grid, mate))
+
+    def vary(genotypes: Array, mates: Array, key: PRNGKey) -> Array:
+        return jax.vmap(varied)(random_words(key, (len(genotypes), move.words)), genotypes, mates)
+
+    def mutate(genotypes: Array, key: PRNGKey) -> Array:
+        return vary(genotypes, genotypes, key)
+
+    return mutate, vary
+
+
+class EvosaxState(NamedTuple):
+    """What an `EvosaxTask` carries.
+
+    Attributes:
+      counter: int32, how many batches have been evaluated.
+    """
+
+    counter: Numeric
+
+
+class EvosaxTask(NamedTuple):
+    """The interface of evosax's `Problem` (evosax 0.3): logits in, a fitness to be minimised out.
+
+    A solution has K logits for each cell, ``[H·W·K]``, row by row, for the K codes of the problem's alphabet.
+
+    Attributes:
+      num_dims: H·W·K.
+      init: key -> `EvosaxState`.
+      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics), where metrics
+        are ``{"counts": int32 [B, M]}``, the `counts_of` metrics. The key is not used: there is no noise.
+      sample: key -> a solution float32 ``[num_dims]``, standard normal; every code is as likely as any other.
+      decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: in each cell the code of the largest logit,
+        the first among equals, then repaired by `Problem.settle`.
+    """
+
+    num_dims: int
+    init: Callable[[PRNGKey], EvosaxState]
+    eval: Callable[[PRNGKey, Array, EvosaxState], tuple[Array, EvosaxState, dict[str, Array]]]
+    sample: Callable[[PRNGKey], Array]
+    decode: Callable[[Array], Array]
+
+
+def evosax_task(problem: Problem) -> EvosaxTask:
+    """The problem for evosax's strategies."""
+    codes = jnp.array(problem.alphabet, jnp.int8)
+    shape = (*problem.shape, len(problem.alphabet))
+
+    def init(key: PRNGKey) -> EvosaxState:
+        return EvosaxState(jnp.int32(0))
+
+    def sample(key: PRNGKey) -> Array:
+        return jax.random.normal(key, (prod(shape),))
+
+    def decode(solution: Array) -> Array:
+        return problem.settle(codes[solution.reshape(shape).argmax(axis=-1)])
+
+    def evaluate(key: PRNGKey, solutions: Array, state: EvosaxState) -> tuple[Array, EvosaxState, dict[str, Array]]:
+        worth, counts = problem.evaluate(jax.vmap(decode)(solutions))
+        return worth.astype(jnp.float32), EvosaxState(state.counter + 1), {"counts": counts}
+
+    return EvosaxTask(prod(shape), init, jax.jit(evaluate), sample, jax.jit(decode))
+
+
+def ribs_archive_space(problem: Problem) -> dict[str, Any]:
+    """What pyribs's `GridArchive` (pyribs 0.12) is to be made with, so that its cells are our niches in their order.
+
+    Returns:
+      ``solution_dim`` H·W, and of the problem's axes ``dims``, the bins, and ``ranges``, from where the first bin
+      starts to where the last one would end.
+    """
+    return {
+        "solution_dim": prod(problem.shape),
+        "dims": [axis.bins for axis in problem.axes],
+        "ranges": [(axis.start, axis.start + axis.bins * axis.width) for axis in problem.axes],
+    }
+
+
+def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
+    """What solutions of pyribs stand for.
+
+    Returns:
+      Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile codes. Real numbers are
+      places in the problem's alphabet of K codes: 0 to under 1 is the first, K - 1 to under K the last, and what lies
+      outside is taken to the nearest.
+
+    Raises:
+      InputError: from the function, for solutions of another shape, numbers that are not finite, or codes outside
+        0..15.
+    """
+    size, last = prod(problem.shape), len(problem.alphabet) - 1
+    codes = np.array(problem.alphabet, np.int8)
+    settle = jax.jit(jax.vmap(problem.settle))
+
+    def grids(solutions: Any) -> NDArray[np.int8]:
+        array = np.asarray(solutions)
+        if array.ndim != 2 or array.shape[1] != size or array.dtype.kind not in "iuf":
+            raise InputError(f"solutions: expected numbers [B, {size}], got {array.dtype} {array.shape}")
+        if array.dtype.kind == "f":
+            if not np.isfinite(array).all():
+                raise InputError("solutions: expected finite numbers, got NaN or infinity")
+            array = codes[np.floor(array).clip(0, last).astype(int)]
+        elif array.size and (array.min() < 0 or array.max() > 15):
+            raise InputError(f"solutions: expected tile codes 0 to 15, got {array.min()} to {array.max()}")
+        return np.asarray(settle(array.astype(np.int8).reshape(-1, *problem.shape)))
+
+    return grids
+
+
+def ribs_evaluate(problem: Problem) -> Callable[[Any], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """The evaluation for pyribs's loop (pyribs 0.12), between `ask` and `tell`.
+
+    Returns:
+      Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
+      ``[B, D]``, the plain values of the axes' features).
+
+    Raises:
+      InputError: from the function, see `ribs_grids`.
+    """
+    grids = ribs_grids(problem)
+
+    @jax.jit
+    def scored(batch: Array) -> tuple[Array, Array]:
+        worth, counts = problem.evaluate(batch)
+        return -worth, describe(counts, problem.axes)
+
+    def evaluate(solutions: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        objective, descriptor = scored(grids(solutions))
+        return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
+
+    return evaluate

@@ -1,0 +1,341 @@
+"""Plots: a map as lines, an archive as a heat map, runs over seeds, metrics side by side.
+
+Each draws on `ax`, or where none is given on a figure of its own, and returns the Axes. All need matplotlib, the extra
+`plots`, and NumPy alone beside it.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import prod
+from textwrap import fill
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.checks import check_grid
+from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, turned
+from elitelanes_jax.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from elitelanes_jax.archive import Axis
+    from elitelanes_jax.search import History
+
+__all__ = ["archive_map", "history", "metric_boxes", "road_map", "seed_band"]
+
+_GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "#f5c842", "#d7263d", "#e9e9e6"
+
+_HARD_SPACE = "\N{NO-BREAK SPACE}"
+
+# Widths as parts of the road's.
+_KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
+
+
+def road_map(
+    grid: Any, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
+) -> "Axes":
+    """A map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
+
+    Each link is one ribbon from the middle of a tile to the middle of the next. A connection that is not answered is
+    one to the tile's side. Where a road ends, in a tile with a single connection or at such a side, stands a red bar.
+
+    Args:
+      grid: integer codes ``[H, W]``, repaired or not.
+      width: of the roads, a part of a tile's side, over 0 and at most 0.8.
+      lanes: whether to draw the line between the lanes; small pictures are clearer without.
+      marked: bool ``[H, W]``, cells to colour, such as those that a move changed.
+      ax: to draw on.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), a width out of its range, a mask of another shape, or without
+        matplotlib.
+    """
+    codes = np.asarray(check_grid(grid))
+    if not 0 < width <= 0.8:
+        raise InputError(f"width: expected a part of a tile's side, over 0 and at most 0.8, got {width!r}")
+    shown = np.zeros(codes.shape, bool) if marked is None else np.asarray(marked, bool)
+    if shown.shape != codes.shape:
+        raise InputError(f"marked: expected a mask of the grid's shape {codes.shape}, got {shown.shape}")
+    ax = _axes(ax)
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    rows, columns = codes.shape
+    ax.set_aspect("equal")
+    ax.set(xlim=(0, columns), ylim=(rows, 0), xticks=[], yticks=[], facecolor=_GROUND)
+    ax.spines[:].set_visible(False)
+    cells = [[(x, y), (x + 1, y), (x + 1, y + 1), (x, y + 1)] for y, x in np.argwhere(shown)]
+    ax.add_collection(PolyCollection(cells, facecolors="#ffdf9e", label="marked"))
+    lines, ends = _links(codes)
+    for name, share, colour in (("kerb", _KERB_WIDTH * width, _KERB), ("road", width, _ROAD)):
+        # A hairline of the same colour closes the seams that two smoothed edges leave.
+        ribbons = [_ribbon(line, share) for line in lines]
+        ax.add_collection(
+            PolyCollection(ribbons, facecolors=colour, edgecolors=colour, linewidths=0.3, snap=False, label=name)
+        )
+    if lanes:
+        points = _LANE_WIDTH * width * _points_a_tile(ax, codes.shape)
+        ax.add_collection(
+            LineCollection(lines, colors=_LANE, linewidths=points, linestyles=(0, (2.2, 1.5)), label="lanes")
+        )
+    bars = [_bar(line, width + 0.2) for line in ends]
+    ax.add_collection(PolyCollection(bars, facecolors=_END, label="ends"))
+    return ax
+
+
+def archive_map(
+    fitness: Any,
+    axes: "Sequence[Axis]",
+    *,
+    across: str | None = None,
+    down: Sequence[str] | str | None = None,
+    label: str = "fitness",
+    ax: "Axes | None" = None,
+    **image: Any,
+) -> "Axes":
+    """An archive as a heat map: one axis of the descriptor across, the niches of one or several others down.
+
+    Each cell shows the lowest fitness of the niches that fall together there: those of the axes that are not named, and
+    of all seeds. A cell of none but vacant niches is hatched.
+
+    Args:
+      fitness: numbers ``[..., N]``, lower is better, in the order of `niche_of`: a result's ``elites.fitness``, an
+        `Archive`'s, or a QDax repertoire's with its sign changed and one axis. Vacant is where it is the largest int32
+        or not finite.
+      axes: of the descriptor space.
+      across: the metric of an axis, by default the first of those with most bins.
+      down: the metrics of one axis or of several, of which the last changes fastest from row to row, by default of all
+        that are left.
+      label: what the colour bar says.
+      ax: to draw on.
+      image: what else matplotlib's `imshow` takes, such as ``vmax`` where a few bad niches hide what others differ in.
+
+    Raises:
+      InputError: for another number of niches, for names that are none of the axes' or twice there, or without
+        matplotlib.
+    """
+    names = [axis.metric for axis in axes]
+    bins = [axis.bins for axis in axes]
+    across = names[int(np.argmax(bins))] if across is None else across
+    if down is None:
+        down = [name for name in names if name != across]
+    down = [down] if isinstance(down, str) else list(down)
+    shown = [*down, across]
+    for name in shown:
+        if name not in names or shown.count(name) > 1:
+            raise InputError(f"axes: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
+    worth = np.asarray(fitness, float)
+    if not worth.ndim or worth.shape[-1] != prod(bins):
+        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {worth.shape}")
+    worth = np.where(np.isfinite(worth) & (worth < np.iinfo(np.int32).max), worth, np.inf)
+    worth = worth.reshape(-1, *bins).min(axis=0)
+    hidden = tuple(place for place, name in enumerate(names) if name not in shown)
+    left = [name for name in names if name in shown]
+    table = worth.min(axis=hidden).transpose([left.index(name) for name in shown])
+    rows, columns = [axes[names.index(name)] for name in down], axes[names.index(across)]
+    table = table.reshape(-1, columns.bins)
+
+    ax = _axes(ax)
+    style = {"cmap": "viridis_r", "aspect": "auto", "interpolation": "nearest"} | image
+    cells = ax.imshow(np.ma.masked_invalid(table), **style)
+    ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
+    ax.figure.colorbar(cells, ax=ax, label=label)
+    every = -(-columns.bins // 9)
+    ax.set_xticks(range(0, columns.bins, every), [_bin_name(columns, place) for place in range(0, columns.bins, every)])
+    ax.set_xlabel(_in_words(across))
+    ax.set_ylabel(fill(f"{_HARD_SPACE}· ".join(name.replace("_", _HARD_SPACE) for name in down), 44))
+    heads = [
+        " · ".join(_bin_name(axis, place) for axis, place in zip(rows, places, strict=True))
+        for places in np.ndindex(*(axis.bins for axis in rows))
+    ]
+    every = -(-len(heads) // 32)
+    ax.set_yticks(range(0, len(heads), every), heads[::every])
+    if len(rows) > 1:
+        group = rows[-1].bins
+        for number in range(group, len(heads), group):
+            ax.axhline(number - 0.5, color="white", linewidth=1.5)
+    return ax
+
+
+def history(
+    record: "History",
+    name: str = "best_fitness",
+    *,
+    label: str | None = None,
+    quantiles: tuple[float, float] = (0.25, 0.75),
+    ax: "Axes | None" = None,
+) -> "Axes":
+    """A run against the grids that a seed has evaluated: the median over its seeds, and a band about it.
+
+    Args:
+      record: a result's `History`, of one seed or of many.
+      name: ``best_fitness`` or ``elite_count``.
+      label: of the line in the legend.
+      quantiles: where the band begins and ends, 0 to 1.
+      ax: to draw on; several runs on the same one take turns of colour.
+
+    Raises:
+      InputError: for another name, bad quantiles, or without matplotlib.
+    """
+    if name not in ("best_fitness", "elite_count"):
+        raise InputError(f"name: expected best_fitness or elite_count, got {name!r}")
+    ax = seed_band(record.evaluations, getattr(record, name), label=label, quantiles=quantiles, ax=ax)
+    ax.set(xlabel="evaluations a seed", ylabel=_in_words(name))
+    ax.locator_params(axis="x", nbins=6)
+    return ax
+
+
+def seed_band(
+    x: Any,
+    values: Any,
+    *,
+    label: str | None = None,
+    quantiles: tuple[float, float] = (0.25, 0.75),
+    ax: "Axes | None" = None,
+    **line: Any,
+) -> "Axes":
+    """The median over seeds as a line, and a band from one quantile to another.
+
+    Args:
+      x: numbers ``[X]``.
+      values: numbers ``[X]``, or ``[S, X]`` of S seeds.
+      label: of the line in the legend.
+      quantiles: where the band begins and ends, 0 to 1.
+      ax: to draw on.
+      line: what else matplotlib's `plot` takes for the line.
+
+    Raises:
+      InputError: for values of another shape, bad quantiles, or without matplotlib.
+    """
+    place, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
+    if place.ndim != 1 or samples.ndim != 2 or samples.shape[1] != place.size or not len(samples):
+        raise InputError(f"values: expected [S, {place.size}] like x, got shape {np.shape(values)}")
+    low, high = quantiles
+    if not 0 <= low <= high <= 1:
+        raise InputError(f"quantiles: expected two from 0 to 1, the lower first, got {quantiles!r}")
+    ax = _axes(ax)
+    bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
+    (drawn,) = ax.plot(place, middle, label=label, **line)
+    ax.fill_between(place, bottom, top, color=drawn.get_color(), alpha=0.2, linewidth=0)
+    ax.grid(alpha=0.3)
+    return ax
+
+
+def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = None) -> "Axes":
+    """One metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, all beyond as dots.
+
+    Args:
+      groups: by name, each a `Metrics` record or a mapping from names of metrics to numbers ``[N]``.
+      metric: the name of one.
+      ax: to draw on; for several metrics give each one its own.
+
+    Raises:
+      InputError: for no group, a group without that metric or without any map, or without matplotlib.
+    """
+    if not groups:
+        raise InputError("groups: expected at least one, got none")
+    samples = []
+    for name, group in groups.items():
+        values = group._asdict() if hasattr(group, "_asdict") else group
+        if metric not in values:
+            raise InputError(f"groups: expected {metric!r} in each, got {name!r} with {', '.join(values)}")
+        samples.append(np.ravel(values[metric]).astype(float))
+        if not samples[-1].size:
+            raise InputError(f"groups: expected at least one map in each, got none in {name!r}")
+    ax = _axes(ax)
+    boxes = ax.boxplot(samples, widths=0.55, patch_artist=True, medianprops={"color": "black"})
+    for number, box in enumerate(boxes["boxes"]):
+        box.set(facecolor=f"C{number % 10}", alpha=0.55)
+    ax.set_xticks(range(1, len(samples) + 1), list(groups))
+    ax.set_title(_in_words(metric))
+    ax.grid(axis="y", alpha=0.3)
+    return ax
+
+
+def _axes(ax: "Axes | None") -> "Axes":
+    if ax is not None:
+        return ax
+    try:
+        import matplotlib.pyplot as plt
+    except ImportError:
+        raise InputError("plots: expected matplotlib, got none; pip install 'elitelanes_jax[plots]'") from None
+    _, ax = plt.subplots(layout="constrained")
+    return ax
+
+
+def _in_words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _bin_name(axis: "Axis", place: int) -> str:
+    """The values in a bin, of shares in per cent."""
+    from elitelanes_jax.features import SHARES, WHOLE
+
+    first, last = axis.start + place * axis.width, axis.start + (place + 1) * axis.width - 1
+    if axis.metric in SHARES:
+        return f"{100 * first / WHOLE:g}%"
+    if place == axis.bins - 1:
+        return f"{first}+"
+    return f"{first}" if first == last else f"{first}–{last}"
+
+
+# Where the sides of a tile are, from its middle, x to the east and y to the south.
+_SIDES = {NORTH: (0.0, -0.5), EAST: (0.5, 0.0), SOUTH: (0.0, 0.5), WEST: (-0.5, 0.0)}
+
+
+def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
+    """The lines ``[P, 2]`` of x and y of all links and unanswered connections; and those that end, from their ends."""
+    height, width = codes.shape
+    lines, ends = [], []
+    for row, column in np.ndindex(height, width):
+        code = int(codes[row, column])
+        for side, (right, down) in _SIDES.items():
+            if not code & side:
+                continue
+            here = _half(code, side, (row, column))
+            beyond = row + int(2 * down), column + int(2 * right)
+            inside = 0 <= beyond[0] < height and 0 <= beyond[1] < width
+            other, opposite = int(codes[beyond]) if inside else 0, turned(side, 2)
+            if not other & opposite:
+                lines.append(here)
+                ends.append(here[::-1])
+            elif side in (EAST, SOUTH):
+                there = _half(other, opposite, beyond)
+                lines.append(np.concatenate([here, there[-2::-1]]))
+            if CONNECTIONS[code] == 1:
+                ends.append(here)
+    return lines, ends
+
+
+def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
+    """From where a tile's roads meet to one side of it: in a turn from the middle of its arc."""
+    middle, to = np.array(tile[::-1]) + 0.5, np.array(_SIDES[side])
+    if code not in KINDS["turn"]:
+        return middle + np.array([[0.0], [0.5], [1.0]]) * to
+    other = np.array(_SIDES[code & ~side])
+    angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
+    # About the corner between the two sides: both of their middles are half a tile from it.
+    return middle + to + other - np.cos(angles) * to - np.sin(angles) * other
+
+
+def _directions(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors along a line at each of its points; true at its ends, where ribbons meet."""
+    step = np.gradient(line, axis=0, edge_order=2)
+    return step / np.linalg.norm(step, axis=1, keepdims=True)
+
+
+def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+    """The outline of a ribbon of a width about a line."""
+    aside = _directions(line)[:, ::-1] * (-width / 2, width / 2)
+    return np.concatenate([line + aside, (line - aside)[::-1]])
+
+
+def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
+    """The outline of the bar across the first point of a line."""
+    return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
+
+
+def _points_a_tile(ax: "Axes", shape: tuple[int, ...]) -> float:
+    box = ax.get_window_extent()
+    pixels = min(box.width / shape[1], box.height / shape[0])
+    return float(pixels * 72 / ax.figure.dpi)

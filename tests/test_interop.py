@@ -1,0 +1,269 @@
+"""The problem in other libraries' loops: the same niches, the same worth, and their searches get somewhere."""
+
+import re
+import runpy
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, repair
+from elitelanes_jax.archive import Axis, describe, niche_of, paper_axes, tuned_axes
+from elitelanes_jax.grids import random_grids
+from elitelanes_jax.interop import (
+    evosax_task,
+    qdax_centroids,
+    qdax_moves,
+    qdax_scoring_fn,
+    ribs_archive_space,
+    ribs_evaluate,
+    ribs_grids,
+)
+from elitelanes_jax.moves import Mix
+from elitelanes_jax.problem import road_problem
+from elitelanes_jax.templates import template_of
+
+# Other libraries' warnings are theirs.
+pytestmark = pytest.mark.filterwarnings("default")
+
+DOCS = Path(__file__).parents[1] / "docs"
+SHAPE, COUNT, PARK = (5, 6), 24, (2, 3)
+AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis("components", 2, start=1))
+
+
+@pytest.fixture(scope="module")
+def problem():
+    park = [[0 if (row, column) == PARK else None for column in range(6)] for row in range(5)]
+    return road_problem(SHAPE, AXES, fix=template_of(park, SHAPE))
+
+
+@pytest.fixture(scope="module")
+def grids(problem):
+    return problem.random(jax.random.key(3), COUNT)
+
+
+@pytest.fixture(scope="module")
+def evaluate(problem):
+    return jax.jit(problem.evaluate)
+
+
+def nearest(centroids, points):
+    """The definition of QDax's niches."""
+    return ((points[:, None] - centroids) ** 2).sum(axis=-1).argmin(axis=1)
+
+
+def test_qdax_scores_are_ours(problem, grids, evaluate):
+    score = qdax_scoring_fn(problem)
+    fitness, descriptor, extras = jax.jit(score)(grids, jax.random.key(0))
+    worth, counts = evaluate(grids)
+    assert fitness.dtype == descriptor.dtype == jnp.float32
+    assert descriptor.shape == (COUNT, 3)
+    np.testing.assert_array_equal(-fitness, worth)
+    np.testing.assert_array_equal(extras["counts"], counts)
+    expected = niche_of(describe(counts, AXES), AXES)
+    assert len(set(np.asarray(expected).tolist())) > 5
+    np.testing.assert_array_equal(nearest(qdax_centroids(AXES), descriptor), expected)
+    with pytest.raises(InputError, match=rf"genotypes: expected int8 grids \[B, 5, 6\], got int8 \({COUNT}, 6, 5\)"):
+        score(grids.transpose(0, 2, 1), jax.random.key(0))
+    with pytest.raises(InputError, match="got float32"):
+        score(grids.astype(jnp.float32), jax.random.key(0))
+
+
+def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
+    mutate, vary = map(jax.jit, qdax_moves(problem))
+    key = jax.random.key(1)
+    children = vary(grids, grids[::-1], key)
+    assert children.dtype == jnp.int8
+    np.testing.assert_array_equal(jax.vmap(repair)(children), children)
+    assert not children[:, *PARK].any()
+    np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
+    assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
+    with pytest.raises(InputError, match="moves"):
+        qdax_moves(problem, Mix(corner=-1))
+
+
+def test_only_the_variation_takes_parts_of_the_mate():
+    """With blocks alone, in a grid without any road: what comes is the mate's."""
+    problem = road_problem((4, 4), AXES, alphabet=range(16))
+    only_blocks = Mix(*[0] * 8, transplant=1, displaced=0, completed=0)
+    mutate, vary = map(jax.jit, qdax_moves(problem, only_blocks))
+    nothing, all_roads = jnp.zeros((16, 4, 4), jnp.int8), jax.vmap(repair)(jnp.full((16, 4, 4), 15))
+    assert not mutate(nothing, jax.random.key(0)).any()
+    assert vary(nothing, all_roads, jax.random.key(0)).any(axis=(1, 2)).sum() > 8
+
+
+def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
+    task = evosax_task(problem)
+    assert task.num_dims == 5 * 6 * 11
+    state = task.init(jax.random.key(0))
+    solutions = jax.vmap(task.sample)(jax.random.split(jax.random.key(2), COUNT))
+    assert solutions.shape == (COUNT, 330)
+    fitness, state, metrics = task.eval(jax.random.key(0), solutions, state)
+    assert fitness.dtype == jnp.float32 and state.counter == 1
+    largest = np.vectorize(lambda *logits: problem.alphabet[max(range(11), key=logits.__getitem__)])
+    codes = largest(*np.moveaxis(np.asarray(solutions).reshape(COUNT, *SHAPE, 11), -1, 0)).astype(np.int8)
+    grids = np.stack([task.decode(solution) for solution in solutions])
+    np.testing.assert_array_equal(grids, jax.jit(jax.vmap(problem.settle))(codes))
+    worth, counts = evaluate(grids)
+    np.testing.assert_array_equal(fitness, worth)
+    np.testing.assert_array_equal(metrics["counts"], counts)
+    assert [row[0] for row in counts.tolist()] == [oracle(grid)["components"] for grid in grids]
+    np.testing.assert_array_equal(task.decode(np.zeros(330, np.float32)), problem.settle(np.full(SHAPE, 3, np.int8)))
+
+
+def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
+    decode, score = ribs_grids(problem), ribs_evaluate(problem)
+    whole = np.asarray(grids)
+    flat = whole.reshape(COUNT, -1)
+    np.testing.assert_array_equal(decode(flat.astype(np.int32)), whole)  # repaired grids are themselves
+    alphabet = list(problem.alphabet)
+    drawn = np.asarray(random_grids(jax.random.key(5), COUNT, SHAPE)).reshape(COUNT, -1)  # not repaired
+    places = np.vectorize(alphabet.index)(drawn)
+    for aside in (0.0, 0.5, 0.99):
+        np.testing.assert_array_equal(decode(places + aside), decode(drawn))
+    np.testing.assert_array_equal(decode(np.full((COUNT, 30), -7.5)), decode(np.full((COUNT, 30), alphabet[0])))
+    np.testing.assert_array_equal(decode(np.full((COUNT, 30), 99.0)), decode(np.full((COUNT, 30), 15)))
+    objective, measures = score(flat)
+    worth, counts = evaluate(grids)
+    assert objective.dtype == measures.dtype == np.float64
+    np.testing.assert_array_equal(-objective, worth)
+    np.testing.assert_array_equal(measures, describe(counts, AXES))
+    for solutions, message in (
+        (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
+        (flat[0], r"got int8 \(30,\)"),
+        (np.full((1, 30), np.nan), "expected finite numbers"),
+        (np.full((1, 30), 16), "expected tile codes 0 to 15, got 16 to 16"),
+    ):
+        with pytest.raises(InputError, match=f"solutions: .*{message}"):
+            score(solutions)
+
+
+def axes_and_points():
+    """Hypothesis: axes, and descriptors inside and beyond them."""
+    axis = st.builds(Axis, st.just("cyclomatic"), st.integers(1, 9), st.integers(1, 400), st.integers(-5, 50))
+    return st.lists(axis, min_size=1, max_size=4).flatmap(
+        lambda axes: st.tuples(
+            st.just(tuple(axes)),
+            st.lists(st.tuples(*[st.integers(-10, 4000) | st.integers(0, 2**26)] * len(axes)), min_size=1),
+        )
+    )
+
+
+@given(axes_and_points())
+def test_qdax_niches_are_ours_everywhere(drawn):
+    axes, points = drawn[0], np.array(drawn[1], np.int32)
+    bins = np.array(
+        [[min(max((p - a.start) // a.width, 0), a.bins - 1) for a, p in zip(axes, q, strict=True)] for q in drawn[1]]
+    )
+    found = nearest(np.asarray(qdax_centroids(axes)), bins.astype(np.float32))
+    np.testing.assert_array_equal(found, niche_of(points, axes))
+
+
+@given(axes_and_points())
+def test_ribs_niches_are_ours_everywhere(drawn):
+    archives = pytest.importorskip("ribs.archives")
+    axes, points = drawn[0], np.array(drawn[1], np.int32)
+    archive = archives.GridArchive(**ribs_archive_space(road_problem((2, 2), axes)))
+    np.testing.assert_array_equal(archive.index_of(points), niche_of(points, axes))
+
+
+def test_qdax_map_elites_improves_and_keeps_our_niches():
+    pytest.importorskip("qdax")
+    from qdax.core.emitters.standard_emitters import MixingEmitter
+    from qdax.core.map_elites import MAPElites
+    from qdax.utils.metrics import default_qd_metrics
+
+    axes = tuned_axes((6, 6))
+    problem = road_problem((6, 6), axes, fill=True)
+    emitter = MixingEmitter(*qdax_moves(problem), variation_percentage=0.5, batch_size=32)
+    search = MAPElites(qdax_scoring_fn(problem), emitter, partial(default_qd_metrics, qd_offset=0.0))
+    first, start, run = jax.random.split(jax.random.key(0), 3)
+    centroids = qdax_centroids(axes)
+    repertoire, state, _ = search.init(problem.random(first, 32), centroids, start)
+    filled, best = jnp.isfinite(repertoire.fitnesses).sum(), repertoire.fitnesses.max()
+    (repertoire, *_), _ = jax.lax.scan(search.scan_update, (repertoire, state, run), length=60)
+    occupied = np.isfinite(np.asarray(repertoire.fitnesses[:, 0]))
+    assert occupied.sum() > filled and repertoire.fitnesses.max() > best + 100
+    worth, counts = problem.evaluate(repertoire.genotypes)
+    np.testing.assert_array_equal(-worth[occupied], repertoire.fitnesses[occupied, 0])
+    np.testing.assert_array_equal(niche_of(describe(counts, axes), axes)[occupied], np.flatnonzero(occupied))
+
+
+def test_evosax_strategy_improves():
+    pytest.importorskip("evosax")
+    from evosax.algorithms import SNES
+
+    task = evosax_task(road_problem((6, 6), paper_axes((6, 6)), fill=True))
+    key = jax.random.key(0)
+    strategy = SNES(population_size=32, solution=task.sample(key))
+    params = strategy.default_params
+    state, task_state = strategy.init(key, task.sample(key), params), task.init(key)
+    best = []
+    for generation in jax.random.split(key, 30):
+        population, state = strategy.ask(generation, state, params)
+        fitness, task_state, _ = task.eval(generation, population, task_state)
+        state, metrics = strategy.tell(generation, population, fitness, state, params)
+        best.append(float(metrics["best_fitness"]))
+    assert best[-1] < best[0] - 100 and task_state.counter == 30
+    grid = task.decode(state.best_solution)
+    assert road_problem((6, 6), paper_axes((6, 6))).evaluate(grid[None]).fitness[0] == best[-1]
+
+
+def test_evosax_task_has_all_that_evosax_asks_of_a_problem():
+    problems = pytest.importorskip("evosax.problems.problem")
+    names = {name for name in vars(problems.Problem) if not name.startswith("_")}
+    assert names == {"num_dims", "init", "eval", "sample"}
+    task = evosax_task(road_problem((2, 2), AXES))
+    assert all(hasattr(task, name) for name in names)
+
+
+def test_ribs_archive_improves_and_holds_our_niches():
+    archives = pytest.importorskip("ribs.archives")
+    from ribs.emitters import IsoLineEmitter
+    from ribs.schedulers import Scheduler
+
+    problem = road_problem(SHAPE, AXES, fill=True)
+    evaluate = ribs_evaluate(problem)
+    archive = archives.GridArchive(**ribs_archive_space(problem), seed=0)
+    emitters = [IsoLineEmitter(archive, iso_sigma=0.5, line_sigma=0.5, x0=np.full(30, 5.5), batch_size=32, seed=1)]
+    scheduler = Scheduler(archive, emitters)
+    best = []
+    for _ in range(40):
+        scheduler.tell(*evaluate(scheduler.ask()))
+        best.append(archive.stats.obj_max)
+    assert best[-1] > best[0] + 100 and archive.stats.num_elites > 5
+    found = archive.data(return_type="dict")
+    worth, counts = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
+    np.testing.assert_array_equal(-worth, found["objective"])
+    np.testing.assert_array_equal(niche_of(describe(counts, AXES), AXES), found["index"])
+
+
+@pytest.mark.parametrize(
+    ("name", "library"), [("qdax_map_elites", "qdax"), ("evosax_task", "evosax"), ("ribs_archive", "ribs")]
+)
+def test_examples_run_and_are_short(name, library, tmp_path, monkeypatch, capsys):
+    file = DOCS / "examples" / f"{name}.py"
+    lines = [line for line in file.read_text().splitlines() if line.strip()]
+    assert len(lines) <= 25
+    pytest.importorskip(library)
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(file))
+    assert capsys.readouterr().out
+    assert (tmp_path / "qdax-map.png").exists() == (name == "qdax_map_elites")
+
+
+PAGE = (DOCS / "interop.md").read_text()
+
+
+def test_the_page_shows_the_examples_as_they_are():
+    programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    examples = [file.read_text().split('"""\n', 1)[1].strip() for file in sorted((DOCS / "examples").glob("*.py"))]
+    assert sorted(program.strip() for program in programs) == sorted(examples)
+    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGE):
+        assert (DOCS / link.partition("#")[0]).exists(), link

@@ -1,0 +1,236 @@
+"""What is drawn holds the data."""
+
+import re
+import subprocess
+import sys
+from itertools import product
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given, settings
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, repair
+from elitelanes_jax.archive import Axis, niche_of, paper_axes
+from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
+from elitelanes_jax.search import History
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+
+DOCS = Path(__file__).parents[1] / "docs"
+VACANT = np.iinfo(np.int32).max
+
+
+@pytest.fixture(autouse=True)
+def figures_are_closed():
+    yield
+    plt.close("all")
+
+
+def artist(ax, label):
+    """Paths of the collection of a label, as arrays of points."""
+    (found,) = [collection for collection in ax.collections if collection.get_label() == label]
+    return [path.vertices for path in found.get_paths()]
+
+
+@settings(max_examples=40)
+@given(grids())
+def test_a_map_has_a_ribbon_for_each_link_and_a_bar_for_each_end(grid):
+    """Repaired or not: what is not answered is drawn to the tile's side, and ends there."""
+    _, ax = plt.subplots()
+    assert road_map(grid, ax=ax) is ax
+    metrics = oracle(grid)
+    connections = sum(int(code).bit_count() for code in grid.flat)
+    unanswered = connections - 2 * metrics["edges"]
+    stubs = sum(int(code).bit_count() == 1 for code in grid.flat)
+    for label in ("lanes", "road", "kerb"):
+        assert len(artist(ax, label)) == metrics["edges"] + unanswered
+    assert len(artist(ax, "ends")) == unanswered + stubs
+    assert ax.get_aspect() == 1
+    assert ax.get_xlim() == (0, grid.shape[1]) and ax.get_ylim() == (grid.shape[0], 0)
+    plt.close("all")
+
+
+@settings(max_examples=40)
+@given(grids())
+def test_lanes_lead_from_tile_to_tile_over_the_middle_of_their_side(grid):
+    grid = np.asarray(repair(grid))
+    _, ax = plt.subplots()
+    road_map(grid, ax=ax)
+    crossed = set()
+    for line in artist(ax, "lanes"):
+        assert (np.linalg.norm(np.diff(line, axis=0), axis=1) < 0.51).all()
+        sides = [tuple(2 * point) for point in line if sorted(point * 2 % 2) == [0, 1]]
+        assert len(sides) == 1
+        crossed |= set(sides)
+    height, width = grid.shape
+    across = {(2 * c + 2, 2 * r + 1) for r, c in product(range(height), range(width)) if grid[r, c] & 4}
+    down = {(2 * c + 1, 2 * r + 2) for r, c in product(range(height), range(width)) if grid[r, c] & 2}
+    assert crossed == across | down
+    plt.close("all")
+
+
+def test_ribbons_are_of_one_width_and_meet_in_turns():
+    ax = road_map([[6, 3], [12, 9]])
+    steps = [np.linalg.norm(np.diff(line, axis=0), axis=1).sum() for line in artist(ax, "lanes")]
+    assert sum(steps) == pytest.approx(np.pi, rel=0.005)
+    thin = road_map([[6, 3], [12, 9]], width=0.2)
+    for drawn, label, width in ((ax, "road", 0.5), (ax, "kerb", 0.6), (thin, "road", 0.2), (thin, "kerb", 0.24)):
+        for outline in artist(drawn, label):
+            points = outline[:-1]
+            left, right = points[: len(points) // 2], points[len(points) // 2 :][::-1]
+            np.testing.assert_allclose(np.linalg.norm(left - right, axis=1), width, rtol=1e-6)
+            for point in (*left, *right):  # a ring road is a circle about the middle
+                assert abs(np.linalg.norm(point - 1) - 0.5) == pytest.approx(width / 2, abs=0.002)
+
+
+def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
+    marked = np.zeros((3, 4), bool)
+    marked[1, 2] = marked[2, 0] = True
+    ax = road_map(np.zeros((3, 4), int), lanes=False, marked=marked)
+    assert {collection.get_label() for collection in ax.collections} == {"marked", "kerb", "road", "ends"}
+    corners = [tuple(points[:-1].min(axis=0)) for points in artist(ax, "marked")]
+    assert corners == [(2, 1), (0, 2)]
+    with pytest.raises(InputError, match=r"marked: expected a mask of the grid's shape \(3, 4\), got \(4, 3\)"):
+        road_map(np.zeros((3, 4), int), marked=marked.T)
+    with pytest.raises(InputError, match="width: expected a part of a tile's side, over 0 and at most 0.8, got 1"):
+        road_map(np.zeros((3, 4), int), width=1)
+    with pytest.raises(InputError, match="grid: expected tile codes"):
+        road_map([[16, 0], [0, 0]])
+
+
+AXES = (Axis("cyclomatic", 3, 2), Axis("components", 2, start=1), Axis("straight_share", 4, 250))
+
+
+def test_a_heat_map_is_the_archive_reduced_by_the_best():
+    rng = np.random.default_rng(0)
+    fitness = rng.integers(-50, 50, (2, 24))
+    fitness[rng.random((2, 24)) < 0.6] = VACANT
+    for across, down in (
+        ("cyclomatic", ["straight_share"]),
+        ("straight_share", ["components"]),
+        ("straight_share", ["components", "cyclomatic"]),
+        ("components", ["straight_share", "cyclomatic"]),
+    ):
+        ax = archive_map(fitness, AXES, across=across, down=down)
+        shown = ax.images[0].get_array()
+        by_name = {axis.metric: axis for axis in AXES}
+        heads = list(product(*(range(by_name[name].bins) for name in down)))
+        assert shown.shape == (len(heads), by_name[across].bins)
+        for (row, places), column in product(enumerate(heads), range(by_name[across].bins)):
+            wanted = dict(zip(down, places, strict=True)) | {across: column}
+            best = VACANT
+            for bins in product(*(range(axis.bins) for axis in AXES)):
+                if all(bins[AXES.index(by_name[name])] == place for name, place in wanted.items()):
+                    values = np.array([axis.start + place * axis.width for axis, place in zip(AXES, bins, strict=True)])
+                    best = min(best, *fitness[:, niche_of(values, AXES)])
+            assert np.ma.is_masked(shown[row, column]) == (best == VACANT)
+            assert best == VACANT or shown[row, column] == best
+    assert ax.patch.get_hatch()
+    alone = archive_map(np.where(fitness == VACANT, np.inf, fitness)[0], AXES)
+    np.testing.assert_array_equal(alone.images[0].get_array().count(), (fitness[0] < VACANT).sum())
+
+
+def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
+    axes = paper_axes((12, 12))
+    fitness = np.arange(400)
+    ax = archive_map(fitness, axes)
+    expected = fitness.reshape(25, 16).T
+    np.testing.assert_array_equal(ax.images[0].get_array(), expected)
+    assert ax.get_xlabel() == "cyclomatic"
+    named = " ".join(ax.get_ylabel().split())
+    assert named == "components · dead ends · adjacent crossings · adjacent turns"
+    assert [label.get_text() for label in ax.get_yticklabels()][:3] == [
+        "1 · 0 · 0 · 0",
+        "1 · 0 · 0 · 1+",
+        "1 · 0 · 1+ · 0",
+    ]
+    across = dict(zip(ax.get_xticks().tolist(), [label.get_text() for label in ax.get_xticklabels()], strict=True))
+    assert across[0] == "0–1" and across[24] == "48+"
+    shares = archive_map(np.zeros(24), AXES, across="straight_share", down="cyclomatic")
+    assert [label.get_text() for label in shares.get_xticklabels()] == ["0%", "25%", "50%", "75%"]
+
+
+def test_a_heat_map_of_something_else_is_refused():
+    with pytest.raises(InputError, match=r"fitness: expected 24 niches on the last axis, got shape \(5,\)"):
+        archive_map(np.zeros(5), AXES)
+    for names in ({"across": "bridges"}, {"across": "components", "down": "components"}):
+        with pytest.raises(InputError, match="axes: expected each of cyclomatic, components, straight_share at most"):
+            archive_map(np.zeros(24), AXES, **names)
+
+
+def test_a_history_is_the_median_in_a_band():
+    rng = np.random.default_rng(1)
+    best = np.minimum.accumulate(rng.integers(0, 1000, (9, 30)), axis=1)
+    record = History(np.arange(1, 31), 40 * np.arange(1, 31), best, np.arange(270).reshape(9, 30), np.ones(30))
+    ax = history(record, label="ours", quantiles=(0.125, 0.875))
+    (line,) = ax.lines
+    np.testing.assert_array_equal(line.get_xdata(), record.evaluations)
+    np.testing.assert_array_equal(line.get_ydata(), np.sort(best, axis=0)[4])
+    band = ax.collections[0].get_paths()[0].vertices
+    for x, low, high in zip(record.evaluations, np.sort(best, axis=0)[1], np.sort(best, axis=0)[7], strict=True):
+        heights = band[band[:, 0] == x, 1]
+        assert (heights.min(), heights.max()) == (low, high)
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("evaluations a seed", "best fitness")
+    assert history(record, "elite_count", ax=ax) is ax
+    np.testing.assert_array_equal(ax.lines[1].get_ydata(), np.arange(30) + 120)
+    single = seed_band(record.evaluations, best[0], linewidth=4)
+    np.testing.assert_array_equal(single.lines[0].get_ydata(), best[0])
+    with pytest.raises(InputError, match="name: expected best_fitness or elite_count, got 'speed'"):
+        history(record, "speed")
+    with pytest.raises(InputError, match=r"values: expected \[S, 30\] like x, got shape \(30, 9\)"):
+        seed_band(record.evaluations, best.T)
+    with pytest.raises(InputError, match="quantiles: expected two"):
+        seed_band(record.evaluations, best, quantiles=(0.9, 0.1))
+
+
+def test_boxes_are_the_quartiles_of_each_group():
+    rng = np.random.default_rng(2)
+    groups = {"one": {"bridges": rng.integers(0, 9, 21)}, "other": {"bridges": rng.integers(5, 30, 13)}}
+    ax = metric_boxes(groups, "bridges")
+    assert [label.get_text() for label in ax.get_xticklabels()] == ["one", "other"]
+    for box, group in zip(ax.patches, groups.values(), strict=True):
+        heights = box.get_path().vertices[:, 1]
+        assert [heights.min(), heights.max()] == np.quantile(group["bridges"], [0.25, 0.75]).tolist()
+    record = Metrics(*[np.arange(5)] * len(Metrics._fields))
+    assert len(metric_boxes({"a": record}, "coverage", ax=ax).patches) == 3
+    with pytest.raises(InputError, match="groups: expected 'turns' in each, got 'one' with bridges"):
+        metric_boxes(groups, "turns")
+    with pytest.raises(InputError, match="at least one map in each, got none in 'none'"):
+        metric_boxes({"none": {"turns": []}}, "turns")
+    with pytest.raises(InputError, match="groups: expected at least one, got none"):
+        metric_boxes({}, "turns")
+
+
+def test_without_matplotlib_the_message_says_what_to_install():
+    program = (
+        "import sys; sys.modules['matplotlib'] = None\n"
+        "from elitelanes_jax.plots import road_map\n"
+        "try: road_map([[0, 0], [0, 0]])\n"
+        "except ValueError as error: print(error)"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert told == "plots: expected matplotlib, got none; pip install 'elitelanes_jax[plots]'\n"
+
+
+PAGE = (DOCS / "plots.md").read_text()
+
+
+def test_the_page_runs_from_top_to_bottom(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+    assert len(programs) == 3
+    exec(compile("".join(programs), "plots.md", "exec"), {})
+    assert {file.name for file in tmp_path.iterdir()} == {"map.svg", "runs.png"}
+
+
+def test_links_and_pictures_of_the_page_are_there():
+    for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGE):
+        assert (DOCS / link.partition("#")[0]).exists(), link
+    for picture in DOCS.glob("plots-*.png"):
+        assert picture.name in PAGE and picture.stat().st_size < 150_000
