@@ -5,7 +5,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.command import Parser, add_drawing, add_wishes, fail, folder_name, guarded, leave, say, whole
+from elitelanes_jax.command import (
+    Parser,
+    add_drawing,
+    add_wishes,
+    fail,
+    folder_name,
+    guarded,
+    leave,
+    say,
+    whole,
+    wishes_in,
+)
 from elitelanes_jax.dataset_command import add_dataset
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.exports.command import add_export, add_show
@@ -89,10 +100,12 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.generate import Settings, generate
     from elitelanes_jax.selection import NotEnoughMapsError
+    from elitelanes_jax.wishes import Wishes
 
     use_compile_cache()
-    lists = {name: tuple(getattr(options, name)) for name in ("size", "axes", "where", "weights", "initial")}
-    settings = Settings(**{name: getattr(options, name) for name in Settings._fields} | lists)
+    given = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)}
+    given |= {"size": tuple(options.size), "initial": tuple(options.initial), "wishes": Wishes(**wishes_in(options))}
+    settings = Settings(**given)
     try:
         maps = generate(settings, options.out)
     except NotEnoughMapsError as error:

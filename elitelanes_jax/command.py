@@ -9,7 +9,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.interrupts import catch_interrupts
@@ -28,9 +28,11 @@ __all__ = [
     "say",
     "weight",
     "whole",
+    "wishes_in",
 ]
 
 _INTERRUPTED = 130
+_WISHES = ("method", "preset", "evaluations", "generations", "axes", "where", "weights", "fix", "rules")
 
 
 class Parser(argparse.ArgumentParser):
@@ -140,6 +142,12 @@ def add_wishes(command: argparse.ArgumentParser) -> None:
         help="JSON rows of tile codes that every map keeps, null where free",
     )
     command.add_argument("--rules", type=name, metavar="NAME", help="rules that every map keeps: duckietown")
+
+
+def wishes_in(options: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `elitelanes_jax.wishes.Wishes` that were given."""
+    given = {name: value for name, value in vars(options).items() if name in _WISHES and value is not None}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in given.items()}
 
 
 def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:

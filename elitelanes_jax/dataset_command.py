@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from elitelanes_jax.command import add_drawing, add_wishes, fail, folder_name, name, number, say, whole
+from elitelanes_jax.command import add_drawing, add_wishes, fail, folder_name, name, number, say, whole, wishes_in
 
 __all__ = ["add_dataset"]
 
@@ -67,11 +67,13 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.dataset import Settings, make_dataset
     from elitelanes_jax.selection import NotEnoughMapsError
     from elitelanes_jax.transforms import read_transforms
+    from elitelanes_jax.wishes import Wishes
 
     use_compile_cache()
-    lists = {name: tuple(getattr(options, name)) for name in ("size", "split", "axes", "where", "weights")}
-    given = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)} | lists
-    settings = Settings(**given, transforms=read_transforms(options.transform))
+    given = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)}
+    given |= {"size": tuple(options.size), "split": tuple(options.split)}
+    wishes = Wishes(**wishes_in(options))
+    settings = Settings(**given, transforms=read_transforms(options.transform), wishes=wishes)
     goes_on = "what is complete stays, and the same command goes on from there"
     try:
         about = make_dataset(settings, options.out, workers=options.workers)

@@ -18,7 +18,7 @@ from elitelanes_jax.search import Result, preset_config, seed_keys
 from elitelanes_jax.selection import Choice, NotEnoughMapsError, choose_maps, shortage
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.versions import versions
-from elitelanes_jax.wishes import search, weights_of, wishes_of
+from elitelanes_jax.wishes import Wishes, search, weights_of
 
 __all__ = ["Settings", "generate"]
 
@@ -37,25 +37,17 @@ class Settings(NamedTuple):
       tiles: folder of the tile set; the package's own by default.
       tile_px: side of a tile in pixels.
       initial: files of maps that every run begins with, see `read_map`.
-      the others: see `Wishes`.
+      wishes: what to evolve.
     """
 
     size: tuple[int, int] = (12, 12)
-    method: str = "map-elites"
-    preset: str = "tuned"
-    generations: int | None = None
-    evaluations: int | None = None
     seeds: int = 8
     maps: int = 16
     seed: int = 0
     tiles: Path | None = None
     tile_px: int = 64
-    axes: tuple[str, ...] = ()
-    where: tuple[str, ...] = ()
-    weights: tuple[tuple[str, int], ...] = ()
-    fix: Path | None = None
-    rules: str | None = None
     initial: tuple[Path, ...] = ()
+    wishes: Wishes = Wishes()
 
 
 def generate(settings: Settings, out: Path) -> list[RoadMap]:
@@ -73,16 +65,14 @@ def generate(settings: Settings, out: Path) -> list[RoadMap]:
       OSError: if the folder cannot be written.
     """
     tiles = load_tiles(settings.tiles)
-    wishes = wishes_of(settings)
-    settings = settings._replace(evaluations=wishes.evaluations)
     with new_folder(out) as folder:
         began = time.perf_counter()
         initial = [read_map(file).codes for file in settings.initial]
         keys = seed_keys(settings.seed, settings.seeds)
-        result = search(wishes, keys, settings.size, tiles.alphabet, initial=initial or None)
+        result = search(settings.wishes, keys, settings.size, tiles.alphabet, initial=initial or None)
         choice = choose_maps(result, settings.maps, settings.seed)
         if len(choice.maps) < settings.maps:
-            raise NotEnoughMapsError(shortage(choice, settings.maps, settings.method, settings.size))
+            raise NotEnoughMapsError(shortage(choice, settings.maps, settings.wishes.method, settings.size))
         evolved = time.perf_counter()
         maps = _write_maps(folder, choice, settings, tiles)
         _write_archive(folder / "archive.npz", result)
@@ -107,7 +97,7 @@ def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet
         small.append(render(plain.codes, tiles, tile_px=overview_px, chosen=chosen).image)
         maps.append(road_map)
     title = (
-        f"{len(maps)} road maps of {settings.size[0]} x {settings.size[1]} tiles, {settings.method}, "
+        f"{len(maps)} road maps of {settings.size[0]} x {settings.size[1]} tiles, {settings.wishes.method}, "
         f"{settings.seeds} seeds, {_budget(settings)}, seed {settings.seed}"
     )
     write_png(folder / "overview.png", overview(title, small, [_caption(*item) for item in enumerate(maps)]))
@@ -115,8 +105,10 @@ def _write_maps(folder: Path, choice: Choice, settings: Settings, tiles: TileSet
 
 
 def _budget(settings: Settings) -> str:
-    name = "evaluations" if settings.generations is None else "generations"
-    return f"{getattr(settings, name):,} {name}"
+    wishes = settings.wishes
+    if wishes.generations is None:
+        return f"{wishes.evaluations:,} evaluations"
+    return f"{wishes.generations:,} generations"
 
 
 def _caption(number: int, road_map: RoadMap) -> tuple[str, ...]:
@@ -146,11 +138,9 @@ def _run_record(
 ) -> dict[str, Any]:
     elites = result.elites
     return {
-        "settings": settings._asdict()
-        | {name: value and str(value) for name, value in (("tiles", settings.tiles), ("fix", settings.fix))}
-        | {"initial": [str(file) for file in settings.initial]},
-        "config": _plain(preset_config(settings.method, settings.preset)),
-        "weights": weights_of(wishes_of(settings))._asdict(),
+        "settings": _plain_settings(settings),
+        "config": _plain(preset_config(settings.wishes.method, settings.wishes.preset)),
+        "weights": weights_of(settings.wishes)._asdict(),
         "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
         "axes": [axis._asdict() for axis in result.axes],
         "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
@@ -166,6 +156,12 @@ def _run_record(
             "evaluations_per_second": _median(result.history.evaluations_per_second),
         },
     }
+
+
+def _plain_settings(settings: Settings) -> dict[str, Any]:
+    values = settings._asdict() | settings.wishes._asdict() | {"initial": [str(file) for file in settings.initial]}
+    del values["wishes"]
+    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
 
 def _median(speeds: NDArray[np.float64]) -> int | None:

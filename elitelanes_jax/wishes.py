@@ -13,10 +13,7 @@ from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result, evolve, preset_config
 from elitelanes_jax.templates import read_template
 
-__all__ = ["Wishes", "read_wishes", "search", "weights_of", "wishes_of"]
-
-# What each seed evaluates where nothing else is said.
-_EVALUATIONS = 200_000
+__all__ = ["Wishes", "read_wishes", "search", "weights_of"]
 
 
 class Wishes(NamedTuple):
@@ -25,8 +22,8 @@ class Wishes(NamedTuple):
     Attributes:
       method: see `evolve`.
       preset: see `evolve`.
-      generations: of each run.
-      evaluations: of each run, in place of generations; 200,000 where neither is given.
+      evaluations: of each run.
+      generations: of each run; where they are given, they take the place of evaluations.
       axes: of the niches, as `read_axis` reads them; by default the preset's.
       where: ranges that every map meets, see `evolve`.
       weights: of the fitness, by metric, in place of the usual ones.
@@ -36,21 +33,13 @@ class Wishes(NamedTuple):
 
     method: str = "map-elites"
     preset: str = "tuned"
+    evaluations: int = 200_000
     generations: int | None = None
-    evaluations: int | None = None
     axes: tuple[str, ...] = ()
     where: tuple[str, ...] = ()
     weights: tuple[tuple[str, int], ...] = ()
     fix: Path | None = None
     rules: str | None = None
-
-
-def wishes_of(settings: Any) -> Wishes:
-    """The wishes among the fields of a larger record of settings, the usual budget filled in."""
-    wishes = Wishes(*(getattr(settings, name) for name in Wishes._fields))
-    if wishes.generations is None and wishes.evaluations is None:
-        wishes = wishes._replace(evaluations=_EVALUATIONS)
-    return wishes
 
 
 def search(
@@ -90,7 +79,7 @@ def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
         "method": wishes.method,
         "preset": wishes.preset,
         "generations": wishes.generations,
-        "evaluations": wishes.evaluations,
+        "evaluations": wishes.evaluations if wishes.generations is None else None,
         "axes": axes or None,
         "weights": weights_of(wishes),
         "where": read_ranges(wishes.where),

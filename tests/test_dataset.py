@@ -15,8 +15,9 @@ import pytest
 
 from elitelanes_jax.cli import main
 from elitelanes_jax.dataset import Settings, make_dataset
+from elitelanes_jax.dataset.formats import SPLITS
 from elitelanes_jax.dataset.plan import given_maps, split_maps
-from elitelanes_jax.dataset.settings import SPLITS, maps_by_side, maps_by_split, tiles_by_split
+from elitelanes_jax.dataset.settings import maps_by_side, maps_by_split, tiles_by_split
 from elitelanes_jax.dataset.work import work_folder
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.render import LABELS, render
@@ -25,6 +26,7 @@ from elitelanes_jax.symmetry import canonical
 from elitelanes_jax.tilesets import default_tiles, load_tiles
 from elitelanes_jax.transforms import STANDARD, Transforms, View, warp
 from elitelanes_jax.wfc import generate_batch
+from elitelanes_jax.wishes import Wishes
 
 SMALL = ["--maps", "20", "--size", "4", "5", "--tile-px", "16", "--evaluations", "4000", "--split", "0.6", "0.2", "0.2"]
 
@@ -284,10 +286,10 @@ def test_sizes_share_the_maps():
             {"transforms": Transforms(crop=100), "size": (5, 9)},
             "within the smallest maps, 5 tiles of 16 pixels, got 100",
         ),
-        ({"fix": Path("city.json"), "size": (5, 9)}, "fix: expected maps of one size"),
+        ({"wishes": Wishes(fix=Path("city.json")), "size": (5, 9)}, "fix: expected maps of one size"),
         ({"format": "tar"}, "format: expected one of imagefolder, mmseg, coco, plain, got 'tar'"),
-        ({"rules": "london", "maps": 1}, "rules: expected"),
-        ({"where": ("turns=",)}, "where 'turns=': expected a number"),
+        ({"wishes": Wishes(rules="london")}, "rules: expected"),
+        ({"wishes": Wishes(where=("turns=",))}, "where 'turns=': expected a number"),
     ],
 )
 def test_bad_settings_are_named_and_leave_nothing(tmp_path, settings, said):

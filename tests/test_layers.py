@@ -18,9 +18,9 @@ checks  codes  draws  folders  illumination  interrupts  overview  progress  com
 command  transforms  versions  exports.graph  exports.boxes
 lattice  grids  tilesets  wfc  fixed_point  templates  exports.duckietown
 faces  repairs  symmetry  roadmap  masking  exports.sumo
-metrics  render  dataset.settings
-exports.table  objective  features  dataset.formats  dataset.card  dataset.work  seams
-archive  requests  rules  dataset.samples  exports.command
+metrics  render
+exports.table  objective  features  dataset.formats  dataset.work  seams
+archive  requests  rules  dataset.card  dataset.samples  exports.command
 problem  variation
 evolution  moves
 annealing  interop
@@ -30,7 +30,8 @@ optimizers
 run
 search
 selection  wishes  plots
-generate  dataset.plan
+generate  dataset.settings
+dataset.plan
 dataset.make
 dataset
 dataset_command  tiles_command

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.dataset.settings import SPLITS
+from elitelanes_jax.dataset.formats import SPLITS
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import LABEL_COLOURS, LABELS
@@ -42,6 +42,7 @@ def card(about: dict[str, Any], loading: str) -> str:
         "---",
     ]
     asked = about["settings"]
+    wishes = asked["wishes"]
     low, high = asked["size"]
     sides = f"{low} x {low}" if low == high else f"{low} x {low} to {high} x {high}"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
@@ -52,14 +53,14 @@ def card(about: dict[str, Any], loading: str) -> str:
         for label, name in enumerate(LABELS)
     ]
     wanted = [
-        f"- {words}: {asked[name]}"
+        f"- {words}: {wishes[name]}"
         for name, words in (
             ("where", "ranges that every map meets"),
             ("rules", "rules that every map keeps"),
             ("weights", "weights of the fitness"),
             ("axes", "axes of the niches"),
         )
-        if asked[name]
+        if wishes[name]
     ]
     return "\n".join(
         [
@@ -94,7 +95,7 @@ def card(about: dict[str, Any], loading: str) -> str:
             "",
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
             f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
-            f"- search: {asked['method']}, preset {asked['preset']}, seed {asked['seed']}",
+            f"- search: {wishes['method']}, preset {wishes['preset']}, seed {asked['seed']}",
             "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
             *wanted,
             "- all settings and versions: `dataset.json`",

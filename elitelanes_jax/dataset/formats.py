@@ -8,13 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.dataset.settings import SPLITS
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.render import LABELS
 from elitelanes_jax.tilesets import MASKS
 
-__all__ = ["FORMATS", "Format", "format_named"]
+__all__ = ["FORMATS", "SPLITS", "Format", "format_named"]
+
+SPLITS = ("train", "validation", "test")
+"""The parts of a dataset."""
 
 Record = dict[str, Any]
 

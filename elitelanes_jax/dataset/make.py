@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.dataset.card import card, contact_sheet
-from elitelanes_jax.dataset.formats import Format, format_named
+from elitelanes_jax.dataset.formats import SPLITS, Format, format_named
 from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
-from elitelanes_jax.dataset.settings import SPLITS, Settings, checked, digest, tiles_by_split
+from elitelanes_jax.dataset.settings import Settings, checked, digest, tiles_by_split
 from elitelanes_jax.dataset.work import LAST, work_folder
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.progress import counter
@@ -26,7 +26,7 @@ from elitelanes_jax.render import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.roadmap import RoadMap, to_json
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.versions import versions
-from elitelanes_jax.wishes import read_wishes, wishes_of
+from elitelanes_jax.wishes import read_wishes
 
 __all__ = ["make_dataset"]
 
@@ -60,7 +60,7 @@ def make_dataset(
     tiles = load_tiles(settings.tiles)
     by_split = tiles_by_split(tiles, settings)
     for side in settings.size:
-        read_wishes(wishes_of(settings), (side, side))
+        read_wishes(settings.wishes, (side, side))
     identity = _identity(settings, tiles, maps)
     with work_folder(out, identity) as work:
         if work is not None:
@@ -92,9 +92,11 @@ def make_dataset(
 
 def _identity(settings: Settings, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:
     """All that the files depend on, plain values for JSON."""
-    plain = settings._asdict() | {"transforms": settings.transforms._asdict()}
+    wishes, views = settings.wishes._asdict(), settings.transforms._asdict()
+    if settings.wishes.fix is not None:
+        wishes["fix"] = json.loads(settings.wishes.fix.read_text(encoding="utf-8"))
+    plain = settings._asdict() | {"transforms": views, "wishes": wishes}
     del plain["tiles"]  # what counts is not where they are, but what they show
-    plain["fix"] = settings.fix and json.loads(settings.fix.read_text(encoding="utf-8"))
     given = None if maps is None else sha256("".join(map(to_json, maps)).encode()).hexdigest()[:16]
     about = {"name": tiles.name, "licence": tiles.licence, "digest": digest(tiles)}
     identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": versions()}

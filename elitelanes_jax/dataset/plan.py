@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.codes import KINDS
-from elitelanes_jax.dataset.settings import SPLITS, Settings, maps_by_side, maps_by_split
+from elitelanes_jax.dataset.formats import SPLITS
+from elitelanes_jax.dataset.settings import Settings, maps_by_side, maps_by_split
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.progress import counter
@@ -20,7 +21,7 @@ from elitelanes_jax.search import seed_keys
 from elitelanes_jax.selection import NotEnoughMapsError, choose_maps, shortage
 from elitelanes_jax.symmetry import canonical
 from elitelanes_jax.tilesets import TileSet
-from elitelanes_jax.wishes import search, wishes_of
+from elitelanes_jax.wishes import search
 
 __all__ = ["Maps", "evolve_maps", "given_maps", "split_maps"]
 
@@ -100,10 +101,10 @@ def _round(settings: Settings, tiles: TileSet, side: int, number: int, wanted: i
     """The maps of one round that are unlike all before."""
     first = number * _SEEDS
     keys = seed_keys(settings.seed, first + _SEEDS)[first:]
-    result = search(wishes_of(settings), keys, (side, side), tiles.alphabet, progress=False)
+    result = search(settings.wishes, keys, (side, side), tiles.alphabet, progress=False)
     choice = choose_maps(result, min(wanted - len(forms), _FROM_ROUND), settings.seed, known=forms)
     if not choice.maps and not forms:
-        raise NotEnoughMapsError(shortage(choice, wanted, settings.method, (side, side)))
+        raise NotEnoughMapsError(shortage(choice, wanted, settings.wishes.method, (side, side)))
     return [road_map._replace(seed=(settings.seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
 
 

@@ -11,11 +11,9 @@ import numpy as np
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.tilesets import MASKS, TileSet
 from elitelanes_jax.transforms import STANDARD, Transforms
+from elitelanes_jax.wishes import Wishes
 
-__all__ = ["SPLITS", "Settings", "checked", "digest", "maps_by_side", "maps_by_split", "tiles_by_split"]
-
-SPLITS = ("train", "validation", "test")
-"""The parts of a dataset."""
+__all__ = ["Settings", "checked", "digest", "maps_by_side", "maps_by_split", "tiles_by_split"]
 
 
 class Settings(NamedTuple):
@@ -31,7 +29,7 @@ class Settings(NamedTuple):
       format: one of `elitelanes_jax.dataset.formats.FORMATS`.
       hold_out_tiles: whether the test's tile pictures are seen in no other split.
       transforms: how views of the maps vary.
-      the others: see `elitelanes_jax.wishes.Wishes`.
+      wishes: what to evolve.
     """
 
     maps: int = 1000
@@ -43,15 +41,7 @@ class Settings(NamedTuple):
     format: str = "imagefolder"
     hold_out_tiles: bool = False
     transforms: Transforms = STANDARD
-    method: str = "map-elites"
-    preset: str = "tuned"
-    generations: int | None = None
-    evaluations: int | None = None
-    axes: tuple[str, ...] = ()
-    where: tuple[str, ...] = ()
-    weights: tuple[tuple[str, int], ...] = ()
-    fix: Path | None = None
-    rules: str | None = None
+    wishes: Wishes = Wishes()
 
 
 def checked(settings: Settings) -> Settings:
@@ -65,7 +55,7 @@ def checked(settings: Settings) -> Settings:
         raise InputError(f"size: expected the smallest and the largest side, 2 or more, got {low} and {high}")
     if settings.maps < high - low + 1:
         raise InputError(f"maps: expected one of each size at least, {high - low + 1}, got {settings.maps}")
-    if settings.fix is not None and low < high:
+    if settings.wishes.fix is not None and low < high:
         raise InputError(f"fix: expected maps of one size for cells that are given, got {low} to {high}")
     shares = settings.split
     if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1) > 1e-6:
