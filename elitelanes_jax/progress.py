@@ -65,7 +65,6 @@ def counter(name: str, total: int, unit: str, done: int = 0) -> Any:
         initial=done,
         total=total,
         unit=f" {unit}",
-        delay=1,
         disable=not (sys.stderr.isatty() or "ipykernel" in sys.modules),
         bar_format="{desc} {n_fmt}/{total_fmt}{unit}, {rate_noinv_fmt}, {remaining} left |{bar}|",
     )
