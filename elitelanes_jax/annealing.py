@@ -20,7 +20,7 @@ from elitelanes_jax.problem import Problem
 from elitelanes_jax.repairs import raster_rank
 from elitelanes_jax.variation import Move
 
-__all__ = ["OTHER_WORDS", "AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
+__all__ = ["AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
 
 # Temperatures are whole sixteenths of a unit of fitness; with more the product with a draw would not fit 32 bits.
 _PARTS, _HOTTEST = 16, 4000
@@ -29,9 +29,6 @@ _PARTS, _HOTTEST = 16, 4000
 _USUAL_SIDE = 12
 
 _STEPS = 256
-
-OTHER_WORDS = 12
-"""How many random words each chain has in a step for what a method does beside the move."""
 
 # Its product with the number of temperatures fits 32 bits.
 _LONGEST_CYCLE = 2**22
@@ -140,7 +137,7 @@ class Draw(NamedTuple):
       accept: uint32 ``[C]``.
       mate: likewise.
       fresh: likewise.
-      other: uint32 ``[C, OTHER_WORDS]``, for what a method has beside.
+      other: uint32 ``[C, others]``, for what a method has beside.
       move: uint32 ``[C, words]``.
     """
 
@@ -151,8 +148,8 @@ class Draw(NamedTuple):
     move: Array
 
     @staticmethod
-    def of(key: PRNGKey, chains: int, move: Move) -> "Draw":
-        first = 3 + OTHER_WORDS
+    def of(key: PRNGKey, chains: int, move: Move, *, others: int = 0) -> "Draw":
+        first = 3 + others
         words = random_words(key, (chains, first + move.words))
         return Draw(words[:, 0], words[:, 1], words[:, 2], words[:, 3:first], words[:, first:])
 

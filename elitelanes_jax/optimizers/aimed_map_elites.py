@@ -14,7 +14,6 @@ import numpy as np
 from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.annealing import (
-    OTHER_WORDS,
     AnnealingConfig,
     Cooling,
     Draw,
@@ -33,8 +32,9 @@ from elitelanes_jax.problem import Problem
 
 __all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "aimed_map_elites"]
 
-# Of the words for what a method does beside the move, aims and mates take four.
-_LARGEST_CONTEST = OTHER_WORDS - 4
+# Random words of each chain in a step, beside those of the move: aims and mates take four, the contest the rest.
+_OTHER_WORDS = 12
+_LARGEST_CONTEST = _OTHER_WORDS - 4
 
 
 class AimedMapElitesConfig(NamedTuple):
@@ -146,7 +146,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
 
     def step(key: PRNGKey, state: AimedMapElitesState) -> tuple[AimedMapElitesState, Info]:
         chains, aim, archive, cooling = state
-        draw = Draw.of(key, count, move)
+        draw = Draw.of(key, count, move, others=_OTHER_WORDS)
         start, first = cooling.begins, np.arange(islands) * chains_each
         aim = jnp.where(start, new_aims(draw.other[first], archive), aim)
         own_aim = jnp.repeat(aim, chains_each, axis=0)
