@@ -20,7 +20,7 @@ from elitelanes_jax.problem import Problem
 from elitelanes_jax.repairs import raster_rank
 from elitelanes_jax.variation import Move
 
-__all__ = ["OTHER_WORDS", "AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
+__all__ = ["LONGEST_CYCLE", "AnnealingConfig", "Cooling", "Draw", "accepts", "fresh_grid", "island_mates", "tuned_move"]
 
 # Temperatures are whole sixteenths of a unit of fitness; with more the product with a draw would not fit 32 bits.
 _PARTS, _HOTTEST = 16, 4000
@@ -30,11 +30,8 @@ _USUAL_SIDE = 12
 
 _STEPS = 256
 
-OTHER_WORDS = 12
-"""How many random words each chain has in a step for what a method does beside the move."""
-
-# Its product with the number of temperatures fits 32 bits.
-_LONGEST_CYCLE = 2**22
+LONGEST_CYCLE = 2**22
+"""In steps: its product with the number of temperatures fits 32 bits."""
 
 # How many chains an island has, and up to how many cells islands of one chain were found better.
 _CHAINS, _SMALL = 4, 64
@@ -87,7 +84,7 @@ class AnnealingConfig(NamedTuple):
 
     def first_cycle(self, shape: tuple[int, int]) -> int:
         """The steps of the first cycle on grids of a shape."""
-        return min(self.cycle or max(16, (shape[0] * shape[1]) ** 2 // 9), _LONGEST_CYCLE)
+        return min(self.cycle or max(16, (shape[0] * shape[1]) ** 2 // 9), LONGEST_CYCLE)
 
 
 class Cooling(NamedTuple):
@@ -114,7 +111,7 @@ class Cooling(NamedTuple):
     def after(self, *, grows: bool) -> "Cooling":
         """The place after one more step; the next cycle is half as long again, if they grow."""
         ends = self.step + 1 >= self.length
-        longer = jnp.minimum(self.length + self.length // 2, _LONGEST_CYCLE) if grows else self.length
+        longer = jnp.minimum(self.length + self.length // 2, LONGEST_CYCLE) if grows else self.length
         return Cooling(jnp.where(ends, 0, self.step + 1), jnp.where(ends, longer, self.length))
 
     def temperature(self, config: AnnealingConfig, shape: tuple[int, int]) -> Array:
@@ -140,7 +137,7 @@ class Draw(NamedTuple):
       accept: uint32 ``[C]``.
       mate: likewise.
       fresh: likewise.
-      other: uint32 ``[C, OTHER_WORDS]``, for what a method has beside.
+      other: uint32 ``[C, others]``, for what a method has beside.
       move: uint32 ``[C, words]``.
     """
 
@@ -151,8 +148,8 @@ class Draw(NamedTuple):
     move: Array
 
     @staticmethod
-    def of(key: PRNGKey, chains: int, move: Move) -> "Draw":
-        first = 3 + OTHER_WORDS
+    def of(key: PRNGKey, chains: int, move: Move, *, others: int = 0) -> "Draw":
+        first = 3 + others
         words = random_words(key, (chains, first + move.words))
         return Draw(words[:, 0], words[:, 1], words[:, 2], words[:, 3:first], words[:, first:])
 

@@ -15,12 +15,15 @@ from elitelanes_jax.features import FEATURES, check_feature, features_of, usual_
 from elitelanes_jax.metrics import COUNTED
 
 __all__ = [
+    "MOST_NICHES",
+    "VACANT",
     "Archive",
     "Axis",
     "check_axes",
     "describe",
     "empty_archive",
     "insert",
+    "insert_at",
     "niche_bins",
     "niche_of",
     "paper_axes",
@@ -28,10 +31,11 @@ __all__ = [
     "tuned_axes",
 ]
 
-_VACANT = np.iinfo(np.int32).max
+VACANT = np.iinfo(np.int32).max
+"""The fitness of a vacant niche."""
 
-# With more, the archive of a single seed would not fit in memory.
-_MOST_NICHES = 2**20
+MOST_NICHES = 2**20
+"""With more, the archives of a single seed would not fit in memory."""
 
 
 class Axis(NamedTuple):
@@ -116,8 +120,8 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
         if axis.aim is not None and not (isinstance(axis.aim, int) and 0 <= axis.aim < axis.bins):
             raise InputError(f"axes: expected aim to be a bin, 0 to {axis.bins - 1}, got {axis}")
     niches = prod(axis.bins for axis in axes)
-    if niches > _MOST_NICHES:
-        raise InputError(f"axes: expected at most {_MOST_NICHES:,} niches, got {niches:,}")
+    if niches > MOST_NICHES:
+        raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")
     return axes
 
 
@@ -159,14 +163,15 @@ class Archive(NamedTuple):
     @property
     def filled(self) -> Array:
         """Bool ``[N]``: which niches have an elite."""
-        return self.fitness < _VACANT
+        return self.fitness < VACANT
 
 
-def empty_archive(axes: tuple[Axis, ...], shape: tuple[int, int]) -> Archive:
-    niches = prod(axis.bins for axis in axes)
+def empty_archive(axes: tuple[Axis, ...], shape: tuple[int, int], *, times: int = 1) -> Archive:
+    """One with a place for each niche; or so many archives, one after another."""
+    niches = times * prod(axis.bins for axis in axes)
     return Archive(
         grids=jnp.zeros((niches, *shape), jnp.int8),
-        fitness=jnp.full(niches, _VACANT, jnp.int32),
+        fitness=jnp.full(niches, VACANT, jnp.int32),
         counts=jnp.zeros((niches, len(COUNTED)), jnp.int32),
     )
 
@@ -184,7 +189,11 @@ def insert(archive: Archive, axes: tuple[Axis, ...], grids: Array, fitness: Arra
       fitness: int32 ``[P]``.
       counts: int32 ``[P, M]``.
     """
-    niche = niche_of(describe(counts, axes), axes)
+    return insert_at(archive, niche_of(describe(counts, axes), axes), grids, fitness, counts)
+
+
+def insert_at(archive: Archive, niche: Array, grids: Array, fitness: Array, counts: Array) -> Archive:
+    """As `insert`, each grid at a given place of the archive, int32 ``[P]``."""
     batch, niches = jnp.arange(niche.size, dtype=jnp.int32), archive.fitness.size
     lowest = archive.fitness.at[niche].min(fitness)
     contends = (fitness == lowest[niche]) & (fitness < archive.fitness[niche])

@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
+from jax.flatten_util import ravel_pytree
 
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.repairs import repair
-from elitelanes_jax.variation import Move, Variation, drawn_by_share, one_of
+from elitelanes_jax.variation import Move, Variation
 
 __all__ = [
     "Mix",
@@ -87,105 +88,59 @@ def mixed(mix: Mix, *, fill: bool, kept: Any = None) -> Move:
       kept: bool ``[H, W]``, see `repair`.
     """
     shares = {
-        toggle_link(): mix.link,
-        toggle_corner(): mix.corner,
-        toggle_outline(): mix.outline,
-        toggle_street(): mix.street,
-        lay_straight(): mix.straight,
-        clear_block(): mix.clear,
-    }
-    copies = {
+        _linked: mix.link,
+        _cornered: mix.corner,
+        _outlined: mix.outline,
+        _streeted: mix.street,
+        _straightened: mix.straight,
+        _cleared: mix.clear,
         _mirrored: mix.mirrored,
         _slid: mix.slide,
         _transplanted: mix.transplant,
         _displaced: mix.displaced,
     }
-    if any(copies.values()):  # all together, as fetching tiles is what takes time: it is done once
-        shares[_copying({plan: share for plan, share in copies.items() if share})] = sum(copies.values())
-    move = one_of({move: share for move, share in shares.items() if share})
+    move = _moving({plan: share for plan, share in shares.items() if share})
     return move if fill else completed(mix.completed, move, kept=kept)
 
 
 def toggle_link() -> Move:
     """Makes or cuts the link between two neighbouring tiles."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        height, width = grid.shape
-        rows, columns = _places(grid.shape)
-        across = height * (width - 1)
-        drawn = below(words[0], across + (height - 1) * width)
-        east = drawn < across
-        number = jnp.where(east, drawn, drawn - across)
-        length = jnp.where(east, width - 1, width)
-        row, column = number // length, number % length
-        first = (rows == row) & (columns == column)
-        second = (rows == row + ~east) & (columns == column + east)
-        links = jnp.where(first, jnp.where(east, EAST, SOUTH), jnp.where(second, jnp.where(east, WEST, NORTH), 0))
-        return _toggled(grid, links)
-
-    return Move(1, apply)
+    return _moving({_linked: 1})
 
 
 def toggle_corner() -> Move:
     """Toggles the four links around a point where four tiles meet: the smallest loop."""
-    return Move(2, lambda words, grid, mate=None: _outline(grid, *_corner(words, grid.shape)))
+    return _moving({_cornered: 1})
 
 
 def toggle_outline() -> Move:
     """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles, each height and width alike often."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        height, width = grid.shape
-        down, across = 1 + below(words[0], height - 1), 1 + below(words[1], width - 1)
-        north, west = below(words[2], height - down), below(words[3], width - across)
-        return _outline(grid, north, north + down, west, west + across)
-
-    return Move(4, apply)
+    return _moving({_outlined: 1})
 
 
 def toggle_street() -> Move:
     """Toggles the links along a stretch of a row or a column."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        east, (north, south, west, to_east) = _stretch(words, grid.shape)
-        rows, columns = _places(grid.shape)
-        on = _within(grid.shape, north, south, west, to_east)
-        along = jnp.where(columns < to_east, EAST, 0) | jnp.where(columns > west, WEST, 0)
-        down = jnp.where(rows < south, SOUTH, 0) | jnp.where(rows > north, NORTH, 0)
-        return _toggled(grid, jnp.where(on, jnp.where(east, along, down), 0))
-
-    return Move(4, apply)
+    return _moving({_streeted: 1})
 
 
 def lay_straight() -> Move:
     """Lays straight tiles along a stretch of a row or a column, whatever was there."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        east, stretch = _stretch(words, grid.shape)
-        on = _within(grid.shape, *stretch)
-        return Variation(jnp.where(on, jnp.where(east, EAST | WEST, NORTH | SOUTH).astype(jnp.int8), grid), on)
-
-    return Move(4, apply)
+    return _moving({_straightened: 1})
 
 
 def clear_block() -> Move:
     """Empties a block of tiles."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        block = _within(grid.shape, *_block(words, grid.shape))
-        return Variation(jnp.where(block, jnp.int8(0), grid), block)
-
-    return Move(4, apply)
+    return _moving({_cleared: 1})
 
 
 def mirror_block() -> Move:
     """Mirrors a block of tiles in its place, east to west or north to south."""
-    return _copying({_mirrored: 1})
+    return _moving({_mirrored: 1})
 
 
 def slide_lines() -> Move:
     """Slides the rows between two rows, or the columns between two columns, by one: the last comes first, or back."""
-    return _copying({_slid: 1})
+    return _moving({_slid: 1})
 
 
 def transplant(*, displaced: bool = False) -> Move:
@@ -196,7 +151,7 @@ def transplant(*, displaced: bool = False) -> Move:
     Args:
       displaced: whether the block comes from another place in the same rows or in the same columns.
     """
-    return _copying({_displaced if displaced else _transplanted: 1})
+    return _moving({_displaced if displaced else _transplanted: 1})
 
 
 def completed(probability: Numeric, move: Move, *, kept: Any = None) -> Move:
@@ -216,20 +171,28 @@ def completed(probability: Numeric, move: Move, *, kept: Any = None) -> Move:
     return Move(move.words + 1, apply)
 
 
-class _Copy(NamedTuple):
-    """Which tiles come from where.
+_Sides = tuple[Array, Array, Array, Array]
+
+
+class _Change(NamedTuple):
+    """What a move does, and where: numbers only, so that of all moves one is drawn before any tile is touched.
 
     Attributes:
-      sides: north, south, west and east of the block that is written.
-      rows: int32 ``[H]``, the row that each row's tiles come from.
+      sides: north, south, west and east of a rectangle of tiles, all included.
+      toggles: bool, whether the links along its outline are toggled; where it is one tile wide, those along it. Else
+        its tiles are written.
+      code: int32, what is written; -1 for tiles that are copied.
+      rows: int32 ``[H]``, the row that each row's tiles are copied from.
       columns: int32 ``[W]``, likewise.
-      upside_down: bool, whether tiles are mirrored north to south.
+      upside_down: bool, whether copied tiles are mirrored north to south.
       mirrored: bool, whether they are mirrored east to west.
       swapped: bool, whether rows and columns of the source are swapped first.
       foreign: bool, whether they come from the mate.
     """
 
-    sides: Array
+    sides: _Sides
+    toggles: Array
+    code: Array
     rows: Array
     columns: Array
     upside_down: Array
@@ -238,52 +201,114 @@ class _Copy(NamedTuple):
     foreign: Array
 
 
-_COPY_WORDS = 7
+_Plan = Callable[[Array, tuple[int, int]], _Change]
 
-_Plan = Callable[[Array, tuple[int, int]], _Copy]
+# A word to draw the plan by, and at most seven for the plan.
+_WORDS = 1 + 7
 
 
-def _copying(shares: dict[_Plan, int]) -> Move:
-    """A move that copies tiles by one of the plans, each in proportion to its share."""
+def _moving(shares: dict[_Plan, int]) -> Move:
+    """A move by one of the plans, each in proportion to its share."""
+    ends = np.cumsum(list(shares.values()), dtype=np.int32)
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        copies = [plan(words[1:], grid.shape) for plan in shares]
-        copy = drawn_by_share(words[0], copies, list(shares.values()))
-        return _copied(copy, grid, grid if mate is None else mate)
+        plans, changes = zip(*(ravel_pytree(plan(words[1:], grid.shape)) for plan in shares), strict=True)
+        drawn = (below(words[0], ends[-1]) >= ends[:-1]).sum()
+        # XLA computes a sum once for each grid, but a mere choice anew for every tile: three times the time of a move.
+        plan = jnp.where((np.arange(len(shares)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
+        return _changed(changes[0](plan), grid, grid if mate is None else mate)
 
-    return Move(1 + _COPY_WORDS, apply)
+    return Move(_WORDS, apply)
 
 
-def _copied(copy: _Copy, grid: Array, mate: Array) -> Variation:
+def _changed(change: _Change, grid: Array, mate: Array) -> Variation:
+    rows, columns = _places(grid.shape)
+    north, south, west, east = change.sides
+    inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
+    along = inside & ((rows == north) | (rows == south))
+    upright = inside & ((columns == west) | (columns == east))
+    links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
+    links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
+    written = jnp.where(change.code < 0, _copied(change, grid, mate), change.code)
+    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid))
+    return Variation(varied.astype(jnp.int8), jnp.where(change.toggles, links != 0, inside))
+
+
+def _copied(change: _Change, grid: Array, mate: Array) -> Array:
     width = grid.shape[1]
-    source = jnp.where(copy.foreign, mate, grid).reshape(-1)
-    rows, columns = copy.rows[:, None], copy.columns[None]
-    tiles = source[jnp.where(copy.swapped, columns * width + rows, rows * width + columns)]
+    source = jnp.where(change.foreign, mate, grid).reshape(-1)
+    rows, columns = change.rows[:, None], change.columns[None]
+    tiles = source[jnp.where(change.swapped, columns * width + rows, rows * width + columns)]
     # Swapping rows and columns swaps north with west and south with east.
-    tiles = jnp.where(copy.swapped, (tiles & 8) >> 3 | (tiles & 1) << 3 | (tiles & 4) >> 1 | (tiles & 2) << 1, tiles)
-    tiles = jnp.where(copy.mirrored, tiles & 10 | (tiles & 4) >> 2 | (tiles & 1) << 2, tiles)
-    tiles = jnp.where(copy.upside_down, tiles & 5 | (tiles & 8) >> 2 | (tiles & 2) << 2, tiles)
-    block = _within(grid.shape, *copy.sides)
-    return Variation(jnp.where(block, tiles, grid), block)
+    tiles = jnp.where(change.swapped, (tiles & 8) >> 3 | (tiles & 1) << 3 | (tiles & 4) >> 1 | (tiles & 2) << 1, tiles)
+    tiles = jnp.where(change.mirrored, tiles & 10 | (tiles & 4) >> 2 | (tiles & 1) << 2, tiles)
+    return jnp.where(change.upside_down, tiles & 5 | (tiles & 8) >> 2 | (tiles & 2) << 2, tiles)
 
 
-def _mirrored(words: Array, shape: tuple[int, int]) -> _Copy:
+def _toggling(sides: _Sides, shape: tuple[int, int]) -> _Change:
+    return _writing(sides, jnp.int32(0), shape)._replace(toggles=_YES)
+
+
+def _writing(sides: _Sides, code: Array, shape: tuple[int, int]) -> _Change:
+    rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
+    return _Change(sides, ~_YES, code, rows, columns, ~_YES, ~_YES, ~_YES, ~_YES)
+
+
+def _copying(sides: _Sides, rows: Array, columns: Array, shape: tuple[int, int]) -> _Change:
+    return _writing(sides, jnp.int32(-1), shape)._replace(rows=rows, columns=columns)
+
+
+def _linked(words: Array, shape: tuple[int, int]) -> _Change:
+    height, width = shape
+    across = height * (width - 1)
+    drawn = below(words[0], across + (height - 1) * width)
+    east = drawn < across
+    number = jnp.where(east, drawn, drawn - across)
+    length = jnp.where(east, width - 1, width)
+    row, column = number // length, number % length
+    return _toggling((row, row + ~east, column, column + east), shape)
+
+
+def _cornered(words: Array, shape: tuple[int, int]) -> _Change:
+    north, west = below(words[0], shape[0] - 1), below(words[1], shape[1] - 1)
+    return _toggling((north, north + 1, west, west + 1), shape)
+
+
+def _outlined(words: Array, shape: tuple[int, int]) -> _Change:
+    height, width = shape
+    down, across = 1 + below(words[0], height - 1), 1 + below(words[1], width - 1)
+    north, west = below(words[2], height - down), below(words[3], width - across)
+    return _toggling((north, north + down, west, west + across), shape)
+
+
+def _streeted(words: Array, shape: tuple[int, int]) -> _Change:
+    return _toggling(_stretch(words, shape)[1], shape)
+
+
+def _straightened(words: Array, shape: tuple[int, int]) -> _Change:
+    east, sides = _stretch(words, shape)
+    return _writing(sides, jnp.where(east, EAST | WEST, NORTH | SOUTH), shape)
+
+
+def _cleared(words: Array, shape: tuple[int, int]) -> _Change:
+    return _writing(_block(words, shape), jnp.int32(0), shape)
+
+
+def _mirrored(words: Array, shape: tuple[int, int]) -> _Change:
     sides = _block(words, shape)
     across = words[4] & 1 == 0
     rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
     north, south, west, east = sides
-    return _Copy(
+    change = _copying(
         sides,
         jnp.where(across, rows, jnp.clip(north + south - rows, 0, shape[0] - 1)),
         jnp.where(across, jnp.clip(west + east - columns, 0, shape[1] - 1), columns),
-        upside_down=~across,
-        mirrored=across,
-        swapped=_NO,
-        foreign=_NO,
+        shape,
     )
+    return change._replace(upside_down=~across, mirrored=across)
 
 
-def _slid(words: Array, shape: tuple[int, int]) -> _Copy:
+def _slid(words: Array, shape: tuple[int, int]) -> _Change:
     by_rows, back = words[4] & 1 == 0, words[4] & 2 == 0
     north, south, west, east = _block(words, shape)
 
@@ -294,22 +319,20 @@ def _slid(words: Array, shape: tuple[int, int]) -> _Copy:
 
     rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
     ends = (north, south, jnp.int32(0), jnp.int32(shape[1] - 1)), (jnp.int32(0), jnp.int32(shape[0] - 1), west, east)
-    return _Copy(
-        tuple(jnp.where(by_rows, one, other) for one, other in zip(*ends, strict=True)),
+    north, south, west, east = (jnp.where(by_rows, one, other) for one, other in zip(*ends, strict=True))
+    return _copying(
+        (north, south, west, east),
         jnp.where(by_rows, moved(shape[0], north, south), rows),
         jnp.where(by_rows, columns, moved(shape[1], west, east)),
-        upside_down=_NO,
-        mirrored=_NO,
-        swapped=_NO,
-        foreign=_NO,
+        shape,
     )
 
 
-def _transplanted(words: Array, shape: tuple[int, int]) -> _Copy:
+def _transplanted(words: Array, shape: tuple[int, int]) -> _Change:
     return _from_mate(words, shape, jnp.int32(0), jnp.int32(0))
 
 
-def _displaced(words: Array, shape: tuple[int, int]) -> _Copy:
+def _displaced(words: Array, shape: tuple[int, int]) -> _Change:
     north, south, west, east = _block(words, shape)
     same_columns = words[4] & 8 == 0
     down = below(words[5], shape[0] - (south - north)) - north
@@ -317,7 +340,7 @@ def _displaced(words: Array, shape: tuple[int, int]) -> _Copy:
     return _from_mate(words, shape, jnp.where(same_columns, down, 0), jnp.where(same_columns, 0, right))
 
 
-def _from_mate(words: Array, shape: tuple[int, int], down: Array, right: Array) -> _Copy:
+def _from_mate(words: Array, shape: tuple[int, int], down: Array, right: Array) -> _Change:
     """A block of the mate, as many tiles farther down and right there, turned or mirrored one of eight ways."""
     height, width = shape
     way = words[4]
@@ -325,37 +348,29 @@ def _from_mate(words: Array, shape: tuple[int, int], down: Array, right: Array) 
     swapped = (way & 4 != 0) & (height == width)
     rows = jnp.clip(np.arange(height, dtype=np.int32) + down, 0, height - 1)
     columns = jnp.clip(np.arange(width, dtype=np.int32) + right, 0, width - 1)
-    return _Copy(
+    change = _copying(
         _block(words, shape),
         jnp.where(upside_down, height - 1 - rows, rows),
         jnp.where(mirrored, width - 1 - columns, columns),
-        upside_down=upside_down,
-        mirrored=mirrored,
-        swapped=swapped,
-        foreign=~_NO,
+        shape,
     )
+    return change._replace(upside_down=upside_down, mirrored=mirrored, swapped=swapped, foreign=_YES)
 
 
-_NO = np.zeros((), bool)
+_YES = np.ones((), bool)
 
 
 def _places(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(shape[0])[:, None], np.arange(shape[1])[None]
 
 
-def _within(shape: tuple[int, int], north: Array, south: Array, west: Array, east: Array) -> Array:
-    """The tiles from one row and column to another, both included."""
-    rows, columns = _places(shape)
-    return (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
-
-
-def _block(words: Array, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
+def _block(words: Array, shape: tuple[int, int]) -> _Sides:
     """North, south, west and east of a random block: two rows and two columns, each drawn alone, in order."""
     one, other = below(words[:2], shape[0]), below(words[2:4], shape[1])
     return one.min(), one.max(), other.min(), other.max()
 
 
-def _stretch(words: Array, shape: tuple[int, int]) -> tuple[Array, tuple[Array, Array, Array, Array]]:
+def _stretch(words: Array, shape: tuple[int, int]) -> tuple[Array, _Sides]:
     """Whether a random stretch runs east, and its sides."""
     height, width = shape
     east = words[0] & 1 == 0
@@ -364,22 +379,3 @@ def _stretch(words: Array, shape: tuple[int, int]) -> tuple[Array, tuple[Array, 
     low, high = ends.min(), ends.max()
     sides = (jnp.where(east, line, low), jnp.where(east, line, high))
     return east, (*sides, jnp.where(east, low, line), jnp.where(east, high, line))
-
-
-def _corner(words: Array, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
-    north, west = below(words[0], shape[0] - 1), below(words[1], shape[1] - 1)
-    return north, north + 1, west, west + 1
-
-
-def _outline(grid: Array, north: Array, south: Array, west: Array, east: Array) -> Variation:
-    rows, columns = _places(grid.shape)
-    inside = _within(grid.shape, north, south, west, east)
-    along = inside & ((rows == north) | (rows == south))
-    upright = inside & ((columns == west) | (columns == east))
-    links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
-    links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
-    return _toggled(grid, links)
-
-
-def _toggled(grid: Array, links: Array) -> Variation:
-    return Variation(grid ^ links.astype(jnp.int8), links != 0)

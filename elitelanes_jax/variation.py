@@ -5,11 +5,9 @@ tiles dictate to their neighbours. What is random about a move comes to it as wo
 whole generation's moves cost a single draw, and a move is a plain function that can be replayed.
 """
 
-from collections.abc import Callable, Sequence
-from itertools import accumulate
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from chex import Array, Numeric
 
@@ -21,10 +19,8 @@ __all__ = [
     "Move",
     "Variation",
     "change_tile",
-    "drawn_by_share",
     "in_turn",
     "insert_crossing",
-    "one_of",
     "paper_mutation",
     "sometimes",
 ]
@@ -111,29 +107,6 @@ def in_turn(*moves: Move) -> Move:
         return Variation(grid, dirty)
 
     return Move(sum(move.words for move in moves), apply)
-
-
-def one_of(shares: dict[Move, int]) -> Move:
-    """One of several moves, each in proportion to its share, a whole number over 0."""
-
-    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        varied = [move.apply(words[1:], grid, mate) for move in shares]
-        return drawn_by_share(words[0], varied, list(shares.values()))
-
-    return Move(1 + max(move.words for move in shares), apply)
-
-
-def drawn_by_share(word: Array, options: Sequence[Any], shares: Sequence[int]) -> Any:
-    """One of several pytrees of one structure, each in proportion to its share, a whole number over 0.
-
-    All are there and one is taken: under `jax.vmap` there is no other way.
-    """
-    drawn = below(word, sum(shares))
-    taken = options[0]
-    for option, start in zip(options[1:], accumulate(shares), strict=False):
-        later = drawn >= start
-        taken = jax.tree.map(lambda new, old, later=later: jnp.where(later, new, old), option, taken)
-    return taken
 
 
 def paper_mutation(alphabet: tuple[int, ...], tile_rate: Numeric = 0.7, crossing_rate: Numeric = 0.5) -> Move:

@@ -28,7 +28,6 @@ from elitelanes_jax.moves import (
     toggle_street,
     transplant,
 )
-from elitelanes_jax.variation import one_of
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
 MOVES = CYCLES | {
@@ -241,7 +240,8 @@ def test_what_is_completed_is_what_filling_makes(grid, seed):
 
 def test_moves_come_in_proportion_to_their_shares():
     grid = np.full((5, 5), 15, np.int8)
-    varied = many(one_of({clear_block(): 3, lay_straight(): 1}), grid, count=20_000)
+    none = Mix(*(0 for _ in Mix._fields))
+    varied = many(mixed(none._replace(clear=3, straight=1), fill=True), grid, count=20_000)
     cleared = ((varied.grid == 0) == varied.dirty).all(axis=(1, 2))
     assert cleared.mean() == pytest.approx(0.75, abs=0.02)
 

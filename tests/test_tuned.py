@@ -13,8 +13,9 @@ from elitelanes_jax import InputError, Weights, evolve, fitness, measure, random
 from elitelanes_jax.annealing import AnnealingConfig, Cooling, accepts, fresh_grid
 from elitelanes_jax.archive import Axis, tuned_axes
 from elitelanes_jax.draws import UNIT, exponential, random_words
-from elitelanes_jax.optimizers import AimedMapElitesConfig, DiscretePsoConfig
+from elitelanes_jax.optimizers import AimedMapElitesConfig, DiscretePsoConfig, aimed_map_elites
 from elitelanes_jax.problem import road_problem
+from elitelanes_jax.run import advance, start
 from elitelanes_jax.search import seed_keys
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
@@ -167,6 +168,24 @@ def test_niches_are_aimed_at():
         flawless = np.asarray(result.elites.valid).reshape(3, 25, 16)[..., 0]
         shares.append(flawless.sum(axis=1))
     assert (shares[1] > shares[0]).all()
+
+
+@pytest.mark.parametrize(("chains", "regions"), [(1, 8), (1, 2), (4, 8)])
+def test_what_all_regions_find_meets_in_the_last_archive(chains, regions):
+    problem = road_problem((5, 5), tuned_axes((5, 5)), fill=True)
+    annealing = AnnealingConfig(population=8, chains=chains, cycle=20)
+    optimizer = aimed_map_elites(problem, AimedMapElitesConfig(annealing, regions=regions))
+    state, _ = advance(optimizer, seed_keys(0, 1), start(optimizer, seed_keys(0, 1)), 1, 100, most=100)
+    fitness = np.asarray(state.archive.fitness).reshape(-1, 400)
+    assert len(fitness) == 1 + min(regions, 8 // chains - max(1, 8 // chains // 4))
+    np.testing.assert_array_equal(fitness[-1], fitness.min(axis=0))
+    apart = (fitness[:-1] < 2**31 - 1).sum(axis=1)
+    assert (apart > 0).all()
+    assert (fitness[:-1] != fitness[-1]).any(axis=1).all()
+    elites = jax.vmap(optimizer.elites)(state)
+    np.testing.assert_array_equal(elites.fitness[0], fitness[-1])
+    worth = problem.evaluate(elites.grids[0]).fitness
+    np.testing.assert_array_equal(worth[elites.valid[0]], elites.fitness[0][elites.valid[0]])
 
 
 def test_aims_are_bins():

@@ -3,7 +3,11 @@
 An island is what the literature calls an improvement emitter (Fontaine et al., "Covariance matrix adaptation for the
 rapid illumination of behavior space", 2020), with annealing in the place of a distribution that adapts. For a cycle it
 pursues one niche: what is off it is worth the less. It starts from the elite that is worth most for the niche, or anew,
-and takes parts of elites near it. All that is evaluated comes before the archive.
+and takes parts of elites near it. All that is evaluated comes before the archives.
+
+Elites descend from each other, so that one archive soon holds one family of networks, good in most niches, and what
+would lead to the rest is lost. Most islands are therefore parted into regions, each with an archive of its own that is
+all it knows; what all find meets in one more archive, which is the result, and the other islands start from that.
 """
 
 from typing import NamedTuple
@@ -14,7 +18,7 @@ import numpy as np
 from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.annealing import (
-    OTHER_WORDS,
+    LONGEST_CYCLE,
     AnnealingConfig,
     Cooling,
     Draw,
@@ -23,41 +27,56 @@ from elitelanes_jax.annealing import (
     island_mates,
     tuned_move,
 )
-from elitelanes_jax.archive import Archive, describe, empty_archive, insert, niche_bins
+from elitelanes_jax.archive import (
+    MOST_NICHES,
+    VACANT,
+    Archive,
+    describe,
+    empty_archive,
+    insert_at,
+    niche_bins,
+    niche_of,
+)
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.evolution import Population, evaluated, taken
+from elitelanes_jax.evolution import Population, evaluated, joined, taken
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.problem import Problem
 
 __all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "aimed_map_elites"]
 
-# Of the words for what a method does beside the move, aims and mates take four.
-_LARGEST_CONTEST = OTHER_WORDS - 4
+# Random words of each chain in a step, beside those of the move: aims and mates take four, the contest the rest.
+_OTHER_WORDS = 12
+_LARGEST_CONTEST = _OTHER_WORDS - 4
 
 
 class AimedMapElitesConfig(NamedTuple):
     """Settings; the defaults are the preset `tuned`.
 
     Attributes:
-      annealing: of the chains; its cycles do not grow, and are by default half as long as those of the tuned EA.
+      annealing: of the chains; its cycles do not grow. By default each chain is an island, and a cycle a twenty-fourth
+        of the first one of the tuned EA.
       pull: what a bin of distance from the niche aimed at adds to the fitness.
       nudge: likewise on axes with an aim, whose flaws cost fitness anyway.
       anew: probability that an island starts a cycle from random grids.
+      longer: how many times as long as others such a cycle is.
       frontier: probability that it aims at a vacant niche, one that an elite off the aim is a step to or that lies
         beside a filled one, if there is any.
-      foreign: probability that a mate comes from the archive.
-      contest: among how many elites the one worth most for the niche becomes that mate.
+      foreign: probability that a mate comes from the archive that the island knows.
+      contest: among how many niches the elite that is worth most for the niche aimed at becomes that mate.
+      regions: in how many parts three quarters of the islands are parted, at most; the others know all that is found.
     """
 
-    annealing: AnnealingConfig = AnnealingConfig()
+    annealing: AnnealingConfig = AnnealingConfig(chains=1, hottest=40, coldest=12)
     pull: int = 400
     nudge: int = 1
-    anew: Numeric = 0.3
-    frontier: Numeric = 0.3
+    anew: Numeric = 0.04
+    longer: int = 16
+    frontier: Numeric = 0.5
     foreign: Numeric = 0.5
-    contest: int = 4
+    contest: int = 8
+    regions: int = 8
 
     def checked(self) -> "AimedMapElitesConfig":
         """The settings with probabilities as floats.
@@ -65,7 +84,7 @@ class AimedMapElitesConfig(NamedTuple):
         Raises:
           InputError: for a setting out of its range.
         """
-        for name in ("pull", "nudge", "contest"):
+        for name in ("pull", "nudge", "longer", "contest", "regions"):
             check_count("config", name, getattr(self, name))
         if self.contest > _LARGEST_CONTEST:
             raise InputError(f"config: expected contest to be at most {_LARGEST_CONTEST}, got {self.contest}")
@@ -81,8 +100,8 @@ class AimedMapElitesState(NamedTuple):
     Attributes:
       chains: the grids that the chains are at.
       aims: int32 ``[I, D]``, the bins of the niche that each island aims at.
-      archive: the best of all grids evaluated so far, by niche.
-      cooling: where in its cycle the run is.
+      archive: of each region, one after another, and last the best of all grids evaluated so far, by niche.
+      cooling: arrays ``[I]``, where in its cycle each island is.
     """
 
     chains: Population
@@ -105,83 +124,111 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     annealing, axes = config.annealing, problem.axes
     count, chains_each = annealing.population, annealing.chains_on(problem.shape)
     islands = count // chains_each
+    island = np.arange(count) // chains_each  # of each chain
+    length = annealing.cycle or max(16, annealing.first_cycle(problem.shape) // 24)
+    length = max(1, min(length, LONGEST_CYCLE // config.longer))
     move = tuned_move(problem, annealing.moves)
     bins = tuple(axis.bins for axis in axes)
     places = np.indices(bins).reshape(len(bins), -1).T.astype(np.int32)  # of all niches, [N, D]
+    niches = len(places)
     free = np.array([axis.aim is None for axis in axes])
     aims = np.array([axis.aim or 0 for axis in axes], np.int32)
     wanted = (free | (places == aims)).all(axis=1)
     price = np.where(free, config.pull, config.nudge).astype(np.int32)
+    apart = islands - max(1, islands // 4)
+    regions = min(config.regions, apart, MOST_NICHES // niches - 1)
+    # Where the archive begins that each island knows.
+    region = np.append(np.arange(apart) * regions // max(1, apart), np.full(islands - apart, regions))
+    known = (niches * region).astype(np.int32)
 
     def worth(fitness: Array, place: Array, aim: Array) -> Array:
         """What a grid is worth to those who aim at a niche."""
         return fitness + (jnp.abs(place - aim) * price).sum(axis=-1, dtype=jnp.int32)
 
+    def elite_worth(fitness: Array, niche: Array, aim: Array) -> Array:
+        return worth(jnp.minimum(fitness, 2**29), jnp.asarray(places)[niche], aim)  # vacant: less than any elite
+
     def store(archive: Archive, found: Population) -> Archive:
-        return insert(archive, axes, found.grids, found.fitness, found.counts)
+        niche = niche_of(describe(found.counts, axes), axes)
+        both = jnp.concatenate([niche + known[island], niche + niches * regions])
+        return insert_at(archive, both, *joined(found, found))
 
-    def elite_worth(archive: Archive, niche: Array, aim: Array) -> Array:
-        known = jnp.minimum(archive.fitness[niche], 2**29)  # a vacant niche is worth less than any elite
-        return worth(known, jnp.asarray(places)[niche], aim)
-
-    def new_aims(words: Array, archive: Archive) -> Array:
-        """Niches to aim at, int32 ``[I, D]``: vacant ones within reach, or filled ones."""
-        filled = archive.filled
+    def new_aim(words: Array, filled: Array) -> Array:
+        """A niche to aim at, int32 ``[D]``: a vacant one within reach, or a filled one."""
         seen = filled.reshape(bins).any(axis=tuple(np.flatnonzero(~free).tolist()), keepdims=True)
         near = jnp.broadcast_to(seen | _beside(seen, free), bins).reshape(-1) & wanted & ~filled
         kept = filled & wanted
         kept = jnp.where(kept.any(), kept, filled)
-        chosen = jnp.where(
-            (chance(words[:, 0], config.frontier) & near.any()), _one(words[:, 1], near), _one(words[:, 1], kept)
-        )
+        chosen = jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
         # Where none on the aim is filled, one off it stands for the one that it is a step to.
         return jnp.where(free, jnp.asarray(places)[chosen], aims)
 
+    def new_cycle(words: Array, begin: Array, fitness: Array, vacant: Array) -> tuple[Array, Array, Array]:
+        """An island's aim, whether it starts anew, and the place of the elite that it starts from else."""
+        own = jax.lax.dynamic_slice_in_dim(fitness, begin, niches)
+        aim = new_aim(words, own < vacant)
+        nearest = jnp.argmin(elite_worth(own, np.arange(niches), aim)).astype(jnp.int32)
+        return aim, chance(words[2], config.anew), begin + nearest
+
     def init(key: PRNGKey) -> AimedMapElitesState:
         chains = evaluated(problem, problem.random(key, count))
-        archive = store(empty_archive(axes, problem.shape), chains)
-        length = annealing.first_cycle(problem.shape) // (1 if annealing.cycle else 2)
-        cooling = Cooling(jnp.int32(0), jnp.int32(max(1, length)))
+        archive = store(empty_archive(axes, problem.shape, times=regions + 1), chains)
+        cooling = Cooling(jnp.zeros(islands, jnp.int32), jnp.full(islands, length, jnp.int32))
         return AimedMapElitesState(chains, jnp.zeros((islands, len(axes)), jnp.int32), archive, cooling)
 
     def step(key: PRNGKey, state: AimedMapElitesState) -> tuple[AimedMapElitesState, Info]:
         chains, aim, archive, cooling = state
-        draw = Draw.of(key, count, move)
-        start, first = cooling.begins, np.arange(islands) * chains_each
-        aim = jnp.where(start, new_aims(draw.other[first], archive), aim)
-        own_aim = jnp.repeat(aim, chains_each, axis=0)
+        draw = Draw.of(key, count, move, others=_OTHER_WORDS)
+        start = cooling.begins
 
-        nearest = jnp.argmin(elite_worth(archive, np.arange(len(places)), aim[:, None]), axis=1)
-        anew = jnp.repeat(chance(draw.other[first, 2], config.anew), chains_each)
-        starts = jnp.repeat(archive.grids[nearest], chains_each, axis=0)
-        rivals = _one(draw.other[:, 4 : 4 + config.contest], archive.filled)
-        best_rival = jnp.argmin(elite_worth(archive, rivals, own_aim[:, None]), axis=1)
-        foreign = archive.grids[jnp.take_along_axis(rivals, best_rival[:, None], axis=1)[:, 0]]
+        def begun(carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            words = draw.other[np.arange(islands) * chains_each]
+            # The number is given so that XLA does not see that it could do all this outside the loop.
+            vacant = jnp.where(carry[0], VACANT, 0)
+            each = jax.vmap(new_cycle, (0, 0, None, None))
+            new_aims, anew, nearest = each(words, jnp.asarray(known), archive.fitness, vacant)
+            return jnp.array(False), jnp.where(start[:, None], new_aims, aim), anew, nearest
+
+        # A loop of one round or none: what is seldom needed is seldom computed.
+        carry = start.any(), aim, jnp.zeros(islands, bool), jnp.zeros(islands, jnp.int32)
+        _, aim, anew, nearest = jax.lax.while_loop(lambda carry: carry[0], begun, carry)
+        lengths = jnp.where(anew, config.longer, 1) * length
+        cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
+        own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
+
+        rivals = below(draw.other[:, 4 : 4 + config.contest], niches)
+        known_rivals = rivals + begin[:, None]
+        best = jnp.argmin(elite_worth(archive.fitness[known_rivals], rivals, own_aim[:, None]), axis=1)
+        foreign = jnp.take_along_axis(known_rivals, best[:, None], axis=1)[:, 0]
+        is_foreign = chance(draw.other[:, 3], config.foreign) & (archive.fitness[foreign] < VACANT)
         mates = island_mates(draw.mate, chains.grids, chains_each)
-        mates = jnp.where(chance(draw.other[:, 3], config.foreign)[:, None, None], foreign, mates)
+        mates = jnp.where(is_foreign[:, None, None], archive.grids[foreign], mates)
 
-        def child(grid: Array, mate: Array, elite: Array, random: Array, word: Array, words: Array) -> Array:
+        def child(
+            starts: Array, grid: Array, mate: Array, elite: Array, anew: Array, word: Array, words: Array
+        ) -> Array:
             varied = move.apply(words, grid, mate)
             fresh, rank = fresh_grid(problem, word)
-            first_grid, first_rank = jnp.where(random, fresh, elite), jnp.where(random, rank, 0)
-            return problem.repair(jnp.where(start, first_grid, varied.grid), jnp.where(start, first_rank, varied.dirty))
+            first, first_rank = jnp.where(anew, fresh, elite), jnp.where(anew, rank, 0)
+            return problem.repair(jnp.where(starts, first, varied.grid), jnp.where(starts, first_rank, varied.dirty))
 
-        grids = jax.vmap(child)(chains.grids, mates, starts, anew, draw.fresh, draw.move)
+        elite = archive.grids[nearest[island]]
+        grids = jax.vmap(child)(starts, chains.grids, mates, elite, anew[island], draw.fresh, draw.move)
         children = evaluated(problem, grids)
 
         def at(found: Population) -> Array:
             return worth(found.fitness, niche_bins(describe(found.counts, axes), axes), own_aim)
 
-        temperature = cooling.temperature(annealing, problem.shape)
-        accepted = accepts(draw.accept, temperature, at(chains), at(children)) | start
-        chains = taken(accepted, children, chains)
+        temperature = cooling.temperature(annealing, problem.shape)[island]
+        chains = taken(accepts(draw.accept, temperature, at(chains), at(children)) | starts, children, chains)
         archive = store(archive, children)
-        info = Info(best_fitness=archive.fitness.min(), elite_count=archive.filled.sum(dtype=jnp.int32))
+        found = archive.fitness[-niches:]
+        info = Info(best_fitness=found.min(), elite_count=(found < VACANT).sum(dtype=jnp.int32))
         return AimedMapElitesState(chains, aim, archive, cooling.after(grows=False)), info
 
     def elites(state: AimedMapElitesState) -> Elites:
-        archive = state.archive
-        return Elites(archive.grids, archive.fitness, archive.counts, valid=archive.filled)
+        found = jax.tree.map(lambda array: array[-niches:], state.archive)
+        return Elites(found.grids, found.fitness, found.counts, valid=found.filled)
 
     return Optimizer(init, step, elites, evaluations_per_step=count)
 
