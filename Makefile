@@ -4,8 +4,9 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
+SITE := site
 
-.PHONY: demo test test-slow duckietown interop sumo lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow duckietown interop sumo lint docs benchmark compare scaling optimum clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -53,6 +54,9 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(SITE)
+
 benchmark: $(READY)
 	$(BIN)/python experiments/benchmark.py
 
@@ -66,11 +70,11 @@ optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
 clean:
-	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO)
+	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
 
 $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "elitelanes_jax: expected Python 3.11 or later as $(PYTHON), got $$($(PYTHON) --version 2>&1)"; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,experiments]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs,experiments]'
 	touch $(READY)

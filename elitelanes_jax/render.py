@@ -70,7 +70,7 @@ def choose_tiles(grid: Any, tiles: TileSet, seed: int | list[int] = 0) -> NDArra
       seed: of a `numpy.random.default_rng`; the same one gives the same choice.
 
     Returns:
-      int ``[H, W, 2]``: the place of the tile in the set, and its quarter turns counter-clockwise.
+      int ``[H, W, 2]``, the place of the tile in the set and its quarter turns counter-clockwise.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.

@@ -29,7 +29,6 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False, kept: Any = None
         one dictates.
       fill: afterwards give every tile with fewer than two connections more of them, until all tiles are
         straights, turns or crossings. A stub leads straight on if the grid does. Every grid can be filled.
-
       kept: bool ``[H, W]``, tiles that stay as they are: they dictate to all others, and filling adds no connection
         to them. Tiles beside them may then be left with fewer than two. None by default.
 

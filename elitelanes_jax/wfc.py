@@ -95,7 +95,7 @@ def generate_batch(
       attempts: how often each grid starts at most.
 
     Returns:
-      A `Collapsed` of arrays: grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
+      A `Collapsed` of arrays, grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
 
     Raises:
       InputError: for an argument out of its range.

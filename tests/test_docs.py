@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 from pages import blocks, run_program
 
+import elitelanes_jax
 from elitelanes_jax.cli import _parser, main
 from elitelanes_jax.masking import COLOURS, read_colour
 from elitelanes_jax.tile_files import read_points
 from elitelanes_jax.tilesets import check_tiles, load_tiles
 
 DOCS = Path(__file__).parents[1] / "docs"
-PAGES = {file.name: file.read_text() for file in sorted(DOCS.glob("*.md"))}
+PAGES = {file.relative_to(DOCS).as_posix(): file.read_text() for file in sorted(DOCS.rglob("*.md"))}
+EXPERIMENTS = (DOCS.parent / "experiments" / "README.md").read_text()
 
 OWN_TESTS = ("exports.md", "interop.md", "plots.md", "sumo.md", "tiles.md")  # pages whose programs are run elsewhere
 
@@ -34,7 +36,27 @@ def test_commands_are_understood():
 def test_links_lead_somewhere():
     for page, text in PAGES.items():
         for link in re.findall(r"\]\((?!https?:)([^)]+)\)", text):
-            assert (DOCS / link.partition("#")[0]).exists(), f"{page}: {link}"
+            assert (DOCS / page).parent.joinpath(link.partition("#")[0]).exists(), f"{page}: {link}"
+
+
+@pytest.mark.parametrize("command", ["generate", "render"])
+def test_the_table_on_a_command_has_all_its_options(command, capsys):
+    with pytest.raises(SystemExit):
+        _parser().parse_args([command, "--help"])
+    table = "".join(re.findall(r"^\| `.*?\|", PAGES[f"{command}.md"], re.MULTILINE))
+    options = [set(re.findall(r"--[a-z-]+", text)) for text in (table, capsys.readouterr().out)]
+    assert options[0] == options[1] - {"--help"}
+
+
+def test_figures_of_methods_are_those_of_the_experiments():
+    text = re.sub(r"```.*?```", "", PAGES["choosing.md"], flags=re.DOTALL)
+    figures = set(re.findall(r"-?\d[\d,]*[.,]\d+", text))
+    assert len(figures) > 15
+    assert not {figure for figure in figures if figure not in EXPERIMENTS}
+
+
+def test_the_reference_lists_what_the_package_has():
+    assert all(f"`{name}`" in PAGES["reference/index.md"] for name in elitelanes_jax.__all__)
 
 
 @pytest.mark.parametrize(
