@@ -5,7 +5,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 DEMO := demo-maps
 
-.PHONY: demo test test-slow lint benchmark compare scaling optimum clean
+.PHONY: demo test test-slow lint benchmark compare scaling optimum segmentation clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -34,6 +34,9 @@ scaling: $(READY)
 optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
+segmentation: $(READY)
+	$(BIN)/python experiments/segmentation.py
+
 clean:
 	rm -rf .venv $(DEMO)
 
@@ -41,5 +44,5 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "elitelanes_jax: expected Python 3.11 or later as $(PYTHON), got $$($(PYTHON) --version 2>&1)"; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,experiments]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,experiments,segmentation]'
 	touch $(READY)
