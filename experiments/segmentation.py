@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from figures import save
 from results_folder import csv_of, kept, open_results
-from segmentation_report import TESTS, figure, tables
+from segmentation_report import figure, tables
 from training_sets import CONDITIONS, SOURCES, Pictures, drawn, make_maps, patterns, split_tiles, training_set
 
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say, whole
@@ -93,11 +93,18 @@ def _run(options: argparse.Namespace) -> int:
     for seed in range(options.seeds):
         file = options.out / "maps" / f"{seed}.json"
         maps = {name: np.array(grids, np.int8) for name, grids in kept(file, partial(_maps, seed, budget)).items()}
-        sets = dict(zip(TESTS, (*split_tiles(seed), photographed), strict=True))
-        tests = {name: drawn(maps["test"], tiles, 1000 + seed) for name, tiles in sets.items() if tiles is not None}
+        seen, held_out = split_tiles(seed)
+        tests = {
+            "seen": (maps["test"], seen),
+            "held out": (maps["test"], held_out),
+            "four-way": (maps["four-way"], seen),
+        }
+        if photographed is not None:
+            tests["photographs"] = (maps["test"], photographed)
+        pictures = {test: drawn(grids, tiles, 1000 + seed) for test, (grids, tiles) in tests.items()}
         for name in conditions:
             file = options.out / "runs" / f"{name}-{seed}.json"
-            run = kept(file, partial(_train, name, seed, maps, tests, budget))
+            run = kept(file, partial(_train, name, seed, maps, pictures, budget))
             rows += run
             say(f"{name}, seed {seed}: mean IoU " + ", ".join(f"{row['test']} {row['mean']:.3f}" for row in run))
     write_whole(options.out / "segmentation.csv", csv_of(rows))
@@ -108,18 +115,25 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _maps(seed: int, budget: Budget) -> dict[str, Any]:
-    """Maps to train on, by source, and those of the test: of each source, such as the held-out tiles can draw."""
+    """Maps to train on, by source, and those of the tests, which are none of them.
+
+    In "test" there are as many of each source, all such as the held-out tiles can draw; in "four-way" those with a
+    four-way crossing, which these cannot draw and the best networks lack.
+    """
     seen, held_out = split_tiles(seed)
-    maps, test = {}, list[Any]()
+    maps: dict[str, Any] = {}
+    test, crossed = list[Any](), list[Any]()
     for source in SOURCES:
         wanted = max(condition.maps for condition in CONDITIONS.values() if condition.source == source)
         maps[source] = make_maps(source, min(wanted, budget.most), 2 * seed, seen.alphabet, budget.evaluations)
         # Runs of the EA that end early: those that go on come to the few best networks that there are.
         evaluations = budget.evaluations // (10 if source == "ea" else 1)
         test += [*make_maps(source, budget.test_maps, 2 * seed + 1, held_out.alphabet, evaluations)]
+        crossed += [*make_maps(source, 2 * budget.test_maps, 2 * seed + 1, seen.alphabet, evaluations)]
     trained_on = {canonical(grid) for grids in maps.values() for grid in grids}
-    maps["test"] = np.array([grid for grid in test if canonical(grid) not in trained_on])
-    return {name: grids.tolist() for name, grids in maps.items()}
+    maps["test"] = [grid for grid in test if canonical(grid) not in trained_on]
+    maps["four-way"] = [grid for grid in crossed if (grid == 15).any() and canonical(grid) not in trained_on]
+    return {name: np.array(grids).tolist() for name, grids in maps.items()}
 
 
 def _train(name: str, seed: int, maps: dict[str, Any], tests: dict[str, Pictures], budget: Budget) -> list[Row]:

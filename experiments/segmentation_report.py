@@ -20,8 +20,9 @@ __all__ = ["TESTS", "figure", "tables"]
 Row = dict[str, Any]
 
 TESTS = {
-    "seen": "Tile pictures that were trained on",
-    "held out": "Tile pictures that were held out",
+    "seen": "Pictures trained on",
+    "held out": "Pictures held out",
+    "four-way": "Pictures trained on, four-way crossings",
     "photographs": "Photographs",
 }
 """Whose pictures the test maps are drawn with, by name."""
@@ -51,7 +52,7 @@ def tables(rows: Sequence[Row], training: str) -> str:
             *_named(name),
             f"{_of(rows, rows[0]['test'], name, 'different').mean():.0f}",
             f"{_of(rows, rows[0]['test'], name, 'patterns').mean():.0f}",
-            f"{_of(rows, rows[0]['test'], name, 'met').mean():.0%}",
+            f"{100 * _of(rows, rows[0]['test'], name, 'met').mean():.0f} %",
         ]
         for name in _conditions(rows)
     ]
@@ -83,6 +84,7 @@ def figure(rows: Sequence[Row]) -> Figure:
             ax.plot([means.mean()] * 2, [place - 0.3, place + 0.3], color="#d1495b", linewidth=2)
         ax.set_title(TESTS[test], fontsize=10)
         ax.set_xlabel("mean IoU")
+        ax.locator_params(axis="x", nbins=4)
         ax.grid(axis="x", alpha=0.3)
     axes[0, 0].set_ylabel("maps · drawings")
     axes[0, 0].set_yticks(range(len(names)), [" · ".join(_named(name)) for name in names], fontsize=8)
