@@ -6,7 +6,7 @@ READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 
-.PHONY: demo test test-slow duckietown interop sumo lint docs benchmark compare scaling optimum clean
+.PHONY: demo test test-slow duckietown interop sumo lint docs benchmark compare scaling optimum segmentation clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -69,6 +69,9 @@ scaling: $(READY)
 optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
 
+segmentation: $(READY)
+	$(BIN)/python experiments/segmentation.py
+
 clean:
 	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
 
@@ -76,5 +79,6 @@ $(READY): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "elitelanes_jax: expected Python 3.11 or later as $(PYTHON), got $$($(PYTHON) --version 2>&1)"; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,docs,experiments]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	  -e '.[dev,docs,experiments,segmentation]'
 	touch $(READY)

@@ -1,0 +1,166 @@
+"""Do generated maps teach a network to see roads, and do diverse maps teach it better?
+
+    python experiments/segmentation.py [--conditions ...] [--seeds N] [--steps N] [--photographs DIR] [--quick]
+
+A small U-Net is trained on datasets that differ in their maps alone: how many there are, and where they come from. All
+get as many steps on as many crops, from the same tile pictures, in views of the same kind. The test has maps that no
+dataset has, drawn with the pictures that were trained on, with pictures that were held out, and with photographs.
+What is done is kept in the folder of results: started again after an interruption with the same settings, it goes on.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from figures import save
+from results_folder import csv_of, kept, open_results
+from segmentation_report import figure, tables
+from training_sets import CONDITIONS, SOURCES, Pictures, drawn, make_maps, patterns, split_tiles, training_set
+
+from elitelanes_jax.command import Parser, folder_name, guarded, leave, say, whole
+from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.errors import InputError
+from elitelanes_jax.folders import write_whole
+from elitelanes_jax.render import LABELS
+from elitelanes_jax.symmetry import canonical
+from elitelanes_jax.tilesets import load_tiles
+from elitelanes_jax.version import __version__
+
+Row = dict[str, Any]
+
+_PHOTOGRAPHS = Path(__file__).parents[2] / "shared" / "real_tiles"
+
+
+class Budget(NamedTuple):
+    """How much work goes into it.
+
+    Attributes:
+      steps: of training, each on `batch` crops.
+      batch: crops a step.
+      most: maps and drawings that a condition gets at most.
+      evaluations: of each run that makes maps.
+      test_maps: of each source.
+    """
+
+    steps: int = 500
+    batch: int = 8
+    most: int = 1000
+    evaluations: int = 20_000
+    test_maps: int = 16
+
+
+_FULL, _QUICK = Budget(), Budget(steps=3, batch=2, most=4, evaluations=2000, test_maps=2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser(prog="segmentation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    names = ", ".join(CONDITIONS)
+    parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS), metavar="NAME", help=f"of {names}")
+    parser.add_argument("--seeds", type=whole(1, 1000), default=3, metavar="N", help="runs of each, by default 3")
+    parser.add_argument("--steps", type=whole(1), metavar="N", help=f"of training, by default {_FULL.steps}")
+    parser.add_argument("--photographs", type=folder_name, metavar="DIR", help="a tile set to test on as well")
+    out = "results/segmentation"
+    parser.add_argument("--out", type=folder_name, default=Path(out), metavar="DIR", help=f"by default {out}")
+    parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
+    options = parser.parse_args(arguments)
+    return guarded("segmentation", lambda: _run(options), interrupted="what is done is kept; start again to go on")
+
+
+def _run(options: argparse.Namespace) -> int:
+    if find_spec("flax") is None or find_spec("optax") is None:
+        raise InputError(
+            "segmentation: expected flax and optax to train with, got none; they come with: "
+            "pip install 'elitelanes_jax[segmentation]'"
+        )
+    for name in options.conditions:
+        if name not in CONDITIONS:
+            raise InputError(f"conditions: expected some of {', '.join(CONDITIONS)}, got {name!r}")
+    conditions = [name for name in CONDITIONS if name in options.conditions]
+    photographs = options.photographs or (_PHOTOGRAPHS if _PHOTOGRAPHS.is_dir() else None)
+    photographed = load_tiles(photographs) if photographs else None
+    budget = _QUICK if options.quick else _FULL
+    budget = budget._replace(steps=options.steps or budget.steps)
+    about = {"program": "segmentation", "version": __version__, "conditions": conditions, "seeds": options.seeds}
+    open_results(options.out, about | budget._asdict() | {"photographs": photographed and photographed.name})
+    use_compile_cache()
+    began, rows = time.perf_counter(), list[Row]()
+    for seed in range(options.seeds):
+        file = options.out / "maps" / f"{seed}.json"
+        maps = {name: np.array(grids, np.int8) for name, grids in kept(file, partial(_maps, seed, budget)).items()}
+        seen, held_out = split_tiles(seed)
+        tests = {
+            "seen": (maps["test"], seen),
+            "held out": (maps["test"], held_out),
+            "four-way": (maps["four-way"], seen),
+        }
+        if photographed is not None:
+            tests["photographs"] = (maps["test"], photographed)
+        pictures = {test: drawn(grids, tiles, 1000 + seed) for test, (grids, tiles) in tests.items()}
+        for name in conditions:
+            file = options.out / "runs" / f"{name}-{seed}.json"
+            run = kept(file, partial(_train, name, seed, maps, pictures, budget))
+            rows += run
+            say(f"{name}, seed {seed}: mean IoU " + ", ".join(f"{row['test']} {row['mean']:.3f}" for row in run))
+    write_whole(options.out / "segmentation.csv", csv_of(rows))
+    write_whole(options.out / "segmentation.md", tables(rows, f"{budget.steps} steps of {budget.batch} crops").encode())
+    save(figure(rows), options.out / "segmentation.png")
+    say(f"{len(rows)} rows in {options.out / 'segmentation.csv'}, {time.perf_counter() - began:.0f} s")
+    return 0
+
+
+def _maps(seed: int, budget: Budget) -> dict[str, Any]:
+    """Maps to train on, by source, and those of the tests, which are none of them.
+
+    In "test" there are as many of each source, all such as the held-out tiles can draw; in "four-way" those with a
+    four-way crossing, which these cannot draw and the best networks lack.
+    """
+    seen, held_out = split_tiles(seed)
+    maps: dict[str, Any] = {}
+    test, crossed = list[Any](), list[Any]()
+    for source in SOURCES:
+        wanted = max(condition.maps for condition in CONDITIONS.values() if condition.source == source)
+        maps[source] = make_maps(source, min(wanted, budget.most), 2 * seed, seen.alphabet, budget.evaluations)
+        # Runs of the EA that end early: those that go on come to the few best networks that there are.
+        evaluations = budget.evaluations // (10 if source == "ea" else 1)
+        test += [*make_maps(source, budget.test_maps, 2 * seed + 1, held_out.alphabet, evaluations)]
+        crossed += [*make_maps(source, 2 * budget.test_maps, 2 * seed + 1, seen.alphabet, evaluations)]
+    trained_on = {canonical(grid) for grids in maps.values() for grid in grids}
+    maps["test"] = [grid for grid in test if canonical(grid) not in trained_on]
+    maps["four-way"] = [grid for grid in crossed if (grid == 15).any() and canonical(grid) not in trained_on]
+    return {name: np.array(grids).tolist() for name, grids in maps.items()}
+
+
+def _train(name: str, seed: int, maps: dict[str, Any], tests: dict[str, Pictures], budget: Budget) -> list[Row]:
+    """Trains on one condition; a row for each test."""
+    from unet import confusion, ious, predict, train
+
+    condition = CONDITIONS[name]
+    condition = condition._replace(maps=min(condition.maps, budget.most), drawings=min(condition.drawings, budget.most))
+    grids = maps[condition.source][: condition.maps]
+    images, labels = training_set(condition, grids, seed)
+    weights = train(images, labels, len(LABELS), seed, steps=budget.steps, batch=budget.batch)
+    met, asked = patterns(grids), patterns(maps["test"])
+    about = {
+        "condition": name,
+        "seed": seed,
+        "different": len({canonical(grid) for grid in grids}),
+        "patterns": len(met),
+        "met": len(met & asked) / len(asked),
+    }
+    rows = []
+    for test, (shown, wanted) in tests.items():
+        found = ious(confusion(wanted, predict(weights, shown, len(LABELS)), len(LABELS)))
+        rows.append(
+            about | {"test": test} | dict(zip(LABELS, found.tolist(), strict=True)) | {"mean": float(found.mean())}
+        )
+    return rows
+
+
+if __name__ == "__main__":
+    leave(main)

@@ -1,0 +1,151 @@
+"""A small U-Net that labels pictures, its training, and how its labels are judged (Ronneberger, Fischer, Brox 2015)."""
+
+from collections.abc import Sequence
+from functools import lru_cache, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax import linen as nn
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["UNet", "confusion", "ious", "predict", "train"]
+
+_LEARNING_RATE, _WARM_UP = 5e-3, 0.15
+
+
+class UNet(nn.Module):
+    """Pictures to logits; pixels go in and out in packs of 2 x 2, at a quarter of the cost.
+
+    Attributes:
+      classes: how many.
+      channels: of each level from fine to coarse, multiples of 4; each has half the resolution of the one before.
+    """
+
+    classes: int
+    channels: Sequence[int] = (16, 24, 32)
+
+    @nn.compact
+    def __call__(self, images: jax.Array) -> jax.Array:
+        """uint8 ``[B, H, W, 3]``, sides multiples of 8, to float32 ``[B, H, W, classes]``."""
+        *finer, coarsest = self.channels
+        x, skipped = _pack(images.astype(jnp.float32) / 128 - 1), []
+        for channels in finer:
+            skipped.append(_block(x, channels))
+            batch, height, width, _ = skipped[-1].shape
+            x = skipped[-1].reshape(batch, height // 2, 2, width // 2, 2, channels).mean(axis=(2, 4))
+        x = _block(x, coarsest)
+        for channels, skip in zip(reversed(finer), reversed(skipped), strict=True):
+            x = _block(jnp.concatenate([x.repeat(2, axis=1).repeat(2, axis=2), skip], axis=-1), channels)
+        return _unpack(nn.Conv(4 * self.classes, (1, 1))(x))
+
+
+def _block(x: jax.Array, channels: int) -> jax.Array:
+    for _ in range(2):
+        x = nn.relu(nn.GroupNorm(num_groups=4)(nn.Conv(channels, (3, 3), use_bias=False)(x)))
+    return x
+
+
+def _pack(x: jax.Array) -> jax.Array:
+    batch, height, width, channels = x.shape
+    x = x.reshape(batch, height // 2, 2, width // 2, 2, channels).transpose(0, 1, 3, 2, 4, 5)
+    return x.reshape(batch, height // 2, width // 2, 4 * channels)
+
+
+def _unpack(x: jax.Array) -> jax.Array:
+    batch, height, width, channels = x.shape
+    x = x.reshape(batch, height, width, 2, 2, channels // 4).transpose(0, 1, 3, 2, 4, 5)
+    return x.reshape(batch, 2 * height, 2 * width, channels // 4)
+
+
+def train(
+    images: ArrayLike, labels: ArrayLike, classes: int, seed: int, *, steps: int, batch: int = 8, crop: int = 96
+) -> Any:
+    """Trains a network on crops, each at a random place of a random picture, turned by random quarters.
+
+    Args:
+      images: uint8 ``[N, H, W, 3]``.
+      labels: uint8 ``[N, H, W]``, each below ``classes``.
+      classes: how many.
+      seed: of the first weights and of the crops.
+      steps: of Adam on the cross-entropy, where a class counts by one over the root of its share of all pixels; the
+        step size rises, then falls to 0.
+      batch: crops a step.
+      crop: their side in pixels, a multiple of 8.
+
+    Returns:
+      The weights, for `predict`.
+    """
+    shares = np.bincount(np.ravel(labels), minlength=classes) / np.size(labels)
+    balance = jnp.asarray(1 / np.sqrt(np.maximum(shares, 1e-6)), jnp.float32)
+    images, labels = jnp.asarray(images), jnp.asarray(labels)
+    first, crops = jax.random.split(jax.random.key(seed))
+    weights = UNet(classes).init(first, jnp.zeros((1, crop, crop, 3), jnp.uint8))
+    state = _optimizer(steps).init(weights)
+    for step in range(steps):
+        key = jax.random.fold_in(crops, step)
+        weights, state = _step(weights, state, images, labels, balance, key, steps, batch, crop)
+    return weights
+
+
+@lru_cache
+def _optimizer(steps: int) -> optax.GradientTransformation:
+    return optax.adam(optax.cosine_onecycle_schedule(steps, _LEARNING_RATE, _WARM_UP))
+
+
+@partial(jax.jit, static_argnames=("steps", "batch", "crop"), donate_argnames=("weights", "state"))
+def _step(
+    weights: Any,
+    state: Any,
+    images: jax.Array,
+    labels: jax.Array,
+    balance: jax.Array,
+    key: jax.Array,
+    steps: int,
+    batch: int,
+    crop: int,
+) -> tuple[Any, Any]:
+    shown, wanted = jax.vmap(partial(_crop, images, labels, crop))(jax.random.split(key, batch))
+
+    def loss(weights: Any) -> jax.Array:
+        logits = UNet(balance.size).apply(weights, shown)
+        return jnp.average(optax.softmax_cross_entropy_with_integer_labels(logits, wanted), weights=balance[wanted])
+
+    updates, state = _optimizer(steps).update(jax.grad(loss)(weights), state)
+    return optax.apply_updates(weights, updates), state
+
+
+def _crop(images: jax.Array, labels: jax.Array, side: int, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+    limits = jnp.array([*labels.shape, 4]) - jnp.array([0, side - 1, side - 1, 0])
+    number, row, column, turns = jax.random.randint(key, (4,), 0, limits)
+    image = jax.lax.dynamic_slice(images, (number, row, column, 0), (1, side, side, 3))[0]
+    label = jax.lax.dynamic_slice(labels, (number, row, column), (1, side, side))[0]
+    ways = [jnp.stack([jnp.rot90(layer, k) for k in range(4)]) for layer in (image, label.astype(jnp.int32))]
+    return ways[0][turns], ways[1][turns]
+
+
+def predict(weights: Any, images: NDArray[np.uint8], classes: int, *, batch: int = 8) -> NDArray[np.uint8]:
+    """Labels uint8 ``[N, H, W]`` of pictures uint8 ``[N, H, W, 3]``, the sides multiples of 8."""
+    parts = [_labels(weights, images[start : start + batch], classes) for start in range(0, len(images), batch)]
+    return np.concatenate([np.asarray(part, np.uint8) for part in parts])
+
+
+@partial(jax.jit, static_argnames="classes")
+def _labels(weights: Any, images: jax.Array, classes: int) -> jax.Array:
+    logits: Any = UNet(classes).apply(weights, images)
+    return logits.argmax(axis=-1)
+
+
+def confusion(wanted: NDArray[np.uint8], found: NDArray[np.uint8], classes: int) -> NDArray[np.int_]:
+    """How many pixels of each class, by row, were given each label, by column: int ``[classes, classes]``."""
+    return np.bincount(classes * wanted.ravel().astype(int) + found.ravel(), minlength=classes**2).reshape(classes, -1)
+
+
+def ious(counts: ArrayLike) -> NDArray[np.float64]:
+    """Intersection over union of each class, float64 ``[classes]``, from a `confusion`; NaN for one that is nowhere."""
+    counts = np.asarray(counts, float)
+    both = np.diag(counts)
+    union = counts.sum(axis=0) + counts.sum(axis=1) - both
+    return np.divide(both, union, out=np.full(len(both), np.nan), where=union > 0)
