@@ -37,6 +37,13 @@ def add_dataset(commands: Any) -> None:
         help="shares of the maps; by default 0.8 0.1 0.1",
     )
     command.add_argument(
+        "--views",
+        type=whole(1),
+        default=1,
+        metavar="N",
+        help="how often each map is drawn, from other tile pictures and in another view; by default 1",
+    )
+    command.add_argument(
         "--hold-out-tiles", action="store_true", help="draw the test from tile pictures that no other split shows"
     )
     command.add_argument(
@@ -83,11 +90,13 @@ def _dataset(options: argparse.Namespace) -> int:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {goes_on}", 2)
     except KeyboardInterrupt:
         return fail("elitelanes", f"interrupted; {goes_on}", 130)
-    lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["maps"])]
-    lines.append(f"{'maps':14}  " + "  ".join(str(count).rjust(10) for count in about["maps"].values()))
+    lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]
+    lines.append(f"{'pictures':14}  " + "  ".join(str(count).rjust(10) for count in about["pictures"].values()))
     for one in about["classes"]:
         counts = [pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()]
         lines.append(f"{one['name']:14}  " + "  ".join(f"{share:10.2%}" for share in counts))
-    lines.append(f"{sum(about['maps'].values())} maps in {options.out}; how to load them: {options.out / 'README.md'}")
+    lines.append(
+        f"{sum(about['pictures'].values())} pictures in {options.out}; how to load them: {options.out / 'README.md'}"
+    )
     say("\n".join(lines))
     return 0

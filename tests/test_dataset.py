@@ -63,13 +63,13 @@ def evolved(tmp_path_factory):
 
 def test_what_is_written(evolved):
     about = json.loads((evolved / "dataset.json").read_text())
-    assert about["maps"] == {"train": 12, "validation": 4, "test": 4}
+    assert about["pictures"] == {"train": 12, "validation": 4, "test": 4}
     names = set(files(evolved))
     assert {"README.md", "contact-sheet.png", "dataset.json"} <= names
     forms, sides, pixels = set(), [], {split: np.zeros(4, int) for split in SPLITS}
     for split in SPLITS:
         rows = rows_of(evolved, split)
-        assert len(rows) == about["maps"][split]
+        assert len(rows) == about["pictures"][split]
         for row in rows:
             image, labels = (read(evolved / split / row[f"{name}_file_name"]) for name in ("image", "labels"))
             side = len(row["codes"])
@@ -113,7 +113,12 @@ def test_once_more_changes_nothing_and_other_settings_are_refused(evolved, capsy
 def test_the_card_says_what_there_is(evolved):
     card = (evolved / "README.md").read_text()
     assert card.startswith("---\n")
-    for words in ("license: apache-2.0", "20 road networks of 4 x 4 to 5 x 5", "| 12 | 4 | 4 |", "lane separator"):
+    for words in (
+        "license: apache-2.0",
+        "20 pictures of 20 road networks of 4 x 4 to 5 x 5",
+        "| 12 | 4 | 4 |",
+        "lane separator",
+    ):
         assert words in card
     assert read(evolved / "contact-sheet.png").shape[1] > 800
 
@@ -254,6 +259,15 @@ def test_nothing_to_hold_out(tmp_path):
     settings = small(tiles=tmp_path / "tiles", hold_out_tiles=True)
     with pytest.raises(InputError, match="expected two pictures or more of straight, turn .* got one of turn"):
         make_dataset(settings, tmp_path / "out", maps=some_maps())
+
+
+def test_a_map_is_drawn_in_several_views_all_in_one_split(tmp_path):
+    about = make_dataset(small(views=3, transforms=STANDARD), tmp_path / "out", maps=some_maps())
+    assert about["pictures"] == {"train": 18, "validation": 9, "test": 9}
+    rows = {split: rows_of(tmp_path / "out", split) for split in SPLITS}
+    maps = {split: {json.dumps(row["codes"]) for row in found} for split, found in rows.items()}
+    assert sum(map(len, maps.values())) == len(set.union(*maps.values())) == 12
+    assert len({json.dumps(row["transform"]["matrix"]) for found in rows.values() for row in found}) == 36
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 10, 33, 1000])

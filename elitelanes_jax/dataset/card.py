@@ -30,7 +30,7 @@ def card(about: dict[str, Any], loading: str) -> str:
       loading: a program that loads it.
     """
     licence = about["tile_set"]["licence"]
-    counts = about["maps"]
+    counts = about["pictures"]
     total = sum(counts.values())
     size = next((text for limit, text in ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K")) if total < limit), "")
     front = [
@@ -68,8 +68,8 @@ def card(about: dict[str, Any], loading: str) -> str:
             "",
             "# Road maps of a miniature city, with labels",
             "",
-            f"{total:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile, each connected and unlike "
-            "all others when turned or mirrored, with a label for every pixel. Evolved and drawn by Elite Lanes JAX "
+            f"{total:,} pictures of {asked['maps']:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile, each "
+            "connected and unlike all others when turned or mirrored, with a label for every pixel. Evolved and drawn by Elite Lanes JAX "
             f"{about['versions']['elitelanes_jax']}.",
             "",
             "![Some of them](contact-sheet.png)",
@@ -77,7 +77,7 @@ def card(about: dict[str, Any], loading: str) -> str:
             "| label | class | colour in the sheet | " + " | ".join(f"{split}, pixels" for split in SPLITS) + " |",
             "|---|---|---|---|---|---|",
             *rows,
-            "| | maps | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
+            "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
             "",
             "Lines lie over the road. What lies beyond a map in a turned view is background.",
             "",

@@ -65,13 +65,13 @@ def make_dataset(
     with work_folder(out, identity) as work:
         if work is not None:
             found = evolve_maps(settings, tiles, work) if maps is None else given_maps(maps, work)
-            splits = split_maps(settings, found, by_split[2])
+            splits = np.repeat(split_maps(settings, found, by_split[2]), settings.views)
             records = work / "records"
 
             def draw(number: int) -> None:
                 split = int(splits[number])
                 sample = draw_sample(
-                    found[number],
+                    found[number // settings.views],
                     by_split[split],
                     number,
                     seed=settings.seed,
@@ -83,8 +83,8 @@ def make_dataset(
                 note = layout.note(sample.layers["labels"])
                 write_whole(_record_file(records, number), json.dumps(sample.record | note).encode())
 
-            waiting = [number for number in range(len(found)) if not _record_file(records, number).exists()]
-            _draw_all(draw, waiting, len(found), workers or len(os.sched_getaffinity(0)))
+            waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
+            _draw_all(draw, waiting, len(splits), workers or len(os.sched_getaffinity(0)))
             _finish(out, records, splits, layout, identity)
     about: dict[str, Any] = json.loads((out / LAST).read_text(encoding="utf-8"))
     return about
@@ -110,7 +110,7 @@ def _record_file(records: Path, number: int) -> Path:
 def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
     """Draws what is waiting. Pictures are warped and packed outside of Python, so that threads run side by side."""
     with (
-        counter("drawing", total, "maps", done=total - len(waiting)) as bar,
+        counter("drawing", total, "pictures", done=total - len(waiting)) as bar,
         _one_thread_each(),
         ThreadPoolExecutor(workers) as pool,
     ):
@@ -156,7 +156,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     for split in range(len(SPLITS)):
         layout.list_samples(out, split, counted(split))
     about = identity | {
-        "maps": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
+        "pictures": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
         "classes": [
             {"label": place, "name": name, "colour": colour}
             for place, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
@@ -166,7 +166,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     write_whole(out / "README.md", card(about, layout.loading).encode())
     count = min(_ON_SHEET, len(splits))
     shown = [read(place * len(splits) // count) for place in range(count)]
-    title = f"{count} of {len(splits)} maps"
+    title = f"{count} of {len(splits)} pictures"
     sheet = contact_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
     write_whole(out / "contact-sheet.png", png_of(sheet))
     write_whole(out / LAST, json.dumps(about, indent=2).encode() + b"\n")

@@ -27,6 +27,7 @@ class Settings(NamedTuple):
       seed: of everything random.
       tiles: folder of the tile set; the package's own by default.
       format: one of `elitelanes_jax.dataset.formats.FORMATS`.
+      views: how often each map is drawn, each time with other tile pictures, in another view.
       hold_out_tiles: whether the test's tile pictures are seen in no other split.
       transforms: how views of the maps vary.
       wishes: what to evolve.
@@ -39,6 +40,7 @@ class Settings(NamedTuple):
     seed: int = 0
     tiles: Path | None = None
     format: str = "imagefolder"
+    views: int = 1
     hold_out_tiles: bool = False
     transforms: Transforms = STANDARD
     wishes: Wishes = Wishes()
@@ -55,6 +57,8 @@ def checked(settings: Settings) -> Settings:
         raise InputError(f"size: expected the smallest and the largest side, 2 or more, got {low} and {high}")
     if settings.maps < high - low + 1:
         raise InputError(f"maps: expected one of each size at least, {high - low + 1}, got {settings.maps}")
+    if settings.views < 1:
+        raise InputError(f"views: expected 1 or more of each map, got {settings.views}")
     if settings.wishes.fix is not None and low < high:
         raise InputError(f"fix: expected maps of one size for cells that are given, got {low} to {high}")
     shares = settings.split
