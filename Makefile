@@ -6,7 +6,7 @@ READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 
-.PHONY: demo test test-slow duckietown interop sumo lint docs benchmark compare scaling optimum segmentation clean
+.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum segmentation clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -18,14 +18,18 @@ test: $(READY)
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
 
+# All notebooks with few steps, side by side.
+notebooks: $(READY)
+	$(BIN)/python -m pytest -n auto -m slow tests/test_notebooks.py
+
 # The tests that need large or old packages have an environment each: SUMO,
 sumo: .venv-sumo/.ready
-	.venv-sumo/bin/python -m pytest -m slow tests/test_exports_sumo.py
+	.venv-sumo/bin/python -m pytest -m slow tests/test_exports_sumo.py tests/test_notebooks.py -k sumo
 
 .venv-sumo/.ready: pyproject.toml constraints.txt
 	rm -rf .venv-sumo
 	$(PYTHON) -m venv .venv-sumo
-	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,sumo]'
+	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,plots,sumo]'
 	touch $@
 
 # QDax, evosax and pyribs,
