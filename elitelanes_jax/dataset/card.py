@@ -68,9 +68,9 @@ def card(about: dict[str, Any], loading: str) -> str:
             "",
             "# Road maps of a miniature city, with labels",
             "",
-            f"{total:,} pictures of {asked['maps']:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile. "
-            "Each network is connected and unlike all others when turned or mirrored; each pixel has a label. Evolved and "
-            f"drawn by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
+            f"{total:,} pictures of {asked['maps']:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile.",
+            "Each network is connected and unlike all others when turned or mirrored; each pixel has a label.",
+            f"Evolved and drawn by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
             "",
             "![Some of them](contact-sheet.png)",
             "",
