@@ -18,7 +18,7 @@ from elitelanes_jax.command import (
     wishes_in,
 )
 from elitelanes_jax.dataset_command import add_dataset
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, NotEnoughMapsError
 from elitelanes_jax.exports.command import add_export, add_show
 from elitelanes_jax.tiles_command import add_tiles
 from elitelanes_jax.version import __version__
@@ -99,7 +99,6 @@ def _add_generate(commands: Any) -> None:
 def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.generate import Settings, generate
-    from elitelanes_jax.selection import NotEnoughMapsError
     from elitelanes_jax.wishes import Wishes
 
     use_compile_cache()

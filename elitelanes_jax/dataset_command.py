@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from elitelanes_jax.command import add_drawing, add_wishes, fail, folder_name, name, number, say, whole, wishes_in
+from elitelanes_jax.errors import NotEnoughMapsError
 
 __all__ = ["add_dataset"]
 
@@ -72,7 +73,6 @@ def add_dataset(commands: Any) -> None:
 def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset import Settings, make_dataset
-    from elitelanes_jax.selection import NotEnoughMapsError
     from elitelanes_jax.transforms import read_transforms
     from elitelanes_jax.wishes import Wishes
 

@@ -1,6 +1,6 @@
-"""The error that stands for a user's mistake."""
+"""The errors that stand for what a user asked."""
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "NotEnoughMapsError"]
 
 
 class InputError(ValueError):
@@ -9,3 +9,7 @@ class InputError(ValueError):
     The command line shows the message alone. Any other error, a plain `ValueError` too, is a fault of the program and
     keeps its traceback.
     """
+
+
+class NotEnoughMapsError(Exception):
+    """Searches yield fewer maps than were asked for; the message says how many, and what became of the rest."""

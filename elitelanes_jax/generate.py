@@ -9,13 +9,14 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.errors import NotEnoughMapsError
 from elitelanes_jax.folders import new_folder
 from elitelanes_jax.illumination import coverage, qd_score
 from elitelanes_jax.overview import overview
 from elitelanes_jax.render import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.roadmap import Drawn, RoadMap, read_map, to_json
 from elitelanes_jax.search import Result, preset_config, seed_keys
-from elitelanes_jax.selection import Choice, NotEnoughMapsError, choose_maps, shortage
+from elitelanes_jax.selection import Choice, choose_maps, shortage
 from elitelanes_jax.tilesets import TileSet, load_tiles
 from elitelanes_jax.versions import versions
 from elitelanes_jax.wishes import Wishes, search, weights_of

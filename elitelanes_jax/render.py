@@ -20,6 +20,7 @@ __all__ = [
     "LABELS",
     "LABEL_COLOURS",
     "Picture",
+    "check_tile_px",
     "choose_tiles",
     "overlay",
     "png_of",
@@ -108,8 +109,7 @@ def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chose
       InputError: for a bad grid, a cell without picture in the set, a choice that does not show the grid, or a size
         out of its range.
     """
-    if not isinstance(tile_px, int | np.integer) or not _SMALLEST <= tile_px <= _LARGEST:
-        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+    check_tile_px(tile_px)
     chosen = choose_tiles(grid, tiles, seed) if chosen is None else _checked_choice(grid, tiles, chosen)
     place = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _laid_out(turned[place]) for name, turned in _scaled(tiles, int(tile_px)).items()}
@@ -118,6 +118,12 @@ def render(grid: Any, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chose
         layers=layers,
         points={name: _laid_points(name, tiles, place, int(tile_px)) for name in tiles.points},
     )
+
+
+def check_tile_px(tile_px: Any) -> None:
+    """Raises InputError unless a tile's side is a whole number of pixels within limits."""
+    if not isinstance(tile_px, int | np.integer) or not _SMALLEST <= tile_px <= _LARGEST:
+        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
 
 
 def recall_tiles(road_map: RoadMap, tiles: TileSet) -> NDArray[np.int_] | None:

@@ -1,7 +1,7 @@
 """Choosing maps among what runs have found: valid, different, spread over the niches."""
 
 from collections import Counter
-from collections.abc import Set
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result
 from elitelanes_jax.symmetry import canonical, mirror, rotate
 
-__all__ = ["Choice", "NotEnoughMapsError", "choose_maps", "shortage"]
+__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "shortage"]
 
 # What makes a map useless: the metric, the one value that it should have, and words for when it has not. A map is
 # counted with the first flaw that it has.
@@ -32,13 +32,8 @@ _FLAWS = (
 _HOLES = ("empty_cells", 0, "with empty cells")
 _UNLAWFUL, _UNASKED = "against the rules", "outside the ranges"
 
-# In what share of its tiles a map should differ from all chosen before, however they are turned or mirrored; where
-# there are too few such maps, the next will do.
-_LEAST_DIFFERENT = (0.15, 0.05, 0.0)
-
-
-class NotEnoughMapsError(Exception):
-    """Searches yield fewer maps than were asked for; the message says how many, and what became of the rest."""
+LEAST_DIFFERENT = (0.15, 0.05, 0.0)
+"""Shares of tiles in which a map should differ from others, the first if there are enough."""
 
 
 class Choice(NamedTuple):
@@ -60,7 +55,14 @@ class Choice(NamedTuple):
     nearest: dict[str, float] | None = None
 
 
-def choose_maps(result: Result, count: int, seed: int = 0, *, known: Set[bytes] = frozenset()) -> Choice:
+def choose_maps(
+    result: Result,
+    count: int,
+    seed: int = 0,
+    *,
+    known: Sequence[NDArray[np.int8]] = (),
+    least: Sequence[float] = LEAST_DIFFERENT,
+) -> Choice:
     """Chooses up to `count` maps of a run with an array of keys.
 
     A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
@@ -73,7 +75,9 @@ def choose_maps(result: Result, count: int, seed: int = 0, *, known: Set[bytes] 
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
       count: how many maps are wanted.
       seed: of the run, to be noted in the maps.
-      known: maps to be left out, as `canonical` has them.
+      known: grids ``[H, W]`` that were chosen before; others are to differ from them too.
+      least: in what share of its tiles a map differs from all chosen before, however they are turned or mirrored, at
+        least; where there are too few such maps, the next share holds.
 
     Raises:
       InputError: for the result of one key alone.
@@ -103,10 +107,11 @@ def choose_maps(result: Result, count: int, seed: int = 0, *, known: Set[bytes] 
     places = np.argwhere(useful)
     places = places[np.argsort(fitness[useful], kind="stable")]
     grids = np.asarray(elites.grids)
+    forms = {canonical(grid) for grid in known}
     distinct: dict[bytes, NDArray[np.int_]] = {}
     for place in places:
         form = canonical(grids[tuple(place)])
-        if form not in known:
+        if form not in forms:
             distinct.setdefault(form, place)
 
     kept = np.array(list(distinct.values()), int).reshape(-1, 2)
@@ -120,7 +125,9 @@ def choose_maps(result: Result, count: int, seed: int = 0, *, known: Set[bytes] 
             aimed &= bins[:, number] == axis.aim
     chosen: list[int] = []
     for group in (np.flatnonzero(aimed), np.flatnonzero(~aimed)):
-        part = _spread((bins / extent)[group], kept[group, 0], grids[tuple(kept[group].T)], count - len(chosen))
+        before = [*known, *(grids[tuple(kept[number])] for number in chosen)]
+        candidates = grids[tuple(kept[group].T)]
+        part = _spread((bins / extent)[group], kept[group, 0], candidates, count - len(chosen), before, least)
         chosen += group[part].tolist()
     chosen.sort(key=lambda number: (*bins[number], number))
     maps = [
@@ -186,17 +193,27 @@ def _nearest(
     return {item.name: values[item.name] / (WHOLE if item.name in SHARES else 1) for item in result.where}
 
 
-def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_], grids: NDArray[np.int8], count: int) -> list[int]:
+def _spread(
+    points: NDArray[np.float64],
+    seeds: NDArray[np.int_],
+    grids: NDArray[np.int8],
+    count: int,
+    before: Sequence[NDArray[np.int8]],
+    shares: Sequence[float],
+) -> list[int]:
     """Up to `count` of the maps `grids` ``[M, H, W]`` at `points` ``[M, D]``, found by `seeds` ``[M]``, fittest first.
 
     Every point gives one before any gives a second. Where the round is the last and not all have a turn, the next is
     always the point farthest from those that had one. A point gives a map of the seed that has given fewest so far:
-    what one seed has found is akin.
+    what one seed has found is akin. Each differs from those before and from each other in the first of the shares of
+    its tiles, then in the next.
     """
     difference = np.ones(len(grids))  # from the nearest chosen map; under 0 for the chosen ones
+    for grid in before if len(grids) else ():
+        difference = np.minimum(difference, _difference(grids, grid))
     given: Counter[int] = Counter()
     chosen: list[int] = []
-    for least in _LEAST_DIFFERENT:
+    for least in shares:
         while len(chosen) < count and (difference >= least).any():
             waiting: dict[bytes, list[int]] = {}
             for number in np.flatnonzero(difference >= least).tolist():

@@ -42,10 +42,11 @@ def _check(options: argparse.Namespace) -> int:
         print("\n".join(problems + strays), file=sys.stderr)
         return 2
     seams = find_seams(tiles)
+    picture = options.picture and _beside(options.folder, options.picture)
     lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
-    if options.picture:
-        _write_together({options.picture: seam_picture(tiles, seams)})
-        lines.append(f"the worst seam is in {options.picture}")
+    if picture:
+        _write_together({picture: seam_picture(tiles, seams)})
+        lines.append(f"the worst seam is in {picture}")
     say("\n".join(lines))
     return 0
 
@@ -77,8 +78,8 @@ def _masks(options: argparse.Namespace) -> int:
                 colours[mask] = read_colour(getattr(options, mask))
             except InputError as error:
                 raise InputError(f"--{mask}: {error}") from None
+    sheet = _beside(options.folder, options.sheet or options.folder / "masks.png")
     proposals = mask_folder(options.folder, colours, options.overwrite)
-    sheet = options.sheet or options.folder / "masks.png"
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
     masks = {
         proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
@@ -94,6 +95,13 @@ def _masks(options: argparse.Namespace) -> int:
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )
     return 0
+
+
+def _beside(folder: Path, file: Path) -> Path:
+    """The file, if it lies beside the tiles' own folders, not in one: a picture there would be taken for a tile's."""
+    if file.resolve().parent.parent == folder.resolve():
+        raise InputError(f"{file}: expected a file outside of the tiles' own folders")
+    return file
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:

@@ -16,7 +16,17 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.errors import InputError
 
-__all__ = ["STANDARD", "Transforms", "View", "draw_view", "map_points", "photograph", "read_transforms", "warp"]
+__all__ = [
+    "STANDARD",
+    "Transforms",
+    "View",
+    "check_transforms",
+    "draw_view",
+    "map_points",
+    "photograph",
+    "read_transforms",
+    "warp",
+]
 
 
 class Transforms(NamedTuple):
@@ -26,8 +36,8 @@ class Transforms(NamedTuple):
       quarter_turns: whether maps are turned by quarters.
       rotation: most degrees of a free turn, either way, 0 to 180.
       scale: smallest and largest factor, 0.25 to 4.
-      perspective: most that each corner moves, as a share of the map's side, 0 to 0.25: a camera not quite overhead.
-      crop: side in pixels of a square window, or 0 for the whole picture.
+      perspective: most that each corner moves, as a share of the map's side, 0 to 0.2: a camera not quite overhead.
+      crop: side in pixels of a square window, 16 or more, or 0 for the whole picture. It lies where the map does.
       light: most that brightness changes, either way, as a share, 0 to 1.
       contrast: likewise.
       colour: likewise, of each channel by itself.
@@ -63,7 +73,7 @@ STANDARD = Transforms(
 _LIMITS = {
     "rotation": (0, 180),
     "scale": (0.25, 4),
-    "perspective": (0, 0.25),
+    "perspective": (0, 0.2),
     "crop": (16, 2**15 - 1),
     "light": (0, 1),
     "contrast": (0, 1),
@@ -72,6 +82,9 @@ _LIMITS = {
     "noise": (0, 64),
 }
 
+
+# Under this scale a picture is first made smaller by area.
+_SHRUNK = 0.6
 
 _NORMAL = np.array([NormalDist().inv_cdf((part + 0.5) / 256) for part in range(256)])
 
@@ -141,19 +154,31 @@ def _value(name: str, value: str, text: str) -> Any:
     return (numbers[0], numbers[-1]) if name == "scale" else numbers[0]
 
 
+def check_transforms(transforms: Transforms) -> None:
+    """Raises InputError for transforms out of their ranges."""
+    for name, (low, high) in _LIMITS.items():
+        value = getattr(transforms, name)
+        numbers = value if name == "scale" else (value,)
+        if not all(low <= number <= high for number in numbers) and not (name == "crop" and value == 0):
+            raise InputError(f"transform: expected {name} within {low} to {high}, got {value!r}")
+    if list(transforms.scale) != sorted(transforms.scale):
+        raise InputError(f"transform: expected scale to be the smallest and the largest, got {transforms.scale!r}")
+
+
 def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
     """Draws a view of a map.
 
     Args:
       rng: the same state gives the same view.
       transforms: what may vary.
-      size: (height, width) of the map in pixels; a crop is at most as large.
+      size: (height, width) of the map in pixels; at the smallest scale a crop is at most as large.
 
     Raises:
-      InputError: for a crop larger than the map.
+      InputError: for transforms out of their ranges, or a crop larger than the map.
     """
+    check_transforms(transforms)
     height, width = size
-    if transforms.crop > min(size):
+    if transforms.crop > min(size) * min(1.0, transforms.scale[0]):
         raise InputError(
             f"transform: expected a crop within the map's {width} x {height} pixels, got {transforms.crop}"
         )
@@ -173,7 +198,11 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
     matrix = _bend(bends, turned) @ _shift(turned[1] / 2, turned[0] / 2) @ matrix
     if transforms.crop:
-        x, y = np.floor(place * (turned[1] - transforms.crop + 1, turned[0] - transforms.crop + 1))
+        frame = np.array([turned[1], turned[0]])
+        shown = frame * min(1.0, scale)  # of the frame, about its middle
+        first = np.ceil((frame - shown) / 2)
+        last = np.maximum(first, np.floor((frame + shown) / 2 - transforms.crop))
+        x, y = np.floor(first + place * (last - first + 1))
         matrix, turned = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
     gain = 1 + contrast * transforms.contrast
     red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
@@ -186,8 +215,8 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Any = 0) -> NDArray[np.u
     """A layer as the view shows it.
 
     Args:
-      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation; or ``[H, W]``, a mask or labels, by the nearest
-        pixel.
+      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation, and by area where it shrinks much; or
+        ``[H, W]``, a mask or labels, by the nearest pixel.
       view: which way.
       outside: value, or colour, of what lies beyond the map.
 
@@ -197,10 +226,17 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Any = 0) -> NDArray[np.u
     height, width = view.size
     if layer.shape[:2] == view.size and np.array_equal(view.matrix, np.eye(3)):
         return layer
+    matrix = view.matrix
+    scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+    if layer.ndim == 3 and scale < _SHRUNK:
+        # Interpolation sees the nearest pixels only, and would leave out all others between.
+        before = layer.shape[:2]
+        layer = np.asarray(cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        matrix = matrix @ np.diag([before[1] / layer.shape[1], before[0] / layer.shape[0], 1])
     return np.asarray(
         cv2.warpPerspective(
             layer,
-            _shift(-0.5, -0.5) @ view.matrix @ _shift(0.5, 0.5),  # OpenCV's places are those of pixels' centres
+            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),  # OpenCV's places are those of pixels' centres
             (width, height),
             flags=cv2.INTER_LINEAR if layer.ndim == 3 else cv2.INTER_NEAREST,
             borderMode=cv2.BORDER_CONSTANT,

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.cli import main
-from elitelanes_jax.dataset import Settings, make_dataset
-from elitelanes_jax.dataset.formats import SPLITS
+from elitelanes_jax.dataset import Settings, make, make_dataset
+from elitelanes_jax.dataset.formats import FORMATS, SPLITS
 from elitelanes_jax.dataset.plan import given_maps, split_maps
 from elitelanes_jax.dataset.settings import maps_by_side, maps_by_split, tiles_by_split
 from elitelanes_jax.dataset.work import work_folder
@@ -115,7 +115,7 @@ def test_the_card_says_what_there_is(evolved):
     assert card.startswith("---\n")
     for words in (
         "license: apache-2.0",
-        "20 pictures of 20 road networks of 4 x 4 to 5 x 5",
+        "20 pictures of 20 road networks, 4 x 4 to 5 x 5 tiles",
         "| 12 | 4 | 4 |",
         "lane separator",
     ):
@@ -151,6 +151,34 @@ def test_hugging_face_datasets_loads_it(evolved, tmp_path, monkeypatch):
             )
             assert sample["codes"] == row["codes"]
             assert sample["transform"]["matrix"] == row["transform"]["matrix"]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own
+def test_hugging_face_datasets_loads_one_split(tmp_path, monkeypatch):
+    """And masks of one's own, of which the held-out tiles have none, whatever their names."""
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    for name in ("img", "ann", "points", "size"):
+        shutil.copy(tmp_path / "tiles/turn_1/road.png", tmp_path / f"tiles/turn_1/{name}.png")
+    settings = small(tiles=tmp_path / "tiles", split=(1.0, 0.0, 0.0))
+    make_dataset(settings, tmp_path / "one", maps=some_maps())
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(tmp_path / "one"), cache_dir=str(tmp_path / "cache"))
+    assert {split: len(part) for split, part in loaded.items()} == {"train": 12}
+    maps = [road_map for road_map in some_maps(120) if 15 not in road_map.codes][:12]
+    make_dataset(small(tiles=tmp_path / "tiles", hold_out_tiles=True), tmp_path / "held", maps=maps)
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(tmp_path / "held"), cache_dir=str(tmp_path / "cache"))
+    for sample in (*loaded["train"], *loaded["test"]):
+        for name in ("img", "ann", "points", "size"):
+            assert set(np.unique(np.array(sample[f"layers_{name}"]))) <= {0, 255}
+        assert sample["size"] == [5, 5]
+
+
+@pytest.mark.parametrize("name", ["imagefolder", "mmseg", "coco", "plain"])
+def test_no_two_layers_lie_in_one_place(name):
+    layout = FORMATS[name]
+    layers = ["image", "labels", *layout.layers, "images", "img", "ann", "points", "annotations", "layers"]
+    assert len({layout.file(split, 3, layer) for layer in layers for split in range(3)}) == 3 * len(layers)
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own
@@ -293,14 +321,22 @@ def test_sizes_share_the_maps():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"size": (5, 4)}, "size: expected the smallest and the largest side, 2 or more, got 5 and 4"),
+        ({"size": (5, 4)}, "size: expected the smallest and the largest side, 2 to 1024, got 5 and 4"),
         ({"maps": 3, "size": (3, 8)}, "maps: expected one of each size at least, 6, got 3"),
         ({"split": (0.5, 0.5, 0.5)}, "split: expected three shares that sum to 1, got 0.5 0.5 0.5"),
         (
             {"transforms": Transforms(crop=100), "size": (5, 9)},
-            "within the smallest maps, 5 tiles of 16 pixels, got 100",
+            "at the smallest scale, 80 pixels, got 100",
         ),
         ({"wishes": Wishes(fix=Path("city.json")), "size": (5, 9)}, "fix: expected maps of one size"),
+        ({"tile_px": 8}, "tile_px: expected 16 to 512"),
+        ({"seed": -1}, "seed: expected a whole number"),
+        ({"views": 0}, "expected views to be a whole number, 1 or more"),
+        ({"split": (float("nan"), 0.5, 0.5)}, "split: expected three shares"),
+        ({"maps": 4, "split": (0.8, 0.1, 0.1)}, "maps: expected enough for one in the validation, 0.1 of them, got 4"),
+        ({"split": (1.0, 0.0, 0.0), "hold_out_tiles": True}, "hold_out_tiles: expected a test"),
+        ({"transforms": Transforms(scale=(0.0, 0.0))}, "expected scale within 0.25 to 4"),
+        ({"transforms": Transforms(crop=-5)}, "expected crop within 16"),
         ({"format": "tar"}, "format: expected one of imagefolder, mmseg, coco, plain, got 'tar'"),
         ({"wishes": Wishes(rules="london")}, "rules: expected"),
         ({"wishes": Wishes(where=("turns=",))}, "where 'turns=': expected a number"),
@@ -309,6 +345,25 @@ def test_sizes_share_the_maps():
 def test_bad_settings_are_named_and_leave_nothing(tmp_path, settings, said):
     with pytest.raises(InputError, match=said):
         make_dataset(small(**settings), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("maps", "said"),
+    [
+        (lambda: [], "maps: expected 12 of them, as settings say, got 0"),
+        (lambda: some_maps(12, 6), "maps: expected square ones of 5 to 5 tiles, got number 0 of 6 x 6"),
+        (
+            lambda: [RoadMap(np.full((5, 5), 8, np.int8))] * 12,
+            "maps: expected codes that the tile set has",
+        ),
+    ],
+)
+def test_given_maps_are_held_to_the_settings(tmp_path, maps, said):
+    with pytest.raises(InputError, match=said):
+        make_dataset(small(), str(tmp_path / "out"), maps=maps())
+    with pytest.raises(InputError, match="expected workers to be a whole number, 1 or more, got 0"):
+        make_dataset(small(), tmp_path / "out", workers=0, maps=some_maps())
     assert not (tmp_path / "out").exists()
 
 
@@ -334,7 +389,8 @@ def test_bad_arguments_are_one_line(tmp_path, capsys, arguments, said):
 
 def test_more_maps_than_there_are(tmp_path, capsys):
     few = ["--maps", "9", "--size", "2", "2", "--evaluations", "400", "--out", str(tmp_path / "out")]
-    assert main(["dataset", *few]) == 1
+    assert main(["dataset", *few, "--split", "1", "0", "0"]) == 1
+    assert not (tmp_path / "out").exists()
     assert "found 1 different ones of 9 maps of 2 x 2 tiles" in capsys.readouterr().err
 
 
@@ -366,6 +422,36 @@ def test_a_full_disk_stops_it_and_it_goes_on(tmp_path):
     make_dataset(_KILLED, out, maps=some_maps(40))
     make_dataset(_KILLED, whole, maps=some_maps(40))
     assert files(out) == files(whole)
+
+
+def test_a_full_disk_is_one_line(tmp_path, monkeypatch, capsys):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device", "train/image/000003.png")
+
+    monkeypatch.setattr("elitelanes_jax.dataset.make_dataset", full)
+    assert main(["dataset", *SMALL, "--out", str(tmp_path / "out")]) == 2
+    said = "elitelanes: train/image/000003.png: No space left on device; what is complete stays"
+    assert capsys.readouterr().err == f"{said}, and the same command goes on from there
+"
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_an_interruption_while_it_draws_ends_it_and_it_goes_on(tmp_path, monkeypatch, number):
+    """Wherever the main thread is at that moment."""
+    drawn = make.draw_sample
+
+    def interrupt(*arguments, **others):
+        if arguments[2] == number:
+            signal.raise_signal(signal.SIGINT)
+        return drawn(*arguments, **others)
+
+    monkeypatch.setattr(make, "draw_sample", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(small(), tmp_path / "out", maps=some_maps(), workers=3)
+    monkeypatch.undo()
+    make_dataset(small(), tmp_path / "out", maps=some_maps())
+    make_dataset(small(), tmp_path / "whole", maps=some_maps())
+    assert files(tmp_path / "out") == files(tmp_path / "whole")
 
 
 _KILLED = Settings(maps=40, size=(5, 5), tile_px=32)

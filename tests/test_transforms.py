@@ -81,6 +81,21 @@ def test_pictures_follow_their_masks():
         assert differ.mean() < 0.01
 
 
+def test_a_picture_that_shrinks_is_the_mean_of_its_pixels():
+    """Stripes of one pixel: interpolation between neighbours would show some of them, or none."""
+    image = np.zeros((128, 128, 3), np.uint8)
+    image[:, ::2] = 200
+    shown = warp(image, view_of(0, Transforms(scale=(0.25, 0.25)), (128, 128)))
+    np.testing.assert_allclose(shown[52:76, 52:76], 100, atol=3)
+    assert (shown[:40] == 0).all()
+
+
+@given(st.integers(0, 10**6), st.floats(0.6, 2))
+def test_a_crop_lies_within_the_map(seed, scale):
+    mask = np.ones((80, 64), np.uint8)
+    assert warp(mask, view_of(seed, Transforms(quarter_turns=True, scale=(scale, scale), crop=32), mask.shape)).all()
+
+
 def test_nothing_asked_changes_nothing():
     image = np.random.default_rng(0).integers(0, 256, (20, 30, 3), np.uint8)
     view = view_of(0, Transforms(), (20, 30))

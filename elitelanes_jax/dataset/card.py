@@ -46,6 +46,13 @@ def card(about: dict[str, Any], loading: str) -> str:
     low, high = asked["size"]
     sides = f"{low} x {low}" if low == high else f"{low} x {low} to {high} x {high}"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
+    whose = (
+        "They were given, not evolved."
+        if about["given_maps"]
+        else "Each is connected, and differs from all others however they are turned or mirrored."
+    )
+    own = [f"mask {name}" for name in about["tile_set"]["layers"]]
+    own += [f"points {name}" for name in about["tile_set"]["points"]]
     rows = [
         f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
         + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
@@ -68,9 +75,8 @@ def card(about: dict[str, Any], loading: str) -> str:
             "",
             "# Road maps of a miniature city, with labels",
             "",
-            f"{total:,} pictures of {asked['maps']:,} road networks of {sides} tiles, {asked['tile_px']} pixels a tile.",
-            "Each network is connected and unlike all others when turned or mirrored; each pixel has a label.",
-            f"Evolved and drawn by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
+            f"{total:,} pictures of {asked['maps']:,} road networks, {sides} tiles of {asked['tile_px']} pixels.",
+            f"{whose} Each pixel has a label. Made by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
             "",
             "![Some of them](contact-sheet.png)",
             "",
@@ -95,6 +101,7 @@ def card(about: dict[str, Any], loading: str) -> str:
             "",
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
             f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
+            *([f"- of the tile set's own: {', '.join(own)}"] if own else []),
             f"- search: {wishes['method']}, preset {wishes['preset']}, seed {asked['seed']}",
             "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
             *wanted,

@@ -29,14 +29,18 @@ class Format(NamedTuple):
       file: (split, number, layer) -> where a picture lies, relative to the folder.
       note: labels uint8 ``[h, w]`` -> what a sample's record has beside the usual, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
-      loading: lines of Python that load the training split from the folder ``DIR``.
+      program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
     """
 
     layers: tuple[str, ...]
     file: Callable[[int, int, str], str]
     note: Callable[[NDArray[np.uint8]], Record]
     list_samples: Callable[[Path, int, Iterable[Record]], None]
-    loading: str
+    program: str
+
+    def loading(self, split: int) -> str:
+        """A program that loads a split."""
+        return self.program.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
 
 
 def format_named(name: str) -> Format:
@@ -58,6 +62,9 @@ def format_named(name: str) -> Format:
 
 
 _SHORT = ("train", "val", "test")
+
+# Of each split's own pictures; masks of the tile set's maker have a folder of their own beside them.
+_USUAL = ("image", "labels", *MASKS)
 
 
 def _write_lines(file: Path, rows: Iterator[Record]) -> None:
@@ -83,14 +90,18 @@ def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
 
 
 def _imagefolder_file(split: int, number: int, layer: str) -> str:
-    return f"{SPLITS[split]}/{layer}/{number:06d}.png"
+    return f"{SPLITS[split]}/{_place(layer)}/{number:06d}.png"
+
+
+def _place(layer: str) -> str:
+    return layer if layer in _USUAL else f"layers/{layer}"
 
 
 def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
     def rows() -> Iterator[Record]:
         for record in records:
             names = {
-                f"{layer}_file_name": f"{layer}/{record['number']:06d}.png"
+                f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
                 for layer in ("image", "labels", *record["layers"])
             }
             yield names | {key: value for key, value in record.items() if key != "layers" and value != {}}
@@ -102,7 +113,7 @@ def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> N
 
 
 def _mmseg_file(split: int, number: int, layer: str) -> str:
-    place = {"image": "img_dir", "labels": "ann_dir"}.get(layer, f"{layer}_dir")
+    place = {"image": "img_dir", "labels": "ann_dir"}.get(layer, _place(layer))
     return f"{place}/{_SHORT[split]}/{number:06d}.png"
 
 
@@ -114,7 +125,7 @@ def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
 
 
 def _coco_file(split: int, number: int, layer: str) -> str:
-    return f"{'images' if layer == 'image' else layer}/{_SHORT[split]}/{number:06d}.png"
+    return f"{'images' if layer == 'image' else _place(layer)}/{_SHORT[split]}/{number:06d}.png"
 
 
 def _coco_note(labels: NDArray[np.uint8]) -> Record:
@@ -165,9 +176,10 @@ FORMATS = {
         _imagefolder_file,
         _no_note,
         _imagefolder_index,
+        "# pip install datasets pillow\n"
         "from datasets import load_dataset\n\n"
         'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
-        'sample = dataset["train"][0]\n'
+        'sample = dataset["SPLIT"][0]\n'
         'print(sample["image"].size, sample["labels"].getextrema())',
     ),
     "mmseg": Format(
@@ -177,7 +189,7 @@ FORMATS = {
         _mmseg_index,
         "from mmseg.datasets import BaseSegDataset\n\n"
         f"metainfo = dict(classes={LABELS!r})\n"
-        'prefix = dict(img_path="img_dir/train", seg_map_path="ann_dir/train")\n'
+        'prefix = dict(img_path="img_dir/SHORT", seg_map_path="ann_dir/SHORT")\n'
         'dataset = BaseSegDataset(data_root="DIR", img_suffix=".png", data_prefix=prefix, metainfo=metainfo)\n'
         "print(len(dataset))",
     ),
@@ -187,7 +199,7 @@ FORMATS = {
         _coco_note,
         _coco_index,
         "from pycocotools.coco import COCO\n\n"
-        'coco = COCO("DIR/annotations/train.json")\n'
+        'coco = COCO("DIR/annotations/SHORT.json")\n'
         "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
         'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
         'print(image["file_name"], len(masks))',
@@ -198,7 +210,7 @@ FORMATS = {
         _no_note,
         _plain_index,
         "import json\nfrom pathlib import Path\n\nimport cv2\n\n"
-        'folder = Path("DIR") / "train"\n'
+        'folder = Path("DIR") / "SPLIT"\n'
         'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
         'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
         "print(len(rows), labels.shape)",

@@ -2,23 +2,24 @@
 
 import json
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from hashlib import sha256
-from itertools import islice
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.checks import check_count
 from elitelanes_jax.dataset.card import card, contact_sheet
 from elitelanes_jax.dataset.formats import SPLITS, Format, format_named
 from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
-from elitelanes_jax.dataset.settings import Settings, checked, digest, tiles_by_split
+from elitelanes_jax.dataset.settings import Settings, check_given, checked, digest, tiles_by_split
 from elitelanes_jax.dataset.work import LAST, work_folder
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.progress import counter
@@ -34,7 +35,7 @@ _ON_SHEET = 12
 
 
 def make_dataset(
-    settings: Settings, out: Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
+    settings: Settings, out: str | Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
 ) -> dict[str, Any]:
     """Evolves maps, draws them, and writes them as a dataset.
 
@@ -45,7 +46,7 @@ def make_dataset(
       settings: what to make.
       out: the folder: new, empty, or one that was begun with the same settings.
       workers: threads that draw; by default as many as there are processors.
-      maps: to be drawn in place of evolved ones, as many as settings say, square.
+      maps: to be drawn in place of evolved ones: as many as settings say, square, of sizes within theirs.
 
     Returns:
       The record in ``dataset.json``.
@@ -55,9 +56,13 @@ def make_dataset(
       NotEnoughMapsError: if the searches give too few maps.
       OSError: if a file cannot be written; it names the file. What was complete stays, and is gone on from.
     """
-    settings = checked(settings)
+    settings, out = checked(settings), Path(out)
+    if workers is not None:
+        check_count("make_dataset", "workers", workers)
     layout = format_named(settings.format)
     tiles = load_tiles(settings.tiles)
+    if maps is not None:
+        check_given(settings, maps, tiles)
     by_split = tiles_by_split(tiles, settings)
     for side in settings.size:
         read_wishes(settings.wishes, (side, side))
@@ -98,7 +103,7 @@ def _identity(settings: Settings, tiles: TileSet, maps: Sequence[RoadMap] | None
     plain = settings._asdict() | {"transforms": views, "wishes": wishes}
     del plain["tiles"]  # what counts is not where they are, but what they show
     given = None if maps is None else sha256("".join(map(to_json, maps)).encode()).hexdigest()[:16]
-    about = {"name": tiles.name, "licence": tiles.licence, "digest": digest(tiles)}
+    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points")} | {"tiles": digest(tiles)}
     identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": versions()}
     return json.loads(json.dumps(identity))
 
@@ -108,24 +113,40 @@ def _record_file(records: Path, number: int) -> Path:
 
 
 def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
-    """Draws what is waiting. Pictures are warped and packed outside of Python, so that threads run side by side."""
-    with (
-        counter("drawing", total, "pictures", done=total - len(waiting)) as bar,
-        _one_thread_each(),
-        ThreadPoolExecutor(workers) as pool,
-    ):
-        numbers = iter(waiting)
-        under_way = {pool.submit(draw, number) for number in islice(numbers, 2 * workers)}
+    """Draws what is waiting. Pictures are warped and packed outside of Python, so that threads run side by side.
+
+    The main thread waits at a simple queue alone, which an interruption leaves in order; condition variables, which
+    `concurrent.futures` waits at, it may leave locked.
+    """
+    numbers: SimpleQueue[int | None] = SimpleQueue()
+    outcomes: SimpleQueue[BaseException | None] = SimpleQueue()
+    stopped = threading.Event()
+    for number in (*waiting, *[None] * workers):
+        numbers.put(number)
+
+    def work() -> None:
+        while (number := numbers.get()) is not None and not stopped.is_set():
+            try:
+                draw(number)
+            except BaseException as error:
+                outcomes.put(error)
+            else:
+                outcomes.put(None)
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(workers)]
+    with counter("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
+        for thread in threads:
+            thread.start()
         try:
-            while under_way:
-                done, under_way = wait(under_way, return_when=FIRST_COMPLETED)
-                for future in done:
-                    future.result()
-                    bar.update(1)
-                under_way |= {pool.submit(draw, number) for number in islice(numbers, len(done))}
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+            for _ in waiting:
+                error = outcomes.get()
+                if error is not None:
+                    raise error
+                bar.update(1)
+        finally:
+            stopped.set()
+            for thread in threads:
+                thread.join()
 
 
 @contextmanager
@@ -153,7 +174,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
             pixels[SPLITS[split]] += record["class_pixels"]
             yield record
 
-    for split in range(len(SPLITS)):
+    for split in np.unique(splits).tolist():
         layout.list_samples(out, split, counted(split))
     about = identity | {
         "pictures": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
@@ -163,7 +184,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    write_whole(out / "README.md", card(about, layout.loading).encode())
+    write_whole(out / "README.md", card(about, layout.loading(int(splits.min()))).encode())
     count = min(_ON_SHEET, len(splits))
     shown = [read(place * len(splits) // count) for place in range(count)]
     title = f"{count} of {len(splits)} pictures"

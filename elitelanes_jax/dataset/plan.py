@@ -13,21 +13,20 @@ from numpy.typing import NDArray
 from elitelanes_jax.codes import KINDS
 from elitelanes_jax.dataset.formats import SPLITS
 from elitelanes_jax.dataset.settings import Settings, maps_by_side, maps_by_split
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, NotEnoughMapsError
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.progress import counter
 from elitelanes_jax.roadmap import RoadMap
 from elitelanes_jax.search import seed_keys
-from elitelanes_jax.selection import NotEnoughMapsError, choose_maps, shortage
-from elitelanes_jax.symmetry import canonical
+from elitelanes_jax.selection import LEAST_DIFFERENT, choose_maps, shortage
 from elitelanes_jax.tilesets import TileSet
 from elitelanes_jax.wishes import search
 
 __all__ = ["Maps", "evolve_maps", "given_maps", "split_maps"]
 
-# A round evolves so many seeds, and gives at most so many maps: of what is akin not too much. It ends the search for
-# one size if so many rounds in a row give nothing new.
-_SEEDS, _FROM_ROUND, _FRUITLESS = 16, 512, 2
+# A round evolves so many seeds, and gives at most so many maps: of what is akin not too much. If it gives fewer than
+# the last figure, the next ones may be more alike.
+_SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
 
 
 class Maps:
@@ -69,21 +68,23 @@ def evolve_maps(settings: Settings, tiles: TileSet, work: Path) -> Maps:
     rounds: list[Path] = []
     with counter("evolving", settings.maps, "maps") as bar:
         for side, wanted in maps_by_side(settings).items():
-            forms: set[bytes] = set()
-            fruitless = number = 0
-            while len(forms) < wanted:
+            found: list[NDArray[np.int8]] = []
+            number = level = 0
+            while len(found) < wanted:
                 file = work / "maps" / f"{side}-{number}.jsonl"
                 if not file.exists():
-                    maps = _round(settings, tiles, side, number, wanted, forms)
+                    maps = _round(settings, tiles, side, number, wanted, found, LEAST_DIFFERENT[level])
                     write_whole(file, "".join(f"{_line(road_map)}\n" for road_map in maps).encode())
-                new = {canonical(road_map.codes) for road_map in _maps_of(file)}
-                fruitless = 0 if new else fruitless + 1
-                if fruitless == _FRUITLESS:
+                new = [road_map.codes for road_map in _maps_of(file)]
+                # Where few maps differ as much as they should, less has to do.
+                if len(new) < min(_FEW, wanted - len(found)):
+                    level += 1
+                found += new
+                if level == len(LEAST_DIFFERENT):
                     raise NotEnoughMapsError(
-                        f"found {len(forms)} different ones of {wanted} maps of {side} x {side} tiles; larger sizes, "
+                        f"found {len(found)} different ones of {wanted} maps of {side} x {side} tiles; larger sizes, "
                         "more evaluations or fewer maps"
                     )
-                forms |= new
                 rounds.append(file)
                 number += 1
                 bar.update(len(new))
@@ -97,13 +98,22 @@ def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:
     return Maps([file])
 
 
-def _round(settings: Settings, tiles: TileSet, side: int, number: int, wanted: int, forms: set[bytes]) -> list[RoadMap]:
-    """The maps of one round that are unlike all before."""
+def _round(
+    settings: Settings,
+    tiles: TileSet,
+    side: int,
+    number: int,
+    wanted: int,
+    found: Sequence[NDArray[np.int8]],
+    least: float,
+) -> list[RoadMap]:
+    """The maps of one round, each unlike all before in so large a share of its tiles."""
     first = number * _SEEDS
     keys = seed_keys(settings.seed, first + _SEEDS)[first:]
     result = search(settings.wishes, keys, (side, side), tiles.alphabet, progress=False)
-    choice = choose_maps(result, min(wanted - len(forms), _FROM_ROUND), settings.seed, known=forms)
-    if not choice.maps and not forms:
+    count = min(wanted - len(found), _FROM_ROUND)
+    choice = choose_maps(result, count, settings.seed, known=found, least=(least,))
+    if not choice.maps and not found:
         raise NotEnoughMapsError(shortage(choice, wanted, settings.wishes.method, (side, side)))
     return [road_map._replace(seed=(settings.seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
 

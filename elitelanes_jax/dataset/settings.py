@@ -1,6 +1,7 @@
 """What a dataset is to be."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from math import floor
 from pathlib import Path
@@ -8,12 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from elitelanes_jax.checks import LONGEST_SIDE, check_count, check_grid
+from elitelanes_jax.dataset.formats import SPLITS
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.tilesets import MASKS, TileSet
-from elitelanes_jax.transforms import STANDARD, Transforms
+from elitelanes_jax.render import check_tile_px
+from elitelanes_jax.roadmap import RoadMap
+from elitelanes_jax.tilesets import MASKS, Tile, TileSet
+from elitelanes_jax.transforms import STANDARD, Transforms, check_transforms
 from elitelanes_jax.wishes import Wishes
 
-__all__ = ["Settings", "checked", "digest", "maps_by_side", "maps_by_split", "tiles_by_split"]
+__all__ = ["Settings", "check_given", "checked", "digest", "maps_by_side", "maps_by_split", "tiles_by_split"]
 
 
 class Settings(NamedTuple):
@@ -53,24 +58,50 @@ def checked(settings: Settings) -> Settings:
       InputError: for those that do not; the message names them.
     """
     low, high = settings.size
-    if not 2 <= low <= high:
-        raise InputError(f"size: expected the smallest and the largest side, 2 or more, got {low} and {high}")
+    for name in ("maps", "views"):
+        check_count("settings", name, getattr(settings, name))
+    if not isinstance(settings.seed, int) or not 0 <= settings.seed < 2**32:
+        raise InputError(f"seed: expected a whole number, 0 to {2**32 - 1}, got {settings.seed!r}")
+    if not 2 <= low <= high <= LONGEST_SIDE:
+        raise InputError(f"size: expected the smallest and the largest side, 2 to {LONGEST_SIDE}, got {low} and {high}")
     if settings.maps < high - low + 1:
         raise InputError(f"maps: expected one of each size at least, {high - low + 1}, got {settings.maps}")
-    if settings.views < 1:
-        raise InputError(f"views: expected 1 or more of each map, got {settings.views}")
     if settings.wishes.fix is not None and low < high:
         raise InputError(f"fix: expected maps of one size for cells that are given, got {low} to {high}")
     shares = settings.split
-    if len(shares) != 3 or min(shares) < 0 or abs(sum(shares) - 1) > 1e-6:
+    if len(shares) != 3 or not all(0 <= share <= 1 for share in shares) or abs(sum(shares) - 1) > 1e-6:
         got = " ".join(f"{share:g}" for share in shares)
         raise InputError(f"split: expected three shares that sum to 1, got {got}")
-    if settings.transforms.crop > low * settings.tile_px:
+    for name, share, count in zip(SPLITS, shares, maps_by_split(settings), strict=True):
+        if share and not count:
+            raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {settings.maps}")
+    if settings.hold_out_tiles and not shares[2]:
+        raise InputError("hold_out_tiles: expected a test to hold tiles out for, got a split without")
+    check_tile_px(settings.tile_px)
+    check_transforms(settings.transforms)
+    smallest = low * settings.tile_px * min(1.0, settings.transforms.scale[0])
+    if settings.transforms.crop > smallest:
         raise InputError(
-            f"transform: expected a crop within the smallest maps, {low} tiles of {settings.tile_px} pixels, "
-            f"got {settings.transforms.crop}"
+            f"transform: expected a crop within the smallest maps, {low} tiles of {settings.tile_px} pixels at the "
+            f"smallest scale, {smallest:g} pixels, got {settings.transforms.crop}"
         )
     return settings
+
+
+def check_given(settings: Settings, maps: Sequence[RoadMap], tiles: TileSet) -> None:
+    """Raises InputError unless given maps are as many as settings say, square, of their sizes, and can be drawn."""
+    if len(maps) != settings.maps:
+        raise InputError(f"maps: expected {settings.maps} of them, as settings say, got {len(maps)}")
+    for number, road_map in enumerate(maps):
+        codes = np.asarray(check_grid(road_map.codes))
+        height, width = codes.shape
+        if height != width or not settings.size[0] <= height <= settings.size[1]:
+            raise InputError(
+                f"maps: expected square ones of {settings.size[0]} to {settings.size[1]} tiles, got number {number} of "
+                f"{height} x {width}"
+            )
+        if not np.isin(codes, list(tiles.turned)).all():
+            raise InputError(f"maps: expected codes that the tile set has pictures for, got others in number {number}")
 
 
 def maps_by_side(settings: Settings) -> dict[int, int]:
@@ -113,10 +144,19 @@ def tiles_by_split(tiles: TileSet, settings: Settings) -> tuple[TileSet, TileSet
             + (" and ".join(single) or "each kind of crossing")
         )
     seen, unseen = (
-        replace(tiles, tiles=tuple(tile for tile in tiles.tiles if (tile.name in held) == wanted))
+        replace(tiles, tiles=tuple(_with_all(tile, tiles) for tile in tiles.tiles if (tile.name in held) == wanted))
         for wanted in (False, True)
     )
     return seen, seen, unseen
+
+
+def _with_all(tile: Tile, tiles: TileSet) -> Tile:
+    """A tile with masks and points of all the names that the set has: each part of it is to have the same."""
+    empty = np.zeros(tile.road.shape, bool)
+    return tile._replace(
+        layers={name: tile.layers.get(name, empty) for name in tiles.layers},
+        points={name: tile.points.get(name, np.zeros((0, 2))) for name in tiles.points},
+    )
 
 
 def digest(tiles: TileSet) -> str:

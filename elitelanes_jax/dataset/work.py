@@ -5,11 +5,11 @@ import fcntl
 import json
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, NotEnoughMapsError
 from elitelanes_jax.folders import check_same, write_whole
 
 __all__ = ["LAST", "work_folder"]
@@ -24,7 +24,8 @@ _WORK, _SETTINGS, _LOCK = ".unfinished", "settings.json", "lock"
 def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
     """A folder within ``out`` for what is needed until the dataset is complete; then it goes.
 
-    Left by an error it stays, for the next run to go on from. One run at a time has it.
+    Left by an error it stays, for the next run to go on from; not so where the settings themselves were at fault
+    (`InputError`, `NotEnoughMapsError`), since the next run has others. One run at a time has it.
 
     Args:
       out: the dataset's folder: new, empty, or one that a run with the same settings has begun.
@@ -36,7 +37,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
     Raises:
       InputError: if the folder is anything else, of other settings, at work already, or cannot be written to.
     """
-    work = out / _WORK
+    work, new = out / _WORK, not out.exists()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: expected a folder that is new or empty, got a file")
     try:
@@ -67,7 +68,14 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
             check_same(out, work / _SETTINGS, settings)
         else:
             write_whole(work / _SETTINGS, json.dumps(settings, indent=2).encode() + b"\n")
-        yield work
+        try:
+            yield work
+        except (InputError, NotEnoughMapsError):
+            shutil.rmtree(work)
+            if new:
+                with suppress(OSError):  # what is in there stays
+                    out.rmdir()
+            raise
         shutil.rmtree(work)
 
 
