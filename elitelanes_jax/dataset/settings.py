@@ -75,8 +75,6 @@ def checked(settings: Settings) -> Settings:
     for name, share, count in zip(SPLITS, shares, maps_by_split(settings), strict=True):
         if share and not count:
             raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {settings.maps}")
-    if settings.hold_out_tiles and not shares[2]:
-        raise InputError("hold_out_tiles: expected a test to hold tiles out for, got a split without")
     check_tile_px(settings.tile_px)
     check_transforms(settings.transforms)
     smallest = low * settings.tile_px * min(1.0, settings.transforms.scale[0])
