@@ -46,7 +46,7 @@ class AnnealingConfig(NamedTuple):
         become alike.
       hottest: temperature at the start of a cycle, in units of fitness at 12 x 12.
       coldest: at its end.
-      cycle: steps of the first cycle; by default a ninth of the square of the number of cells.
+      cycle: steps of the first cycle; by default 5/32 of the square of the number of cells.
       moves: the mix of moves.
     """
 
@@ -84,7 +84,7 @@ class AnnealingConfig(NamedTuple):
 
     def first_cycle(self, shape: tuple[int, int]) -> int:
         """The steps of the first cycle on grids of a shape."""
-        return min(self.cycle or max(16, (shape[0] * shape[1]) ** 2 // 9), LONGEST_CYCLE)
+        return min(self.cycle or max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
 
 
 class Cooling(NamedTuple):

@@ -6,8 +6,10 @@ has proved good elsewhere: in another grid, turned or mirrored, or in another pl
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
@@ -57,11 +59,11 @@ class Mix(NamedTuple):
     corner: int = 4
     outline: int = 1
     street: int = 1
-    straight: int = 5
+    straight: int = 8
     clear: int = 1
-    mirrored: int = 2
+    mirrored: int = 1
     slide: int = 1
-    transplant: int = 8
+    transplant: int = 16
     displaced: int = 4
     completed: Numeric = 0.3
 
@@ -212,13 +214,19 @@ def _moving(shares: dict[_Plan, int]) -> Move:
     ends = np.cumsum(list(shares.values()), dtype=np.int32)
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
+        first = once(words[:_WORDS], grid, mate)
+        # Blocks set in where they were, straights laid on straights: one move in six changes nothing.
+        second = once(words[_WORDS:], grid, mate)
+        return jax.tree.map(partial(jnp.where, (first.grid == grid).all()), second, first)
+
+    def once(words: Array, grid: Array, mate: Array | None) -> Variation:
         plans, changes = zip(*(ravel_pytree(plan(words[1:], grid.shape)) for plan in shares), strict=True)
         drawn = (below(words[0], ends[-1]) >= ends[:-1]).sum()
         # XLA computes a sum once for each grid, but a mere choice anew for every tile: three times the time of a move.
         plan = jnp.where((np.arange(len(shares)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
         return _changed(changes[0](plan), grid, grid if mate is None else mate)
 
-    return Move(_WORDS, apply)
+    return Move(2 * _WORDS, apply)
 
 
 def _changed(change: _Change, grid: Array, mate: Array) -> Variation:
@@ -365,9 +373,18 @@ def _places(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _block(words: Array, shape: tuple[int, int]) -> _Sides:
-    """North, south, west and east of a random block: two rows and two columns, each drawn alone, in order."""
+    """North, south, west and east of a random block: two rows and two columns, each drawn alone, in order.
+
+    One time in eight a side is at the grid's edge instead: half a network, turned or mirrored, makes a whole one.
+    """
     one, other = below(words[:2], shape[0]), below(words[2:4], shape[1])
-    return one.min(), one.max(), other.min(), other.max()
+    north, south, west, east = words[:4] & 7 == 0
+    return (
+        jnp.where(north, 0, one.min()),
+        jnp.where(south, shape[0] - 1, one.max()),
+        jnp.where(west, 0, other.min()),
+        jnp.where(east, shape[1] - 1, other.max()),
+    )
 
 
 def _stretch(words: Array, shape: tuple[int, int]) -> tuple[Array, _Sides]:

@@ -55,10 +55,10 @@ class AimedMapElitesConfig(NamedTuple):
     """Settings; the defaults are the preset `tuned`.
 
     Attributes:
-      annealing: of the chains; its cycles do not grow. By default each chain is an island, and a cycle a twenty-fourth
+      annealing: of the chains; its cycles do not grow. By default each chain is an island, and a cycle a thirty-second
         of the first one of the tuned EA.
       pull: what a bin of distance from the niche aimed at adds to the fitness.
-      nudge: likewise on axes with an aim, whose flaws cost fitness anyway.
+      nudge: likewise on axes with an aim, beside what the flaws cost anyway.
       anew: probability that an island starts a cycle from random grids.
       longer: how many times as long as others such a cycle is.
       frontier: probability that it aims at a vacant niche, one that an elite off the aim is a step to or that lies
@@ -70,7 +70,7 @@ class AimedMapElitesConfig(NamedTuple):
 
     annealing: AnnealingConfig = AnnealingConfig(chains=1, hottest=40, coldest=12)
     pull: int = 400
-    nudge: int = 1
+    nudge: int = 100
     anew: Numeric = 0.04
     longer: int = 16
     frontier: Numeric = 0.5
@@ -125,7 +125,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     count, chains_each = annealing.population, annealing.chains_on(problem.shape)
     islands = count // chains_each
     island = np.arange(count) // chains_each  # of each chain
-    length = annealing.cycle or max(16, annealing.first_cycle(problem.shape) // 24)
+    length = annealing.cycle or max(16, annealing.first_cycle(problem.shape) // 32)
     length = max(1, min(length, LONGEST_CYCLE // config.longer))
     move = tuned_move(problem, annealing.moves)
     bins = tuple(axis.bins for axis in axes)
