@@ -6,7 +6,7 @@ READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 
-.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum segmentation clean
+.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum segmentation throughput clean
 
 demo: $(READY)
 	rm -rf $(DEMO)
@@ -75,6 +75,9 @@ optimum: $(READY)
 
 segmentation: $(READY)
 	$(BIN)/python experiments/segmentation.py
+
+throughput: $(READY)
+	$(BIN)/python experiments/throughput.py
 
 clean:
 	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)

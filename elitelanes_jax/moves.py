@@ -6,10 +6,8 @@ has proved good elsewhere: in another grid, turned or mirrored, or in another pl
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from chex import Array, Numeric
@@ -214,19 +212,13 @@ def _moving(shares: dict[_Plan, int]) -> Move:
     ends = np.cumsum(list(shares.values()), dtype=np.int32)
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
-        first = once(words[:_WORDS], grid, mate)
-        # Blocks set in where they were, straights laid on straights: one move in six changes nothing.
-        second = once(words[_WORDS:], grid, mate)
-        return jax.tree.map(partial(jnp.where, (first.grid == grid).all()), second, first)
-
-    def once(words: Array, grid: Array, mate: Array | None) -> Variation:
         plans, changes = zip(*(ravel_pytree(plan(words[1:], grid.shape)) for plan in shares), strict=True)
         drawn = (below(words[0], ends[-1]) >= ends[:-1]).sum()
         # XLA computes a sum once for each grid, but a mere choice anew for every tile: three times the time of a move.
         plan = jnp.where((np.arange(len(shares)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
         return _changed(changes[0](plan), grid, grid if mate is None else mate)
 
-    return Move(2 * _WORDS, apply)
+    return Move(_WORDS, apply)
 
 
 def _changed(change: _Change, grid: Array, mate: Array) -> Variation:

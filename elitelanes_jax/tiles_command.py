@@ -114,6 +114,8 @@ def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
             write_png(aside[file], pixels)
         for file, part in aside.items():
             part.replace(file)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(file)) from None
     finally:
         for part in aside.values():
             part.unlink(missing_ok=True)

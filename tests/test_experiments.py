@@ -176,6 +176,7 @@ def test_maps_are_drawn_with_their_masks(tmp_path, monkeypatch):
     assert json.loads((tmp_path / "out" / "settings.json").read_text())["seeds"] == 4
 
 
+@pytest.mark.slow
 def test_scaling(tmp_path):
     arguments = ["--methods", "gwo", "wfc", "--sizes", "4", "6", "--seeds", "2", "--generations", "3"]
     assert scaling([*arguments, "--out", str(tmp_path / "out")]) == 0
@@ -184,6 +185,7 @@ def test_scaling(tmp_path):
     assert len((tmp_path / "out" / "scaling.csv").read_text().splitlines()) == 1 + 2 * 2 * 2
 
 
+@pytest.mark.slow
 def test_other_readings(tmp_path):
     arguments = ["--methods", "ea", "gwo", "wfc", "--seeds", "2", "--generations", "3"]
     assert ambiguities([*arguments, "--out", str(tmp_path / "out")]) == 0

@@ -77,7 +77,16 @@ def test_long_corridors(shape):
 
 
 # A label is one byte up to 254 inner corners, two up to 65,534 places, then four.
-@pytest.mark.parametrize("shape", [(2, 255), (2, 256), (253, 255), (254, 255), (254, 256)], ids=str)
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (2, 255),
+        (2, 256),
+        (254, 255),
+        *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((253, 255), (254, 256))),
+    ],
+    ids=str,
+)
 def test_where_labels_get_wider(shape):
     rng = np.random.default_rng(shape)
     anything = rng.integers(0, 16, (1, *shape)).astype(np.int8)

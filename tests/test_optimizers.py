@@ -54,8 +54,9 @@ MAKERS = {
 KEYS = jax.random.split(jax.random.key(11), 3)
 GENERATIONS = 30
 
-# The tuned swarms are the tuned EA with other mates; whether they keep the contract too is a slow proof.
-SLOW = {"pso, tuned", "gwo, tuned"}
+# The tuned swarms are the tuned EA with other mates, and two others differ from theirs in a choice; whether they keep
+# the contract too is a slow proof.
+SLOW = {"pso, tuned", "gwo, tuned", "map-elites, parents from the archive", "gwo, the worst as omega"}
 every_optimizer = pytest.mark.parametrize(
     "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in MAKERS]
 )

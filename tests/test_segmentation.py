@@ -63,6 +63,7 @@ def test_crops_are_of_the_picture_and_its_labels_alike():
     assert len(drawn_places) == len(windows)  # all of them come up
 
 
+@pytest.mark.slow
 def test_the_network_learns():
     seen, held_out = split_tiles(0)
     weights = unet.train(*drawn(collapsed(20, 0), seen, seed=0), 4, 5, steps=150, batch=4, crop=64)

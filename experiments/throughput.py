@@ -1,0 +1,114 @@
+"""How fast datasets are drawn, and what of the time is warping and packing pictures.
+
+python experiments/throughput.py [--maps N] [--tile-px N]
+
+One thread draws maps of 12 x 12 tiles step by step, its own processor time taken; then all processors draw as
+`elitelanes dataset` does, and pack the same pictures with nothing else: no dataset can be made faster than that.
+"""
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from unittest.mock import patch
+
+import cv2
+import numpy as np
+
+from elitelanes_jax.command import Parser, guarded, leave, say, whole
+from elitelanes_jax.dataset import Settings, make_dataset
+from elitelanes_jax.dataset import samples as drawing
+from elitelanes_jax.dataset.formats import FORMATS
+from elitelanes_jax.render import png_of
+from elitelanes_jax.roadmap import RoadMap
+from elitelanes_jax.tilesets import load_tiles
+from elitelanes_jax.transforms import STANDARD
+from elitelanes_jax.wfc import generate_batch
+
+__all__ = ["main"]
+
+# What a sample is made by, in words.
+_STEPS = {
+    "png_of": "pack pictures and labels as PNG",
+    "warp": "warp",
+    "photograph": "light, blur, noise",
+    "write_whole": "write files",
+    "render": "lay out tiles",
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser(prog="throughput.py", description="Measures how fast datasets are drawn.")
+    parser.add_argument("--maps", type=whole(8), default=1000, metavar="N", help="how many maps; by default 1000")
+    parser.add_argument("--tile-px", type=whole(16, 512), default=64, metavar="N", help="by default 64")
+    options = parser.parse_args(arguments)
+    return guarded("throughput", lambda: _measure(options), interrupted="nothing was measured")
+
+
+def _measure(options: argparse.Namespace) -> int:
+    grids = generate_batch(np.random.default_rng(0), options.maps, (12, 12), border="closed").grid
+    maps = [RoadMap(grid, niche=[0]) for grid in grids]
+    say(_one_thread(maps[:100], options.tile_px))
+    with TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        settings = Settings(maps=len(maps), size=(12, 12), tile_px=options.tile_px)
+        make_dataset(settings, Path(folder) / "dataset", maps=maps)
+        drawn = time.perf_counter() - began
+    images = [_sample(road_map, number, options.tile_px).layers for number, road_map in enumerate(maps[:32])]
+    cv2.setNumThreads(1)
+    began = time.perf_counter()
+    with ThreadPoolExecutor() as pool:
+        jobs = [pool.submit(png_of, images[n % 32][name]) for n in range(len(maps)) for name in ("image", "labels")]
+        for job in jobs:
+            job.result()
+    packed = time.perf_counter() - began
+    say(f"{len(maps)} maps, all processors: {drawn:.1f} s as a dataset, {packed:.1f} s for packing PNG alone")
+    return 0
+
+
+def _sample(road_map: RoadMap, number: int, tile_px: int) -> drawing.Sample:
+    return drawing.draw_sample(road_map, load_tiles(), number, tile_px=tile_px, transforms=STANDARD, layers=())
+
+
+def _one_thread(maps: Sequence[RoadMap], tile_px: int) -> str:
+    """A table of milliseconds of processor time for each step of a map."""
+    spent = dict.fromkeys(_STEPS, 0.0)
+
+    def timed(name: str) -> Callable[..., Any]:
+        step = getattr(drawing, name)
+
+        def run(*arguments: Any, **others: Any) -> Any:
+            began = time.thread_time()
+            try:
+                return step(*arguments, **others)
+            finally:
+                spent[name] += time.thread_time() - began
+
+        return run
+
+    tiles = load_tiles()
+    cv2.setNumThreads(1)
+    with TemporaryDirectory() as folder:
+        drawing.draw_sample(maps[0], tiles, 0, tile_px=tile_px, transforms=STANDARD, layers=())  # tiles are scaled once
+        steps: dict[str, Any] = {name: timed(name) for name in _STEPS}
+        began = time.thread_time()
+        with patch.multiple(drawing, **steps):
+            for number, road_map in enumerate(maps):
+                sample = drawing.draw_sample(road_map, tiles, number, tile_px=tile_px, transforms=STANDARD, layers=())
+                drawing.write_sample(sample, FORMATS["imagefolder"], 0, Path(folder))
+                json.dumps(sample.record)
+        total = time.thread_time() - began
+    rows = [*((words, spent[name]) for name, words in _STEPS.items()), ("all else", total - sum(spent.values()))]
+    lines = [f"| {words} | {1000 * seconds / len(maps):.1f} | {seconds / total:.0%} |" for words, seconds in rows]
+    head = ["| one thread | ms a map | share |", "|---|---:|---:|"]
+    return "\n".join([*head, *lines, f"| all | {1000 * total / len(maps):.1f} | 100% |"])
+
+
+if __name__ == "__main__":
+    leave(lambda: main(sys.argv[1:]))
