@@ -78,7 +78,7 @@ def test_the_run_record_and_the_archive(generated):
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
     assert run["settings"]["preset"] == "tuned"
-    assert run["config"]["annealing"]["moves"]["transplant"] == 8
+    assert run["config"]["annealing"]["moves"]["transplant"] == 16
     assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
     assert run["tile_set"]["name"] == "Elite Lanes drawn tiles"

@@ -12,7 +12,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from throughput import main as throughput
 
 from elitelanes_jax.cli import main
 from elitelanes_jax.dataset import Settings, make, make_dataset
@@ -392,15 +391,6 @@ def test_more_maps_than_there_are(tmp_path, capsys):
     assert main(["dataset", *few, "--split", "1", "0", "0"]) == 1
     assert not (tmp_path / "out").exists()
     assert "found 1 different ones of 9 maps of 2 x 2 tiles" in capsys.readouterr().err
-
-
-def test_the_time_of_each_step_is_told(capsys):
-    assert throughput(["--maps", "8", "--tile-px", "16"]) == 0
-    printed = capsys.readouterr().out
-    shares = [int(line.split("|")[3].strip(" %")) for line in printed.splitlines()[2:-1]]
-    assert abs(sum(shares[:-1]) - 100) <= 3
-    assert shares[-1] == 100
-    assert "8 maps, all processors:" in printed
 
 
 def test_a_second_run_is_refused(tmp_path):

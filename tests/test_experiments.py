@@ -16,6 +16,7 @@ from results_folder import kept, open_results
 from runs import run_method
 from scaling import main as scaling
 from significance import bootstrap_interval, compare_all, holm
+from throughput import main as throughput
 
 from elitelanes_jax import InputError, Weights
 from elitelanes_jax.folders import write_whole
@@ -298,3 +299,12 @@ def test_the_papers_figures_stand_beside_its_size(tmp_path):
     arguments = ["--methods", "wfc", "--seeds", "3", "--no-maps", "--out", str(tmp_path / "out")]
     assert compare(arguments) == 0
     assert "| *paper* | 4.75" in (tmp_path / "out" / "tables.md").read_text()
+
+
+def test_the_time_of_each_step_is_told(capsys):
+    assert throughput(["--maps", "8", "--tile-px", "16"]) == 0
+    printed = capsys.readouterr().out
+    shares = [int(line.split("|")[3].strip(" %")) for line in printed.splitlines()[2:-1]]
+    assert abs(sum(shares[:-1]) - 100) <= 3
+    assert shares[-1] == 100
+    assert "8 maps, all processors:" in printed

@@ -122,7 +122,7 @@ def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.write_bytes", fail_late)
     assert main(["tiles", "masks", str(folder)]) == 2
-    assert "png.part: No space left on device" in capsys.readouterr().err
+    assert ".png: No space left on device" in capsys.readouterr().err
     assert files(folder) == before
 
 
