@@ -174,12 +174,12 @@ def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:
 
 def leave(main: Callable[[], int]) -> NoReturn:
     """Runs a program's main function as the program."""
-    catch_interrupts()
-    code = main()
-    if code == _INTERRUPTED:
-        # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
-        sys.stderr.flush()
-        os._exit(code)
+    with catch_interrupts():
+        code = main()
+        if code == _INTERRUPTED:
+            # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
+            sys.stderr.flush()
+            os._exit(code)
     raise SystemExit(code)
 
 

@@ -1,30 +1,58 @@
-"""Signals that ask a program to end, as `KeyboardInterrupt` in its main thread."""
+"""Signals that ask a program to end, as `KeyboardInterrupt` in its main thread, until it is heard."""
 
-import os
 import signal
-import threading
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 
 __all__ = ["catch_interrupts"]
 
-# JAX's hook into the garbage collector: Python only prints what is raised in there, and goes on.
-_DEAF = "_xla_gc_callback"
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_AGAIN = 0.1
 
 
-def catch_interrupts() -> None:
-    """Lets SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt`, each unless it is ignored, as under ``nohup``."""
-    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
-        number = getattr(signal, name, None)  # not every system has all
-        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _interrupt)
+@contextmanager
+def catch_interrupts() -> Iterator[None]:
+    """Within its block SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt`, each unless ignored, as under ``nohup``.
+
+    An exception can be lost: Python only prints one that is raised in a callback of the garbage collector, and JAX's
+    native code drops one that is raised in a comparison that it asks for. So it is raised again every tenth of a
+    second, save while it is on its way through the program: what is being cleared up then is not disturbed.
+    """
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    hook = sys.unraisablehook
+    repeats = hasattr(signal, "setitimer")  # not every system has it
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        if repeats and number != signal.SIGALRM:
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+        if not _on_its_way():
+            raise KeyboardInterrupt
+
+    def unraisable(lost: "sys.UnraisableHookArgs") -> None:
+        if not (repeats and isinstance(lost.exc_value, KeyboardInterrupt)):
+            hook(lost)
+
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
+    if repeats:
+        before[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
+    sys.unraisablehook = unraisable
+    try:
+        yield
+    finally:
+        if repeats:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        sys.unraisablehook = hook
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    while frame is not None:
-        if frame.f_code.co_name == _DEAF:
-            again = threading.Timer(0.01, os.kill, (os.getpid(), number))
-            again.daemon = True
-            again.start()
-            return
-        frame = frame.f_back
-    raise KeyboardInterrupt
+def _on_its_way() -> bool:
+    """Whether a `KeyboardInterrupt` is being handled where the main thread is now, or led to what is."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -337,26 +338,67 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_signal_in_a_place_that_is_deaf_to_it_comes_again():
-    """Python prints what is raised in a callback of the garbage collector, and goes on."""
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_signal_that_is_lost_comes_again(capsys):
+    """Python prints what is raised in a callback of the garbage collector, and native code may drop what it met."""
 
-    def _xla_gc_callback(phase, _):
+    def callback(phase, _):
         if phase == "stop":
             signal.raise_signal(signal.SIGTERM)
 
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
-    signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    catch_interrupts()
-    gc.callbacks.append(_xla_gc_callback)
+    def in_the_collector():
+        gc.callbacks.append(callback)
+        try:
+            gc.collect()
+        finally:
+            gc.callbacks.remove(callback)
+        time.sleep(10)
+
+    def dropped():
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGTERM)
+        time.sleep(10)
+
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM)
+    before = [signal.getsignal(number) for number in signals]
+    for lost in (in_the_collector, dropped):
+        with pytest.raises(KeyboardInterrupt), catch_interrupts():
+            lost()
+    assert capsys.readouterr().err == ""
+    assert [signal.getsignal(number) for number in signals] == before
+    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_what_is_cleared_up_after_a_signal_is_not_disturbed():
+    done = []
+
+    def clears_up():
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        finally:
+            for _ in range(4):
+                time.sleep(0.1)
+                signal.raise_signal(signal.SIGINT)
+            try:
+                raise OSError
+            except OSError:
+                time.sleep(0.3)
+            done.append(True)
+
+    with pytest.raises(KeyboardInterrupt), catch_interrupts():
+        clears_up()
+    assert done
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_signal_that_is_ignored_stays_ignored():
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
-        gc.collect()
-        gc.callbacks.remove(_xla_gc_callback)
-        with pytest.raises(KeyboardInterrupt):
-            time.sleep(10)
+        with catch_interrupts():
+            signal.raise_signal(signal.SIGHUP)
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_what_cannot_be_printed_is_done_all_the_same(tmp_path):
