@@ -1,4 +1,4 @@
-"""The command ``elitelanes``. Too few maps end in exit code 1, all else as `command` has it."""
+"""The command ``elitelanes``."""
 
 import argparse
 from collections.abc import Sequence
@@ -9,7 +9,6 @@ from elitelanes_jax.command import (
     Parser,
     add_drawing,
     add_wishes,
-    fail,
     folder_name,
     guarded,
     leave,
@@ -18,7 +17,7 @@ from elitelanes_jax.command import (
     wishes_in,
 )
 from elitelanes_jax.dataset_command import add_dataset
-from elitelanes_jax.errors import InputError, NotEnoughMapsError
+from elitelanes_jax.errors import InputError
 from elitelanes_jax.exports.command import add_export, add_show
 from elitelanes_jax.tiles_command import add_tiles
 from elitelanes_jax.version import __version__
@@ -31,7 +30,7 @@ __all__ = ["main", "run"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = _parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: options.run(options), interrupted="nothing was written")
+    return guarded("elitelanes", lambda: options.run(options), interrupted=options.interrupted)
 
 
 def run() -> NoReturn:
@@ -41,6 +40,7 @@ def run() -> NoReturn:
 
 def _parser() -> argparse.ArgumentParser:
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
+    parser.set_defaults(interrupted="nothing was written")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_generate(commands)
@@ -105,10 +105,7 @@ def _generate(options: argparse.Namespace) -> int:
     given = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)}
     given |= {"size": tuple(options.size), "initial": tuple(options.initial), "wishes": Wishes(**wishes_in(options))}
     settings = Settings(**given)
-    try:
-        maps = generate(settings, options.out)
-    except NotEnoughMapsError as error:
-        return fail("elitelanes", str(error), 1)
+    maps = generate(settings, options.out)
     columns = (
         "fitness",
         "cyclomatic",

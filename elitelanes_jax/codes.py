@@ -5,7 +5,7 @@ the tile connects in that direction.
 """
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,13 +18,42 @@ __all__ = [
     "KINDS",
     "NORTH",
     "ROAD_ALPHABET",
+    "SIDES",
     "SOUTH",
     "WEST",
+    "Side",
     "alphabet_of",
     "turned",
 ]
 
 NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1
+
+
+class Side(NamedTuple):
+    """A side of a tile.
+
+    Attributes:
+      bit: of a code that connects there.
+      name: in words.
+      down: rows from the tile to its neighbour there.
+      right: columns likewise.
+      answer: the bit of the neighbour's side that faces it.
+    """
+
+    bit: int
+    name: str
+    down: int
+    right: int
+    answer: int
+
+
+SIDES = (
+    Side(NORTH, "north", -1, 0, SOUTH),
+    Side(EAST, "east", 0, 1, WEST),
+    Side(SOUTH, "south", 1, 0, NORTH),
+    Side(WEST, "west", 0, -1, EAST),
+)
+"""The four sides, clockwise."""
 
 CONNECTIONS = np.array([code.bit_count() for code in range(16)], np.int8)
 """int8 ``[16]``: the number of connections of each code."""

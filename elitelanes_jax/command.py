@@ -1,7 +1,7 @@
 """What the project's commands share: arguments, messages, exit codes.
 
-What the user got wrong ends in one line on standard error and exit code 2, too little memory in exit code 1, an
-interruption in 130. A fault of the program keeps its traceback.
+What the user got wrong ends in one line on standard error and exit code 2, too few maps or too little memory in exit
+code 1, an interruption in 130. A fault of the program keeps its traceback.
 """
 
 import argparse
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, NotEnoughMapsError
 from elitelanes_jax.interrupts import catch_interrupts
 
 __all__ = [
@@ -162,6 +162,8 @@ def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:
         return action()
     except InputError as error:
         return fail(program, str(error), 2)
+    except NotEnoughMapsError as error:
+        return fail(program, str(error), 1)
     except OSError as error:
         return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:

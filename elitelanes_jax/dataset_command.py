@@ -4,9 +4,10 @@ import argparse
 from typing import Any
 
 from elitelanes_jax.command import add_drawing, add_wishes, fail, folder_name, name, number, say, whole, wishes_in
-from elitelanes_jax.errors import NotEnoughMapsError
 
 __all__ = ["add_dataset"]
+
+_GOES_ON = "what is complete stays, and the same command goes on from there"
 
 
 def add_dataset(commands: Any) -> None:
@@ -67,7 +68,7 @@ def add_dataset(commands: Any) -> None:
     )
     add_wishes(command)
     add_drawing(command)
-    command.set_defaults(run=_dataset)
+    command.set_defaults(run=_dataset, interrupted=_GOES_ON)
 
 
 def _dataset(options: argparse.Namespace) -> int:
@@ -81,15 +82,10 @@ def _dataset(options: argparse.Namespace) -> int:
     given |= {"size": tuple(options.size), "split": tuple(options.split)}
     wishes = Wishes(**wishes_in(options))
     settings = Settings(**given, transforms=read_transforms(options.transform), wishes=wishes)
-    goes_on = "what is complete stays, and the same command goes on from there"
     try:
         about = make_dataset(settings, options.out, workers=options.workers)
-    except NotEnoughMapsError as error:
-        return fail("elitelanes", str(error), 1)
     except OSError as error:
-        return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {goes_on}", 2)
-    except KeyboardInterrupt:
-        return fail("elitelanes", f"interrupted; {goes_on}", 130)
+        return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_GOES_ON}", 2)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]
     lines.append(f"{'pictures':14}  " + "  ".join(str(count).rjust(10) for count in about["pictures"].values()))
     for one in about["classes"]:

@@ -1,6 +1,6 @@
 """The errors that stand for what a user asked."""
 
-__all__ = ["InputError", "NotEnoughMapsError"]
+__all__ = ["InputError", "NotEnoughMapsError", "reason"]
 
 
 class InputError(ValueError):
@@ -13,3 +13,8 @@ class InputError(ValueError):
 
 class NotEnoughMapsError(Exception):
     """Searches yield fewer maps than were asked for; the message says how many, and what became of the rest."""
+
+
+def reason(error: OSError) -> str:
+    """What the system says of an error, to stand at the end of a message."""
+    return (error.strerror or str(error)).lower()

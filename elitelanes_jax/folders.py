@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, reason
 
-__all__ = ["check_same", "new_folder", "write_whole"]
+__all__ = ["check_same", "new_folder", "unwritable", "write_whole"]
 
 
 @contextmanager
@@ -35,8 +35,7 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         aside = (folder if there else folder.parent) / f".{folder.name}-{uuid.uuid4().hex[:8]}"
         aside.mkdir()
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise InputError(f"{asked}: expected a place that can be written to, got {error.filename}: {why}") from None
+        raise unwritable(asked, error) from None
     moved: list[Path] = []
     try:
         yield aside
@@ -73,6 +72,12 @@ def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
     except OSError as error:
         aside.unlink(missing_ok=True)
         raise OSError(error.errno, error.strerror, str(file)) from None
+
+
+def unwritable(place: str | Path, error: OSError) -> InputError:
+    """The error that says why a place cannot be written to."""
+    got = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
+    return InputError(f"{place}: expected a place that can be written to, got {got}")
 
 
 def check_same(folder: Path, file: Path, asked: dict[str, Any]) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.overview import overview
 from elitelanes_jax.tile_files import read_mask, read_picture, size_of
-from elitelanes_jax.tilesets import MASKS, SIDES, side_of, tile_folders
+from elitelanes_jax.tilesets import LETTERS, MASKS, side_of, tile_folders
 
 __all__ = ["COLOURS", "Colour", "Proposal", "mask_folder", "proposal_sheet", "propose_masks", "read_colour"]
 
@@ -160,7 +160,7 @@ def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint
         small = [_shrunk(picture) for picture in (proposal.image, painted)]
         pictures.append(np.hstack(small))
         shares = ", ".join(f"{name} {100 * mask.mean():.1f} %" for name, mask in proposal.masks.items())
-        reached = ", ".join(side for side in SIDES if side_of(proposal.masks["road"], side).any()) or "no side"
+        reached = ", ".join(side for side in LETTERS if side_of(proposal.masks["road"], side).any()) or "no side"
         proposed = ", ".join(proposal.proposed) or "nothing"
         captions.append((f"{proposal.folder.name}: {shares}", f"road reaches {reached}; proposed: {proposed}"))
     return overview(title, pictures, captions)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["overview"]
+__all__ = ["overview", "write_text"]
 
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
@@ -33,14 +33,14 @@ def overview(title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequen
     top = 3 * _GAP
     across = _GAP + max(columns * step, _length(title, _TITLE) + _GAP)
     sheet = np.full((top + rows * (height + below), across, 3), _GROUND, np.uint8)
-    _write(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
+    write_text(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
     for number, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
         row, column = divmod(number, columns)
         y, x = top + row * (height + below), _GAP + column * step
         sheet[y : y + height, x : x + width] = picture
         for place, line in enumerate(lines):
             ink = _FAINT if place else _INK
-            _write(sheet, line, (x, y + height + _LINE * (place + 1)), _CAPTION, ink)
+            write_text(sheet, line, (x, y + height + _LINE * (place + 1)), _CAPTION, ink)
     return sheet
 
 
@@ -49,7 +49,16 @@ def _length(text: str, scale: float) -> int:
     return cv2.getTextSize(text, _FONT, scale, 1)[0][0]
 
 
-def _write(
+def write_text(
     sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
 ) -> None:
-    cv2.putText(sheet, text, place, _FONT, scale, ink, 1, cv2.LINE_AA)
+    """Writes a line of text; a letter that is not ASCII, which OpenCV has none of, as a question mark.
+
+    Args:
+      sheet: uint8 ``[H, W, 3]``, written on.
+      text: the line.
+      place: x and y of its lower left corner, in pixels.
+      scale: of the letters, 1 about 22 pixels high.
+      ink: their colour, RGB.
+    """
+    cv2.putText(sheet, text.encode("ascii", "replace").decode(), place, _FONT, scale, ink, 1, cv2.LINE_AA)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_grid
-from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, turned
+from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH, turned
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.extras import optional
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -255,11 +256,7 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
 def _axes(ax: "Axes | None") -> "Axes":
     if ax is not None:
         return ax
-    try:
-        import matplotlib.pyplot as plt
-    except ImportError:
-        raise InputError("plots: expected matplotlib, got none; pip install 'elitelanes_jax[plots]'") from None
-    _, ax = plt.subplots(layout="constrained")
+    _, ax = optional("matplotlib.pyplot", "plots need matplotlib", "plots").subplots(layout="constrained")
     return ax
 
 
@@ -280,7 +277,7 @@ def _bin_name(axis: "Axis", place: int) -> str:
 
 
 # Where the sides of a tile are, from its middle, x to the east and y to the south.
-_SIDES = {NORTH: (0.0, -0.5), EAST: (0.5, 0.0), SOUTH: (0.0, 0.5), WEST: (-0.5, 0.0)}
+_TO_SIDE = {side.bit: (side.right / 2, side.down / 2) for side in SIDES}
 
 
 def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
@@ -289,7 +286,7 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDA
     lines, ends = [], []
     for row, column in np.ndindex(height, width):
         code = int(codes[row, column])
-        for side, (right, down) in _SIDES.items():
+        for side, (right, down) in _TO_SIDE.items():
             if not code & side:
                 continue
             here = _half(code, side, (row, column))
@@ -309,10 +306,10 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDA
 
 def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
     """From where a tile's roads meet to one side of it: in a turn from the middle of its arc."""
-    middle, to = np.array(tile[::-1]) + 0.5, np.array(_SIDES[side])
+    middle, to = np.array(tile[::-1]) + 0.5, np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
         return middle + np.array([[0.0], [0.5], [1.0]]) * to
-    other = np.array(_SIDES[code & ~side])
+    other = np.array(_TO_SIDE[code & ~side])
     angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
     # About the corner between the two sides: both of their middles are half a tile from it.
     return middle + to + other - np.cos(angles) * to - np.sin(angles) * other

@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.tilesets import SIDES, Tile, TileSet, side_of
+from elitelanes_jax.overview import write_text
+from elitelanes_jax.tilesets import LETTERS, Tile, TileSet, side_of
 
 __all__ = ["Seams", "describe_seams", "find_seams", "seam_picture"]
 
@@ -18,7 +19,6 @@ _NAMES = {"N": "north", "E": "east", "S": "south", "W": "west"}
 _DEPTH = 1 / 32  # of the strip along a side whose colour is compared, as a part of the tile
 _WHOLE, _NEAR, _GAP, _TOP, _LINE = 300, 360, 24, 96, 20  # lengths on the picture, in pixels
 _GROUND, _INK, _FAINT, _EDGE, _BOX = (250, 249, 246), (40, 40, 44), (120, 120, 126), (0, 190, 230), (235, 40, 160)
-_FONT = cv2.FONT_HERSHEY_SIMPLEX
 _ADVICE = (
     "Blue: the edge of road.png. Both tiles are turned so that these sides meet.",
     "To mend a seam, crop the photographs again or correct road.png, so that",
@@ -51,7 +51,9 @@ class Seams(NamedTuple):
 
 def find_seams(tiles: TileSet) -> Seams:
     """Compares all open sides of a set's tiles, each of which has road on it (as `check_tiles` sees to)."""
-    sides = tuple((place, side) for place, tile in enumerate(tiles.tiles) for side in SIDES if tile.code & SIDES[side])
+    sides = tuple(
+        (place, side) for place, tile in enumerate(tiles.tiles) for side in LETTERS if tile.code & LETTERS[side]
+    )
     pixels = max(tile.image.shape[0] for tile in tiles.tiles)
     roads = np.stack([_scaled(side_of(tiles.tiles[place].road, side), pixels) for place, side in sides])
     away = np.stack([_distances(road) for road in roads])
@@ -113,12 +115,12 @@ def seam_picture(tiles: TileSet, seams: Seams) -> NDArray[np.uint8]:
         cv2.rectangle(sheet, left_top, (left_top[0] + side, left_top[1] + side), _BOX, 2)
 
     title = f"{tiles.name[:40]}: the worst seam. The road is displaced by {offset:.0f} pixels of {size}."
-    _write(sheet, title, (_GAP, 40), 0.65, _INK)
-    _write(sheet, f"left: {_named(tiles, seams, one)}", (_GAP, _TOP - 10), 0.48, _INK)
-    _write(sheet, f"right: {_named(tiles, seams, other)}", (_GAP + _WHOLE, _TOP - 10), 0.48, _INK)
-    _write(sheet, "what is in the box, enlarged", (second, _TOP - 10), 0.48, _INK)
+    write_text(sheet, title, (_GAP, 40), 0.65, _INK)
+    write_text(sheet, f"left: {_named(tiles, seams, one)}", (_GAP, _TOP - 10), 0.48, _INK)
+    write_text(sheet, f"right: {_named(tiles, seams, other)}", (_GAP + _WHOLE, _TOP - 10), 0.48, _INK)
+    write_text(sheet, "what is in the box, enlarged", (second, _TOP - 10), 0.48, _INK)
     for number, line in enumerate(_ADVICE):
-        _write(sheet, line, (_GAP, _TOP + _WHOLE + 28 + number * _LINE), 0.48, _FAINT)
+        write_text(sheet, line, (_GAP, _TOP + _WHOLE + 28 + number * _LINE), 0.48, _FAINT)
     return sheet
 
 
@@ -164,10 +166,3 @@ def _outlined(image: NDArray[np.uint8], road: NDArray[np.bool_], width: int, hei
     outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     cv2.drawContours(large, outlines, -1, _EDGE, 2)
     return large
-
-
-def _write(
-    sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
-) -> None:
-    ascii_only = text.encode("ascii", "replace").decode()
-    cv2.putText(sheet, ascii_only, place, _FONT, scale, ink, 1, cv2.LINE_AA)

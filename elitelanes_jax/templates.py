@@ -7,18 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.codes import SIDES
+from elitelanes_jax.errors import InputError, reason
 
 __all__ = ["Template", "read_template", "template_of"]
-
-# Each side with its letter, the step to the neighbour there, and the neighbour's side that answers.
-_SIDES = (
-    (NORTH, "north", -1, 0, SOUTH),
-    (EAST, "east", 0, 1, WEST),
-    (SOUTH, "south", 1, 0, NORTH),
-    (WEST, "west", 0, -1, EAST),
-)
 
 
 class Template(NamedTuple):
@@ -84,7 +76,7 @@ def read_template(file: str | Path, shape: tuple[int, int]) -> Template:
     try:
         content = json.loads(Path(file).read_text(encoding="utf-8"))
     except OSError as error:
-        raise InputError(f"{file}: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{file}: {reason(error)}") from None
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:
@@ -95,9 +87,9 @@ def read_template(file: str | Path, shape: tuple[int, int]) -> Template:
 
 
 def _check_sides(name: str, rows: list[list[Any]], row: int, column: int) -> None:
-    for side, word, down, right, answer in _SIDES:
+    for bit, word, down, right, answer in SIDES:
         other = (row + down, column + right)
-        opens = bool(rows[row][column] & side)
+        opens = bool(rows[row][column] & bit)
         if not (0 <= other[0] < len(rows) and 0 <= other[1] < len(rows[0])):
             if opens:
                 place = f"at row {row}, column {column}"

@@ -32,8 +32,8 @@ from elitelanes_jax.errors import InputError
 from elitelanes_jax.tile_files import read_mask, read_picture, read_points, size_of
 
 __all__ = [
+    "LETTERS",
     "MASKS",
-    "SIDES",
     "Tile",
     "TileSet",
     "Turned",
@@ -49,7 +49,7 @@ __all__ = [
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
 
-SIDES = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
+LETTERS = {"N": NORTH, "E": EAST, "S": SOUTH, "W": WEST}
 """The sides of a tile, clockwise: their letters and bits."""
 
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
@@ -214,14 +214,14 @@ def stray_files(folder: Path) -> list[Path]:
 
 def side_of(picture: NDArray[Any], side: str) -> NDArray[Any]:
     """The outermost pixels along a side of a picture ``[S, S, ...]``, left to right from inside, ``[S, ...]``."""
-    return np.rot90(picture, list(SIDES).index(side))[0]
+    return np.rot90(picture, list(LETTERS).index(side))[0]
 
 
 def describe_tiles(tiles: TileSet) -> str:
     """What a set holds and can draw, a few lines of text."""
     lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
     for tile in tiles.tiles:
-        sides = "".join(letter for letter, side in SIDES.items() if tile.code & side)
+        sides = "".join(letter for letter, side in LETTERS.items() if tile.code & side)
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
     turned_tiles = sum(len(tiles.turned[code]) for code in tiles.alphabet)
     lines.append(f"turned, {turned_tiles} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
@@ -267,9 +267,9 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
 
 def _code(sides: str) -> int | None:
     """The tile code of sides given as letters, or None."""
-    if len(set(sides)) != len(sides) or not set(sides) <= set(SIDES):
+    if len(set(sides)) != len(sides) or not set(sides) <= set(LETTERS):
         return None
-    return sum(SIDES[side] for side in sides)
+    return sum(LETTERS[side] for side in sides)
 
 
 def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
@@ -297,7 +297,7 @@ def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile 
 def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
     """Notes the sides that a tile opens but no road reaches, and the other way round; whether there are any."""
     before, size = len(problems), road.shape[0]
-    for number, (side, bit) in enumerate(SIDES.items()):
+    for number, (side, bit) in enumerate(LETTERS.items()):
         across = np.rot90(road, number).sum(axis=1)  # by the distance from the side
         if (code & bit > 0) == (across[0] >= _TOUCHES * size):
             continue

@@ -16,15 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_count, check_shape
-from elitelanes_jax.codes import CROSSINGS, EAST, NORTH, ROAD_ALPHABET, SOUTH, WEST, alphabet_of
+from elitelanes_jax.codes import CROSSINGS, ROAD_ALPHABET, SIDES, alphabet_of
 from elitelanes_jax.errors import InputError
 
 __all__ = ["Collapsed", "generate", "generate_batch"]
 
 Border = Literal["open", "closed"]
 Domains = NDArray[np.int32]
-
-_SIDES, _OPPOSITE = (NORTH, EAST, SOUTH, WEST), (SOUTH, WEST, NORTH, EAST)
 
 
 class Collapsed(NamedTuple):
@@ -169,16 +167,16 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     guard = 1 << len(alphabet)
     domains = np.arange(2 * guard, dtype=np.int32)
     allowed = np.zeros((4, domains.size), np.int32)
-    for direction, (side, opposite) in enumerate(zip(_SIDES, _OPPOSITE, strict=True)):
+    for direction, side in enumerate(SIDES):
         for bit, code in enumerate((*alphabet, None)):
             may = guard  # what lies beyond the border is never struck out
             for other_bit, other in enumerate(alphabet):
                 if code is None:
-                    fits = border == "open" or not other & opposite
+                    fits = border == "open" or not other & side.answer
                 else:
-                    linked = bool(code & side)
+                    linked = bool(code & side.bit)
                     banned = linked and crossing_ban and code in CROSSINGS and other in CROSSINGS
-                    fits = linked == bool(other & opposite) and not banned
+                    fits = linked == bool(other & side.answer) and not banned
                 may |= fits << other_bit
             allowed[direction] |= np.where(domains >> bit & 1, may, 0).astype(np.int32)
     allowed |= guard  # by a contradiction too: it must not pass to another grid

@@ -15,12 +15,13 @@ import numpy as np
 from figures import comparison, save
 from readings import READINGS
 from report import tables, timing_tables
-from results_folder import csv_of, open_results
+from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.exports.table import to_csv
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.metrics import Metrics
 from elitelanes_jax.render import render, write_picture
@@ -62,7 +63,7 @@ def _compare(options: argparse.Namespace) -> int:
         texts.append(tables(here, title))
         times.append(timing_tables(timings, title, options.seeds))
         rows += here
-    write_whole(options.out / "results.csv", csv_of(rows))
+    write_whole(options.out / "results.csv", to_csv(rows).encode())
     write_whole(options.out / "tables.md", "\n".join(texts).encode())
     write_whole(options.out / "timing.md", "\n".join(times).encode())
     if not options.no_maps:

@@ -1,16 +1,14 @@
 """A folder of results that belongs to one set of settings, and is filled file by file, each whole or not at all."""
 
-import csv
-import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.folders import check_same, write_whole
 
-__all__ = ["csv_of", "kept", "open_results"]
+__all__ = ["kept", "open_results"]
 
 _SETTINGS = "settings.json"
 
@@ -41,13 +39,3 @@ def kept(file: Path, make: Callable[[], Any]) -> Any:
         raise InputError(
             f"{file}: expected results kept as JSON, got: {error}; without the file they are made anew"
         ) from None
-
-
-def csv_of(rows: Sequence[dict[str, Any]]) -> bytes:
-    """A table of all columns that any row has."""
-    text = io.StringIO()
-    columns = list(dict.fromkeys(name for row in rows for name in row))
-    writer = csv.DictWriter(text, columns, restval="", lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue().encode()

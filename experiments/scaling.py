@@ -14,12 +14,13 @@ from figures import save, scaling
 from paper import METHODS
 from readings import READINGS
 from report import table
-from results_folder import csv_of, open_results
+from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax.command import Parser, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.exports.table import to_csv
 from elitelanes_jax.folders import write_whole
 
 _SIZES = [(side, side) for side in (8, 12, 16, 24, 32, 48, 64)]
@@ -44,7 +45,7 @@ def _scale(options: argparse.Namespace) -> int:
             found = kept_runs(file, method, shape, options, READINGS[options.reading])
             rows += [row for row in found["rows"] if row["elite"] == "best"]
             say(f"{name}: {options.seeds} runs, {found['timing']['all seeds']:.2f} s")
-    write_whole(options.out / "scaling.csv", csv_of(rows))
+    write_whole(options.out / "scaling.csv", to_csv(rows).encode())
     title = f"{options.seeds} seeds, {options.generations} generations of 40"
     save(scaling(rows, title), options.out / "scaling.png")
     write_whole(options.out / "scaling.md", _table(rows, title).encode())

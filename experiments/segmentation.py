@@ -18,13 +18,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from figures import save
-from results_folder import csv_of, kept, open_results
+from results_folder import kept, open_results
 from segmentation_report import figure, tables
 from training_sets import CONDITIONS, SOURCES, Pictures, drawn, make_maps, patterns, split_tiles, training_set
 
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say, whole
 from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.exports.table import to_csv
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.render import LABELS
 from elitelanes_jax.symmetry import canonical
@@ -107,7 +108,7 @@ def _run(options: argparse.Namespace) -> int:
             run = kept(file, partial(_train, name, seed, maps, pictures, budget))
             rows += run
             say(f"{name}, seed {seed}: mean IoU " + ", ".join(f"{row['test']} {row['mean']:.3f}" for row in run))
-    write_whole(options.out / "segmentation.csv", csv_of(rows))
+    write_whole(options.out / "segmentation.csv", to_csv(rows).encode())
     write_whole(options.out / "segmentation.md", tables(rows, f"{budget.steps} steps of {budget.batch} crops").encode())
     save(figure(rows), options.out / "segmentation.png")
     say(f"{len(rows)} rows in {options.out / 'segmentation.csv'}, {time.perf_counter() - began:.0f} s")

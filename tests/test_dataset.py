@@ -181,6 +181,13 @@ def test_no_two_layers_lie_in_one_place(name):
     assert len({layout.file(split, 3, layer) for layer in layers for split in range(3)}) == 3 * len(layers)
 
 
+def test_without_pycocotools_the_message_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycocotools", None)
+    with pytest.raises(InputError, match=r"^format: coco needs pycocotools: pip install 'elitelanes_jax\[coco\]'$"):
+        make_dataset(small(format="coco"), tmp_path / "out", maps=some_maps())
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own
 def test_pycocotools_loads_it(tmp_path):
     coco = pytest.importorskip("pycocotools.coco")

@@ -14,7 +14,7 @@ PACKAGE = Path(elitelanes_jax.__file__).parent
 # From the ground up. A module imports modules of lower lines only.
 FLOORS = """
 version  errors  exports
-checks  codes  draws  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
+checks  codes  draws  extras  folders  illumination  interrupts  overview  progress  compile_cache  tile_files
 command  transforms  versions  exports.graph  exports.boxes
 lattice  grids  tilesets  wfc  fixed_point  templates  exports.duckietown
 faces  repairs  symmetry  roadmap  masking  exports.sumo

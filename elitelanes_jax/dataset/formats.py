@@ -1,7 +1,7 @@
 """Layouts of a dataset's folder, each as some training library reads it."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.errors import InputError
+from elitelanes_jax.extras import optional
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.render import LABELS
 from elitelanes_jax.tilesets import MASKS
@@ -30,6 +31,7 @@ class Format(NamedTuple):
       note: labels uint8 ``[h, w]`` -> what a sample's record has beside the usual, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
+      needs: a package that it cannot be written without; the extra that brings it has the format's name.
     """
 
     layers: tuple[str, ...]
@@ -37,6 +39,7 @@ class Format(NamedTuple):
     note: Callable[[NDArray[np.uint8]], Record]
     list_samples: Callable[[Path, int, Iterable[Record]], None]
     program: str
+    needs: str | None = None
 
     def loading(self, split: int) -> str:
         """A program that loads a split."""
@@ -51,14 +54,10 @@ def format_named(name: str) -> Format:
     """
     if name not in FORMATS:
         raise InputError(f"format: expected one of {', '.join(FORMATS)}, got {name!r}")
-    if name == "coco":
-        try:
-            import pycocotools  # noqa: F401
-        except ImportError:
-            raise InputError(
-                "format: expected pycocotools for coco, got none; it comes with: pip install 'elitelanes_jax[coco]'"
-            ) from None
-    return FORMATS[name]
+    layout = FORMATS[name]
+    if layout.needs is not None:
+        optional(layout.needs, f"format: {name} needs {layout.needs}", name)
+    return layout
 
 
 _SHORT = ("train", "val", "test")
@@ -67,7 +66,7 @@ _SHORT = ("train", "val", "test")
 _USUAL = ("image", "labels", *MASKS)
 
 
-def _write_lines(file: Path, rows: Iterator[Record]) -> None:
+def _write_lines(file: Path, rows: Iterable[Record]) -> None:
     write_whole(file, (f"{json.dumps(row)}\n".encode() for row in rows))
 
 
@@ -79,11 +78,8 @@ def _plain_file(split: int, number: int, layer: str) -> str:
 
 
 def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    def rows() -> Iterator[Record]:
-        for record in records:
-            yield {"folder": f"{record['number']:06d}"} | record
-
-    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows())
+    rows = ({"folder": f"{record['number']:06d}"} | record for record in records)
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows)
 
 
 # --- imagefolder: Hugging Face datasets
@@ -98,15 +94,14 @@ def _place(layer: str) -> str:
 
 
 def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    def rows() -> Iterator[Record]:
-        for record in records:
-            names = {
-                f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
-                for layer in ("image", "labels", *record["layers"])
-            }
-            yield names | {key: value for key, value in record.items() if key != "layers" and value != {}}
+    def row(record: Record) -> Record:
+        names = {
+            f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
+            for layer in ("image", "labels", *record["layers"])
+        }
+        return names | {key: value for key, value in record.items() if key != "layers" and value != {}}
 
-    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows())
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", map(row, records))
 
 
 # --- mmseg: MMSegmentation
@@ -118,7 +113,7 @@ def _mmseg_file(split: int, number: int, layer: str) -> str:
 
 
 def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
-    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", iter(records))
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", records)
 
 
 # --- coco: one annotation for each class of an image, run-length encoded
@@ -163,7 +158,7 @@ def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
     categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
     table = {"images": images, "annotations": annotations, "categories": categories}
     write_whole(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
-    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", iter(rows))
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
 
 
 def _no_note(labels: NDArray[np.uint8]) -> Record:
@@ -203,6 +198,7 @@ FORMATS = {
         "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
         'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
         'print(image["file_name"], len(masks))',
+        needs="pycocotools",
     ),
     "plain": Format(
         MASKS,

@@ -54,7 +54,8 @@ class Maps:
 def evolve_maps(settings: Settings, tiles: TileSet, work: Path) -> Maps:
     """Evolves the maps round by round, each round kept in a file as soon as it is done.
 
-    All are valid, and no two alike when turned or mirrored; within each round the niches give as equally as they can.
+    All are valid, and no two alike when turned or mirrored: each differs from all others in `LEAST_DIFFERENT` of its
+    tiles, in less where no more such maps are found. Within a round the niches give as equally as they can.
 
     Args:
       settings: what is wanted.
@@ -74,7 +75,7 @@ def evolve_maps(settings: Settings, tiles: TileSet, work: Path) -> Maps:
                 file = work / "maps" / f"{side}-{number}.jsonl"
                 if not file.exists():
                     maps = _round(settings, tiles, side, number, wanted, found, LEAST_DIFFERENT[level])
-                    write_whole(file, "".join(f"{_line(road_map)}\n" for road_map in maps).encode())
+                    _keep(file, maps)
                 new = [road_map.codes for road_map in _maps_of(file)]
                 # Where few maps differ as much as they should, less has to do.
                 if len(new) < min(_FEW, wanted - len(found)):
@@ -94,7 +95,7 @@ def evolve_maps(settings: Settings, tiles: TileSet, work: Path) -> Maps:
 def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:
     """Maps that are there already, kept like evolved ones."""
     file = work / "maps" / "given.jsonl"
-    write_whole(file, "".join(f"{_line(road_map)}\n" for road_map in maps).encode())
+    _keep(file, maps)
     return Maps([file])
 
 
@@ -150,9 +151,9 @@ def _evenly(count: int, wanted: int) -> NDArray[np.int_]:
     return ((np.arange(wanted) * 2 + 1) * count) // (2 * max(wanted, 1))
 
 
-def _line(road_map: RoadMap) -> str:
-    values = road_map._asdict() | {"codes": road_map.codes.tolist()}
-    return json.dumps(values)
+def _keep(file: Path, maps: Sequence[RoadMap]) -> None:
+    lines = (json.dumps(road_map._asdict() | {"codes": road_map.codes.tolist()}) for road_map in maps)
+    write_whole(file, "".join(f"{line}\n" for line in lines).encode())
 
 
 def _lines(file: Path) -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from elitelanes_jax.errors import InputError, NotEnoughMapsError
-from elitelanes_jax.folders import check_same, write_whole
+from elitelanes_jax.folders import check_same, unwritable, write_whole
 
 __all__ = ["LAST", "work_folder"]
 
@@ -50,8 +50,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
         work.mkdir(parents=True, exist_ok=True)
         lock = (work / _LOCK).open("w")
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise InputError(f"{out}: expected a place that can be written to, got {error.filename}: {why}") from None
+        raise unwritable(out, error) from None
     with lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

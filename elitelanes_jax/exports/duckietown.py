@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_grid
-from elitelanes_jax.codes import CONNECTIONS, EAST, NORTH, SOUTH, WEST, turned
+from elitelanes_jax.codes import CONNECTIONS, SIDES, turned
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.exports.graph import linked_tiles
+from elitelanes_jax.extras import optional
 
 __all__ = ["GROUNDS", "TILE_SIZE", "from_duckietown", "to_duckietown", "without_dead_ends"]
 
@@ -39,8 +40,8 @@ _TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
     _CODE[f"{kind}/{side}"]: f"{kind}/{side}" for kind in ("curve_left", "3way_left") for side in _TURNS
 }
 
-# The side towards a neighbour, by the step to it.
-_SIDE = {(-1, 0): NORTH, (0, 1): EAST, (1, 0): SOUTH, (0, -1): WEST}
+# The bit of the side towards a neighbour, by the step to it.
+_BIT = {(side.down, side.right): side.bit for side in SIDES}
 
 
 def to_duckietown(codes: Any, *, tile_size: float = TILE_SIZE, ground: str = "grass", dead_ends: str = "refuse") -> str:
@@ -98,10 +99,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
       InputError: if it is no such map, has a kind of tile that is not known or a side under 2 tiles, or where PyYAML
         is not installed.
     """
-    try:
-        import yaml
-    except ImportError:
-        raise InputError("Duckietown maps need PyYAML: pip install 'elitelanes_jax[exports]'") from None
+    yaml = optional("yaml", "Duckietown maps need PyYAML", "exports")
     try:
         values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
@@ -151,5 +149,5 @@ def without_dead_ends(codes: Any) -> NDArray[np.int8]:
             ends += [other] * (len(links[other]) < 2)
     left = np.zeros_like(grid)
     for (row, column), others in links.items():
-        left[row, column] = sum(_SIDE[other[0] - row, other[1] - column] for other in others)
+        left[row, column] = sum(_BIT[other[0] - row, other[1] - column] for other in others)
     return left

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from elitelanes_jax.checks import check_grid
-from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.codes import CONNECTIONS, KINDS, SIDES
+from elitelanes_jax.extras import optional
 
 if TYPE_CHECKING:
     import networkx
@@ -26,8 +26,6 @@ __all__ = ["Tile", "linked_tiles", "reduced_graph", "tile_graph", "to_graphml"]
 Tile = tuple[int, int]
 """A place in the grid: row and column, from the north-west corner."""
 
-# Each side with the step to the neighbour there and the neighbour's side that answers, clockwise.
-_SIDES = ((NORTH, -1, 0, SOUTH), (EAST, 0, 1, WEST), (SOUTH, 1, 0, NORTH), (WEST, 0, -1, EAST))
 _KIND = {code: kind for kind, codes in KINDS.items() for code in codes}
 
 
@@ -45,8 +43,8 @@ def linked_tiles(codes: Any) -> dict[Tile, list[Tile]]:
     return {
         (row, column): [
             (row + down, column + right)
-            for side, down, right, answer in _SIDES
-            if code & side and tiles.get((row + down, column + right), 0) & answer
+            for bit, _, down, right, answer in SIDES
+            if code & bit and tiles.get((row + down, column + right), 0) & answer
         ]
         for (row, column), code in tiles.items()
     }
@@ -155,8 +153,4 @@ def _walk(links: dict[Tile, list[Tile]], ends: Any, before: Tile, tile: Tile) ->
 
 
 def _networkx() -> Any:
-    try:
-        import networkx
-    except ImportError:
-        raise InputError("graphs need NetworkX: pip install 'elitelanes_jax[exports]'") from None
-    return networkx
+    return optional("networkx", "graphs need NetworkX", "exports")

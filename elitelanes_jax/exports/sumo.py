@@ -18,8 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_grid, check_real
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.codes import SIDES
+from elitelanes_jax.errors import InputError, reason
 from elitelanes_jax.exports.graph import Tile, reduced_graph
+from elitelanes_jax.extras import optional
+from elitelanes_jax.folders import unwritable
 
 __all__ = ["Network", "PlainXml", "Streets", "convert", "network", "plain_xml", "write_sumo"]
 
@@ -35,7 +38,7 @@ _OPTIONS = (
 # When it was made, in a comment with netconvert's settings and in OpenDRIVE's header.
 _TIMES = re.compile(r'<!-- generated on .*?-->\s*| date="[^"]*"', re.DOTALL)
 
-_SIDES = {(-1, 0): "north", (0, 1): "east", (1, 0): "south", (0, -1): "west"}
+_SIDE_NAMES = {(side.down, side.right): side.name for side in SIDES}
 _ARC = np.linspace(0, math.pi / 2, 9)
 _HALF = _ARC.size // 2
 
@@ -147,10 +150,7 @@ def network(codes: Any, to: str = "net", streets: Streets = Streets()) -> Networ
     """
     if to not in _OUTPUTS:
         raise InputError(f"to: expected one of {', '.join(_OUTPUTS)}, got {to!r}")
-    try:
-        import sumo
-    except ImportError:
-        raise InputError("netconvert is SUMO's: pip install 'elitelanes_jax[sumo]'") from None
+    sumo = optional("sumo", "netconvert is SUMO's", "sumo")
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
@@ -163,7 +163,7 @@ def network(codes: Any, to: str = "net", streets: Streets = Streets()) -> Networ
                 text=True,
             )
         except OSError as error:
-            raise InputError(f"{program}: expected a program, got: {_why(error)}") from None
+            raise InputError(f"{program}: expected a program, got: {reason(error)}") from None
         said = run.stderr.splitlines()
         if run.returncode:
             why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
@@ -199,11 +199,7 @@ def _write(texts: dict[Path, str]) -> None:
             for file in texts:
                 Path(folder, file.name).replace(file)
     except OSError as error:
-        raise InputError(f"{first}: expected a place that can be written to, got: {_why(error)}") from None
-
-
-def _why(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+        raise unwritable(first, error) from None
 
 
 def _check(streets: Streets) -> None:
@@ -280,7 +276,7 @@ def _id(node: Tile) -> str:
 
 
 def _edge_id(node: Tile, neighbour: Tile) -> str:
-    return f"{_id(node)}_{_SIDES[neighbour[0] - node[0], neighbour[1] - node[1]]}"
+    return f"{_id(node)}_{_SIDE_NAMES[neighbour[0] - node[0], neighbour[1] - node[1]]}"
 
 
 def _xml(name: str, elements: Iterable[str]) -> str:

@@ -42,9 +42,10 @@ def measured(names: Sequence[str], grids: Sequence[Any]) -> list[Row]:
 
 
 def to_csv(rows: Sequence[Row]) -> str:
-    """Rows of `measured` as CSV with a head; every one has the same columns."""
+    """Rows, such as those of `measured`, as CSV with a head of all columns that any row has."""
     text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    table = csv.DictWriter(text, columns, lineterminator="\n")
     table.writeheader()
     table.writerows(rows)
     return text.getvalue()
