@@ -24,6 +24,7 @@ from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax.archive import read_axis
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.exports.boxes import LINES
 from elitelanes_jax.features import SHARES
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.illumination import gaps
@@ -43,14 +44,13 @@ FLOORS += [-540, -496, -342]
 FLAWS = ("dead_ends", "adjacent_crossings", "adjacent_turns")
 
 _COMB = ("┌─ ┬─── ┬┐", "├┐ │┌┬┐ ││", "││ ││││ ││", "││ └┴┘│ └┤", "└┴ ───┴ ─┘")
-_SIGNS = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 
 
 def comb(side: int) -> NDArray[np.int8]:
     """The densest way to lay long streets side by side, for sides that are a multiple of 4: at 12 it is an optimum."""
     lines = [left + middle * (side // 4 - 1) + right for left, middle, right in (line.split(" ") for line in _COMB)]
     lines = [*lines[:2], *[lines[2]] * (side - 4), *lines[3:]]
-    return np.array([[_SIGNS.index(sign) for sign in line] for line in lines], np.int8)
+    return np.array([[LINES.index(sign) for sign in line] for line in lines], np.int8)
 
 
 def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:

@@ -203,9 +203,7 @@ def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
     assert convert(out / "city.xodr", KNOT, "opendrive") == ("Warning: hm",)
     assert [file.name for file in out.iterdir()] == ["city.xodr"]
     assert (out / "city.xodr").read_text() == plain_xml(KNOT).nodes
-    with pytest.raises(
-        InputError, match="nowhere/city.xodr: expected a place that can be written to, got .*: no such"
-    ):
+    with pytest.raises(InputError, match="nowhere/city.xodr: expected a place that can be written to, got .*: no such"):
         convert(tmp_path / "nowhere" / "city.xodr", KNOT, "opendrive")
 
 

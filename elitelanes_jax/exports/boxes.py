@@ -7,10 +7,11 @@ import numpy as np
 from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import EAST
 
-__all__ = ["boxes"]
+__all__ = ["LINES", "boxes"]
 
-# By code: N, E, S, W are 8, 4, 2, 1.
-_LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
+LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
+"""The character of each code."""
+
 _ASCII = " -|+--++|+|+++++"
 
 
@@ -24,6 +25,6 @@ def boxes(codes: Any, *, ascii_only: bool = False) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`).
     """
-    signs, along = (_ASCII, "-") if ascii_only else (_LINES, "─")
+    signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
     rows = np.asarray(check_grid(codes)).tolist()
     return "\n".join("".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip() for row in rows)
