@@ -1,6 +1,6 @@
 """The errors that stand for what a user asked."""
 
-__all__ = ["InputError", "NotEnoughMapsError", "reason"]
+__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "reason"]
 
 
 class InputError(ValueError):
@@ -9,6 +9,10 @@ class InputError(ValueError):
     The command line shows the message alone. Any other error, a plain `ValueError` too, is a fault of the program and
     keeps its traceback.
     """
+
+
+class MissingPackageError(InputError):
+    """A package that is needed for what was asked is not installed; the message says how to."""
 
 
 class NotEnoughMapsError(Exception):

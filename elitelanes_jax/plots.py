@@ -256,7 +256,7 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
 def _axes(ax: "Axes | None") -> "Axes":
     if ax is not None:
         return ax
-    _, ax = optional("matplotlib.pyplot", "plots need matplotlib", "plots").subplots(layout="constrained")
+    _, ax = optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib").subplots(layout="constrained")
     return ax
 
 

@@ -24,7 +24,7 @@ from training_sets import CONDITIONS, SOURCES, Pictures, drawn, make_maps, patte
 
 from elitelanes_jax.command import Parser, folder_name, guarded, leave, say, whole
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, MissingPackageError
 from elitelanes_jax.exports.table import to_csv
 from elitelanes_jax.folders import write_whole
 from elitelanes_jax.render import LABELS
@@ -75,10 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     if find_spec("flax") is None or find_spec("optax") is None:
-        raise InputError(
-            "segmentation: expected flax and optax to train with, got none; they come with: "
-            "pip install 'elitelanes_jax[segmentation]'"
-        )
+        raise MissingPackageError("training needs flax and optax: pip install flax optax")
     for name in options.conditions:
         if name not in CONDITIONS:
             raise InputError(f"conditions: expected some of {', '.join(CONDITIONS)}, got {name!r}")

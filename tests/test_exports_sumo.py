@@ -185,7 +185,7 @@ def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="to: expected one of net, opendrive, got 'osm'"):
         convert(out / "city", KNOT, "osm")
     monkeypatch.setitem(sys.modules, "sumo", None)
-    with pytest.raises(InputError, match=r"^netconvert is SUMO's: pip install 'elitelanes_jax\[sumo\]'$"):
+    with pytest.raises(InputError, match=r"^netconvert is SUMO's: pip install eclipse-sumo$"):
         convert(out / "city.net.xml", KNOT)
 
     fails = _FakeSumo(tmp_path / "fails", "echo 'Error: No nodes.' >&2; echo 'Quitting (on error).' >&2; exit 1\n")

@@ -215,7 +215,7 @@ def test_without_matplotlib_the_message_says_what_to_install():
         "except ValueError as error: print(error)"
     )
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
-    assert told == "plots need matplotlib: pip install 'elitelanes_jax[plots]'\n"
+    assert told == "plots need matplotlib: pip install matplotlib\n"
 
 
 PAGE = (DOCS / "plots.md").read_text()

@@ -31,7 +31,7 @@ class Format(NamedTuple):
       note: labels uint8 ``[h, w]`` -> what a sample's record has beside the usual, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
-      needs: a package that it cannot be written without; the extra that brings it has the format's name.
+      needs: a package that it cannot be written without.
     """
 
     layers: tuple[str, ...]
@@ -56,7 +56,7 @@ def format_named(name: str) -> Format:
         raise InputError(f"format: expected one of {', '.join(FORMATS)}, got {name!r}")
     layout = FORMATS[name]
     if layout.needs is not None:
-        optional(layout.needs, f"format: {name} needs {layout.needs}", name)
+        optional(layout.needs, f"format: {name} needs {layout.needs}")
     return layout
 
 

@@ -99,7 +99,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
       InputError: if it is no such map, has a kind of tile that is not known or a side under 2 tiles, or where PyYAML
         is not installed.
     """
-    yaml = optional("yaml", "Duckietown maps need PyYAML", "exports")
+    yaml = optional("yaml", "Duckietown maps need PyYAML", "pyyaml")
     try:
         values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:

@@ -153,4 +153,4 @@ def _walk(links: dict[Tile, list[Tile]], ends: Any, before: Tile, tile: Tile) ->
 
 
 def _networkx() -> Any:
-    return optional("networkx", "graphs need NetworkX", "exports")
+    return optional("networkx", "graphs need NetworkX")

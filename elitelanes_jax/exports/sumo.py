@@ -150,7 +150,7 @@ def network(codes: Any, to: str = "net", streets: Streets = Streets()) -> Networ
     """
     if to not in _OUTPUTS:
         raise InputError(f"to: expected one of {', '.join(_OUTPUTS)}, got {to!r}")
-    sumo = optional("sumo", "netconvert is SUMO's", "sumo")
+    sumo = optional("sumo", "netconvert is SUMO's", "eclipse-sumo")
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
