@@ -41,7 +41,7 @@ def maps(result: Result) -> None:
 
 def archive(result: Result) -> None:
     figure = Figure(figsize=(9, 4.5), layout="constrained")
-    archive_map(result.elites.fitness, result.axes, ax=figure.subplots())
+    archive_map(result.elites.fitness, result.axes, vmax=20_000, ax=figure.subplots())
     save(figure, "archive")
 
 
@@ -52,7 +52,7 @@ def runs(results: dict[str, Result]) -> None:
         history(result.history, label=name, ax=best)
     best.set_ylim(top=4000)
     best.legend()
-    groups = {name: result.elites.metrics for name, result in results.items()}
+    groups = {name: result.elites for name, result in results.items()}
     metric_boxes(groups, "cyclomatic", ax=cyclomatic)
     metric_boxes(groups, "straight_score", ax=straight)
     save(figure, "runs")

@@ -102,7 +102,8 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
     """The axes as a tuple.
 
     Raises:
-      InputError: if there is none, or one that is no `Axis`, of an unknown metric, without bins or width.
+      InputError: if there is none, or one that is no `Axis`, of an unknown metric or one that another has, without bins
+        or width.
     """
     try:
         axes = tuple(axes)
@@ -119,6 +120,10 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
             raise InputError(f"axes: expected whole numbers, at least one bin and a width of 1 or more, got {axis}")
         if axis.aim is not None and not (isinstance(axis.aim, int) and 0 <= axis.aim < axis.bins):
             raise InputError(f"axes: expected aim to be a bin, 0 to {axis.bins - 1}, got {axis}")
+    metrics = [axis.metric for axis in axes]
+    for metric in metrics:
+        if metrics.count(metric) > 1:
+            raise InputError(f"axes: expected each metric once, got {metric} {metrics.count(metric)} times")
     niches = prod(axis.bins for axis in axes)
     if niches > MOST_NICHES:
         raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")

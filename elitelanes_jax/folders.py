@@ -5,7 +5,7 @@ import os
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +70,8 @@ def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
             stream.writelines([content] if isinstance(content, bytes) else content)
         aside.replace(file)
     except OSError as error:
-        aside.unlink(missing_ok=True)
+        with suppress(OSError):  # such as a place that cannot be
+            aside.unlink()
         raise OSError(error.errno, error.strerror, str(file)) from None
 
 

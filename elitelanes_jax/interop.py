@@ -52,16 +52,20 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, PRNGKey], tuple[Array,
     """
 
     def score(genotypes: Array, key: PRNGKey) -> tuple[Array, Array, dict[str, Array]]:
-        if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
-            height, width = problem.shape
-            raise InputError(
-                f"genotypes: expected int8 grids [B, {height}, {width}], got {genotypes.dtype} {genotypes.shape}"
-            )
+        _check_genotypes(problem, genotypes)
         worth, counts = problem.evaluate(genotypes)
         bins = niche_bins(describe(counts, problem.axes), problem.axes)
         return (-worth).astype(jnp.float32), bins.astype(jnp.float32), {"counts": counts}
 
     return score
+
+
+def _check_genotypes(problem: Problem, genotypes: Array) -> None:
+    if genotypes.shape[1:] != problem.shape or genotypes.dtype != jnp.int8:
+        height, width = problem.shape
+        raise InputError(
+            f"genotypes: expected int8 grids [B, {height}, {width}], got {genotypes.dtype} {genotypes.shape}"
+        )
 
 
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
@@ -88,7 +92,7 @@ def qdax_moves(
       the blocks that it transplants from the mates, the first from elsewhere in the same grid. Keys are consumed.
 
     Raises:
-      InputError: for a bad mix.
+      InputError: for a bad mix; from the functions, for genotypes of another shape or type.
     """
     move = mixed(mix.checked(), fill=problem.fill, kept=problem.kept)
 
@@ -96,6 +100,8 @@ def qdax_moves(
         return problem.repair(*move.apply(words, grid, mate))
 
     def vary(genotypes: Array, mates: Array, key: PRNGKey) -> Array:
+        _check_genotypes(problem, genotypes)
+        _check_genotypes(problem, mates)
         return jax.vmap(varied)(random_words(key, (len(genotypes), move.words)), genotypes, mates)
 
     def mutate(genotypes: Array, key: PRNGKey) -> Array:
@@ -126,7 +132,7 @@ class EvosaxTask(NamedTuple):
         are ``{"counts": int32 [B, M]}``, the `counts_of` metrics. The key is not used: there is no noise.
       sample: key -> a solution float32 ``[num_dims]``, standard normal; every code is as likely as any other.
       decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: in each cell the code of the largest logit,
-        the first among equals, then repaired by `Problem.settle`.
+        the first among equals, then repaired by `Problem.settle`. NaN counts as larger than all.
     """
 
     num_dims: int
@@ -137,7 +143,11 @@ class EvosaxTask(NamedTuple):
 
 
 def evosax_task(problem: Problem) -> EvosaxTask:
-    """The problem for evosax's strategies."""
+    """The problem for evosax's strategies.
+
+    Raises:
+      InputError: from `eval` and `decode`, for solutions of another length.
+    """
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (*problem.shape, len(problem.alphabet))
 
@@ -148,6 +158,8 @@ def evosax_task(problem: Problem) -> EvosaxTask:
         return jax.random.normal(key, (prod(shape),))
 
     def decode(solution: Array) -> Array:
+        if solution.shape != (prod(shape),):
+            raise InputError(f"solution: expected logits [{prod(shape)}], got shape {solution.shape}")
         return problem.settle(codes[solution.reshape(shape).argmax(axis=-1)])
 
     def evaluate(key: PRNGKey, solutions: Array, state: EvosaxState) -> tuple[Array, EvosaxState, dict[str, Array]]:
@@ -188,7 +200,10 @@ def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
     settle = jax.jit(jax.vmap(problem.settle))
 
     def grids(solutions: Any) -> NDArray[np.int8]:
-        array = np.asarray(solutions)
+        try:
+            array = np.asarray(solutions)
+        except ValueError as error:
+            raise InputError(f"solutions: expected numbers [B, {size}], got: {error}") from None
         if array.ndim != 2 or array.shape[1] != size or array.dtype.kind not in "iuf":
             raise InputError(f"solutions: expected numbers [B, {size}], got {array.dtype} {array.shape}")
         if array.dtype.kind == "f":

@@ -32,6 +32,9 @@ _HARD_SPACE = "\N{NO-BREAK SPACE}"
 # Widths as parts of the road's.
 _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
+# How many letters stand side by side below a plot of the usual width.
+_ROOM = 50
+
 
 def road_map(
     grid: Any, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
@@ -115,6 +118,9 @@ def archive_map(
       InputError: for another number of niches, for names that are none of the axes' or twice there, or without
         matplotlib.
     """
+    from elitelanes_jax.archive import check_axes
+
+    axes = check_axes(axes)
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     across = names[int(np.argmax(bins))] if across is None else across
@@ -126,7 +132,7 @@ def archive_map(
         if name not in names or shown.count(name) > 1:
             raise InputError(f"axes: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
     worth = np.asarray(fitness, float)
-    if not worth.ndim or worth.shape[-1] != prod(bins):
+    if not worth.size or worth.shape[-1] != prod(bins):
         raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {worth.shape}")
     worth = np.where(np.isfinite(worth) & (worth < np.iinfo(np.int32).max), worth, np.inf)
     worth = worth.reshape(-1, *bins).min(axis=0)
@@ -149,10 +155,11 @@ def archive_map(
         " · ".join(_bin_name(axis, place) for axis, place in zip(rows, places, strict=True))
         for places in np.ndindex(*(axis.bins for axis in rows))
     ]
-    every = -(-len(heads) // 32)
+    # As many as can be read, and where there are groups, the same of each.
+    group = rows[-1].bins
+    every = next(n for n in range(-(-len(heads) // 32), len(heads) + 1) if group % n == 0 or n % group == 0)
     ax.set_yticks(range(0, len(heads), every), heads[::every])
     if len(rows) > 1:
-        group = rows[-1].bins
         for number in range(group, len(heads), group):
             ax.axhline(number - 0.5, color="white", linewidth=1.5)
     return ax
@@ -211,9 +218,10 @@ def seed_band(
     place, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
     if place.ndim != 1 or samples.ndim != 2 or samples.shape[1] != place.size or not len(samples):
         raise InputError(f"values: expected [S, {place.size}] like x, got shape {np.shape(values)}")
-    low, high = quantiles
-    if not 0 <= low <= high <= 1:
+    given = np.asarray(quantiles)
+    if given.shape != (2,) or given.dtype.kind not in "fiu" or not 0 <= given[0] <= given[1] <= 1:
         raise InputError(f"quantiles: expected two from 0 to 1, the lower first, got {quantiles!r}")
+    low, high = given
     ax = _axes(ax)
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
     (drawn,) = ax.plot(place, middle, label=label, **line)
@@ -226,7 +234,8 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
     """One metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, all beyond as dots.
 
     Args:
-      groups: by name, each a `Metrics` record or a mapping from names of metrics to numbers ``[N]``.
+      groups: by name, each a result's ``elites``, of which vacant places are left out; or a `Metrics` record, or a
+        mapping from names of metrics to numbers ``[N]``, all of which count.
       metric: the name of one.
       ax: to draw on; for several metrics give each one its own.
 
@@ -237,10 +246,14 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
         raise InputError("groups: expected at least one, got none")
     samples = []
     for name, group in groups.items():
-        values = group._asdict() if hasattr(group, "_asdict") else group
+        valid = getattr(group, "valid", True)
+        record = getattr(group, "metrics", group)
+        values = record._asdict() if hasattr(record, "_asdict") else record
+        if not isinstance(values, Mapping):
+            raise InputError(f"groups: expected elites, metrics or a mapping in each, got {name!r} with {group!r}")
         if metric not in values:
             raise InputError(f"groups: expected {metric!r} in each, got {name!r} with {', '.join(values)}")
-        samples.append(np.ravel(values[metric]).astype(float))
+        samples.append(np.asarray(values[metric])[valid].ravel().astype(float))
         if not samples[-1].size:
             raise InputError(f"groups: expected at least one map in each, got none in {name!r}")
     ax = _axes(ax)
@@ -248,6 +261,9 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
     for number, box in enumerate(boxes["boxes"]):
         box.set(facecolor=f"C{number % 10}", alpha=0.55)
     ax.set_xticks(range(1, len(samples) + 1), list(groups))
+    if sum(map(len, groups)) > _ROOM:
+        for written in ax.get_xticklabels():
+            written.set(rotation=30, ha="right")
     ax.set_title(_in_words(metric))
     ax.grid(axis="y", alpha=0.3)
     return ax
@@ -270,7 +286,8 @@ def _bin_name(axis: "Axis", place: int) -> str:
 
     first, last = axis.start + place * axis.width, axis.start + (place + 1) * axis.width - 1
     if axis.metric in SHARES:
-        return f"{100 * first / WHOLE:g}%"
+        more = "+" if place == axis.bins - 1 and last < WHOLE - 1 else ""
+        return f"{100 * first / WHOLE:g}%{more}"
     if place == axis.bins - 1:
         return f"{first}+"
     return f"{first}" if first == last else f"{first}–{last}"

@@ -3,7 +3,7 @@
 import pytest
 
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.folders import new_folder
+from elitelanes_jax.folders import new_folder, write_whole
 
 
 def everything(folder):
@@ -105,3 +105,11 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
 
     monkeypatch.setattr("pathlib.Path.mkdir", fail)
     refused(tmp_path / "out", "out: expected a place that can be written to, got .*: permission denied")
+
+
+def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for file in (tmp_path / "file" / "out", tmp_path / ("a" * 250)):
+        with pytest.raises(OSError, match=f": '{file}'$"):
+            write_whole(file, b"text")
+    assert everything(tmp_path) == ["file"]

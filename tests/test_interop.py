@@ -86,6 +86,11 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
     with pytest.raises(InputError, match="moves"):
         qdax_moves(problem, Mix(corner=-1))
+    for wrong in (grids[:, :4], grids.astype(jnp.int32)):
+        with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
+            mutate(wrong, key)
+        with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
+            vary(grids, wrong, key)
 
 
 def test_only_the_variation_takes_parts_of_the_mate():
@@ -115,6 +120,8 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
     np.testing.assert_array_equal(metrics["counts"], counts)
     assert [row[0] for row in counts.tolist()] == [oracle(grid)["components"] for grid in grids]
     np.testing.assert_array_equal(task.decode(np.zeros(330, np.float32)), problem.settle(np.full(SHAPE, 3, np.int8)))
+    with pytest.raises(InputError, match=r"solution: expected logits \[330\], got shape \(329,\)"):
+        task.eval(jax.random.key(0), solutions[:, 1:], state)
 
 
 def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
@@ -137,6 +144,7 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     for solutions, message in (
         (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
         (flat[0], r"got int8 \(30,\)"),
+        ([[1] * 30, [2] * 29], r"expected numbers \[B, 30\], got: .* inhomogeneous"),
         (np.full((1, 30), np.nan), "expected finite numbers"),
         (np.full((1, 30), 16), "expected tile codes 0 to 15, got 16 to 16"),
     ):

@@ -6,6 +6,7 @@ import sys
 from itertools import product
 from pathlib import Path
 
+import jax
 import matplotlib as mpl
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from conftest import grids
 from hypothesis import given, settings
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, repair
+from elitelanes_jax import InputError, evolve, repair
 from elitelanes_jax.archive import Axis, niche_of, paper_axes
 from elitelanes_jax.metrics import Metrics
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
@@ -154,11 +155,21 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     assert across[0] == "0–1" and across[24] == "48+"
     shares = archive_map(np.zeros(24), AXES, across="straight_share", down="cyclomatic")
     assert [label.get_text() for label in shares.get_xticklabels()] == ["0%", "25%", "50%", "75%"]
+    fine = (Axis("straight_share", 8, 100), Axis("turn_share", 10, 100), Axis("crossings", 4))
+    many = archive_map(np.zeros(320), fine, across="crossings")
+    heads = [label.get_text() for label in many.get_yticklabels()]
+    assert heads[:3] == ["0% · 0%", "0% · 50%", "10% · 0%"] and heads[-1] == "70%+ · 50%"
 
 
 def test_a_heat_map_of_something_else_is_refused():
     with pytest.raises(InputError, match=r"fitness: expected 24 niches on the last axis, got shape \(5,\)"):
         archive_map(np.zeros(5), AXES)
+    with pytest.raises(InputError, match=r"fitness: expected 24 niches on the last axis, got shape \(0, 24\)"):
+        archive_map(np.zeros((0, 24)), AXES)
+    with pytest.raises(InputError, match="axes: expected at least one axis, got none"):
+        archive_map(np.zeros(24), ())
+    with pytest.raises(InputError, match="axes: expected each metric once, got components 2 times"):
+        archive_map(np.zeros(4), (Axis("components", 2), Axis("components", 2)))
     for names in ({"across": "bridges"}, {"across": "components", "down": "components"}):
         with pytest.raises(InputError, match="axes: expected each of cyclomatic, components, straight_share at most"):
             archive_map(np.zeros(24), AXES, **names)
@@ -185,8 +196,9 @@ def test_a_history_is_the_median_in_a_band():
         history(record, "speed")
     with pytest.raises(InputError, match=r"values: expected \[S, 30\] like x, got shape \(30, 9\)"):
         seed_band(record.evaluations, best.T)
-    with pytest.raises(InputError, match="quantiles: expected two"):
-        seed_band(record.evaluations, best, quantiles=(0.9, 0.1))
+    for quantiles in ((0.9, 0.1), (0, 0.5, 1), None, ("a", "b"), (0, 2), (float("nan"), 1)):
+        with pytest.raises(InputError, match="quantiles: expected two"):
+            seed_band(record.evaluations, best, quantiles=quantiles)
 
 
 def test_boxes_are_the_quartiles_of_each_group():
@@ -199,6 +211,17 @@ def test_boxes_are_the_quartiles_of_each_group():
         assert [heights.min(), heights.max()] == np.quantile(group["bridges"], [0.25, 0.75]).tolist()
     record = Metrics(*[np.arange(5)] * len(Metrics._fields))
     assert len(metric_boxes({"a": record}, "coverage", ax=ax).patches) == 3
+    result = evolve(jax.random.key(0), (5, 5), preset="tuned", evaluations=500, progress=False)
+    counted = np.asarray(result.elites.metrics.cyclomatic)[np.asarray(result.elites.valid)]
+    assert 0 < len(counted) < result.elites.valid.size
+    (line,) = metric_boxes({"elites": result.elites}, "cyclomatic").lines[4:5]
+    assert line.get_ydata()[0] == np.median(counted)
+    with pytest.raises(
+        InputError, match=r"groups: expected elites, metrics or a mapping in each, got 'a' with \[1, 2\]"
+    ):
+        metric_boxes({"a": [1, 2]}, "turns")
+    long = metric_boxes({f"a long name {number}": {"turns": [1]} for number in range(8)}, "turns")
+    assert {label.get_rotation() for label in long.get_xticklabels()} == {30}
     with pytest.raises(InputError, match="groups: expected 'turns' in each, got 'one' with bridges"):
         metric_boxes(groups, "turns")
     with pytest.raises(InputError, match="at least one map in each, got none in 'none'"):
