@@ -1,7 +1,8 @@
 """Lets mkdocs follow links out of this folder, so that those which work in a checkout work on the site too.
 
-What a page links to elsewhere in the repository comes onto the site: other pages, with what they link to, and files.
-A link to a module of the package leads to its place in the reference, and so do names there, such as `evolve`.
+What a page links to elsewhere in the repository comes onto the site: other pages, with what they link to, and files;
+notebooks as pages with what they show. A link to a module of the package leads to its place in the reference, and so do
+names there, such as `evolve`.
 """
 
 import ast
@@ -13,6 +14,7 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+from nbconvert import MarkdownExporter
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -29,20 +31,27 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     seen = set(waiting)
     while waiting:
         page = waiting.pop()
-        for _, link, _ in _LINK.findall(page.read_text(encoding="utf-8")):
+        for _, link, _ in _LINK.findall(_text(page)):
             target = (page.parent / link).resolve()
             if target in seen or not target.is_file() or not _is_brought(target):
                 continue
             seen.add(target)
-            files.append(File.generated(config, _place(target), abs_src_path=str(target)))
-            if target.suffix == ".md":
+            if target.suffix == ".ipynb":
+                text, pictures = _notebook(target)
+                files.append(File.generated(config, _place(target), content=text))
+                for name, picture in pictures.items():
+                    place = f"{target.parent.relative_to(ROOT).as_posix()}/{name}"
+                    files.append(File.generated(config, place, content=picture))
+            else:
+                files.append(File.generated(config, _place(target), abs_src_path=str(target)))
+            if target.suffix in (".md", ".ipynb"):
                 waiting.append(target)
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Turns the links on a page to where their targets are on the site."""
-    source = Path(page.file.abs_src_path or "")
+    source = Path(page.file.abs_src_path or ROOT / page.file.src_uri)  # a notebook's page has no file
 
     def turned(found: re.Match[str]) -> str:
         text, link, anchor = found[1], found[2], found[3] or ""
@@ -90,9 +99,22 @@ def _is_brought(target: Path) -> bool:
     return target.is_relative_to(ROOT) and not target.is_relative_to(DOCS) and not target.is_relative_to(PACKAGE)
 
 
+def _text(page: Path) -> str:
+    return _notebook(page)[0] if page.suffix == ".ipynb" else page.read_text(encoding="utf-8")
+
+
+@cache
+def _notebook(file: Path) -> tuple[str, dict[str, bytes]]:
+    """The text of a notebook's page, and its pictures by name."""
+    exporter = MarkdownExporter(config={"ExtractOutputPreprocessor": {"enabled": True}})
+    settings = {"unique_key": file.stem, "output_files_dir": f"{file.stem}_files"}
+    text, resources = exporter.from_filename(str(file), resources=settings)
+    return text, resources["outputs"]
+
+
 def _place(target: Path) -> str:
     """Where a file of the repository is on the site."""
     if target == ROOT / "README.md":
         return "readme.md"  # mkdocs would make the start page of it
     home = DOCS if target.is_relative_to(DOCS) else ROOT
-    return target.relative_to(home).as_posix()
+    return target.relative_to(home).as_posix().replace(".ipynb", ".md")

@@ -27,6 +27,7 @@ __all__ = [
 ]
 
 NORTH, EAST, SOUTH, WEST = 8, 4, 2, 1
+"""The bits of a code."""
 
 
 class Side(NamedTuple):
