@@ -27,6 +27,7 @@ RULES = {
         weights=Weights(crowded_crossings=300, unlinked_neighbours=300, adjacent_turns=0, adjacent_crossings=0),
     ),
 }
+"""Sets of rules, by name."""
 
 
 def rules_named(name: Any) -> Rules:
