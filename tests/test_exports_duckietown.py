@@ -141,6 +141,10 @@ def test_messages_are_short_whatever_a_file_unfolds_to():
         ("tiles: [[straight/Q, floor], [floor, floor]]", "expected one of straight, .* got 'straight/Q' at row 0"),
         ("tiles: &a [*a, *a]", "tiles: expected one of"),
         ("when: 2024-99-99\ntiles: [[floor, floor], [floor, floor]]", "expected a Duckietown map, got: month"),
+        ("when: !!int " + "a" * 999 + "\ntiles: [[floor, floor], [floor, floor]]", r"got: invalid .{1,80}\.\.\.$"),
+        ("when: !!bool soon", "expected a Duckietown map, got: "),
+        ("when: !!int ''", "expected a Duckietown map, got: "),
+        ("when: !!timestamp soon", "expected a Duckietown map, got: "),
         ("[" * 20_000, "expected"),
     ],
 )

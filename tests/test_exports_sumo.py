@@ -1,5 +1,6 @@
 """Networks for SUMO: the plain XML against the graph of tiles, and what SUMO makes of it."""
 
+import errno
 import math
 import os
 import random
@@ -156,15 +157,18 @@ def test_measures_may_be_numbers_of_numpy():
     assert plain_xml(KNOT, streets) == plain_xml(KNOT)
 
 
-def test_files_are_replaced_together_or_not_at_all(tmp_path):
-    write_sumo(tmp_path / "new" / "city", KNOT)
-    edges = tmp_path / "new" / "city.edg.xml"
-    edges.unlink()
-    edges.mkdir()
-    before = [file.name for file in sorted(edges.parent.iterdir())]
-    with pytest.raises(InputError, match="city.nod.xml: expected a place that can be written to, got: "):
+def test_no_file_is_replaced_before_all_are_written(tmp_path, monkeypatch):
+    def until_the_disk_is_full(file, content):
+        if file.name == "city.con.xml":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+        file.write_bytes(content)
+
+    files = write_sumo(tmp_path / "new" / "city", KNOT)
+    monkeypatch.setattr("elitelanes_jax.exports.sumo.write_whole", until_the_disk_is_full)
+    with pytest.raises(InputError, match="city.nod.xml: expected a place that can be written to, got: no space left"):
         write_sumo(tmp_path / "new" / "city", RING)
-    assert [file.name for file in sorted(edges.parent.iterdir())] == before
+    assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
+    assert sorted((tmp_path / "new").iterdir()) == sorted(files)
 
 
 @pytest.mark.parametrize(

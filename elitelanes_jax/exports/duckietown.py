@@ -111,8 +111,8 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
         values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:
         raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
-    except (RecursionError, ValueError) as error:
-        raise InputError(f"expected a Duckietown map, got: {error}") from None
+    except (RecursionError, ValueError, LookupError, AttributeError) as error:  # of values that are not of their tags
+        raise InputError(f"expected a Duckietown map, got: {short(str(error))}") from None
     if not isinstance(values, dict) or "tiles" not in values:
         raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
     rows = values["tiles"]

@@ -125,7 +125,7 @@ def plain_xml(codes: Any, streets: Streets = Streets()) -> PlainXml:  # noqa: B0
 def write_sumo(prefix: str | Path, codes: Any, streets: Streets = Streets()) -> tuple[Path, Path, Path]:  # noqa: B008
     """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
 
-    Folders above them are made; files that are there are replaced, and left as they were after an error.
+    Folders above them are made. Files that are there are replaced when all three are written.
 
     Raises:
       InputError: as `plain_xml`, or if the files cannot be written.
