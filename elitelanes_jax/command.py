@@ -186,8 +186,8 @@ def leave(main: Callable[[], int]) -> NoReturn:
 
 
 def fail(program: str, message: str, code: int) -> int:
-    """Says what went wrong, and returns the code."""
-    print(f"{program}: {message}", file=sys.stderr)
+    """Says in one line what went wrong, even of a file that has several in its name, and returns the code."""
+    print(f"{program}: " + "\\n".join(message.splitlines()), file=sys.stderr)
     return code
 
 

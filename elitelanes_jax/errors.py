@@ -1,6 +1,6 @@
 """The errors that stand for what a user asked."""
 
-__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "reason"]
+__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "reason", "short"]
 
 
 class InputError(ValueError):
@@ -22,3 +22,8 @@ class NotEnoughMapsError(Exception):
 def reason(error: OSError) -> str:
     """What the system says of an error, to stand at the end of a message."""
     return (error.strerror or str(error)).lower()
+
+
+def short(text: str, most: int = 80) -> str:
+    """What a file holds, cut to so many characters, to stand in a message."""
+    return text if len(text) <= most else text[: most - 3] + "..."

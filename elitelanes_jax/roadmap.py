@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.checks import check_grid
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, MissingPackageError, short
 from elitelanes_jax.exports.duckietown import from_duckietown
 
 __all__ = ["Drawn", "RoadMap", "read_map", "to_json"]
@@ -84,16 +84,19 @@ def read_map(file: str | Path) -> RoadMap:
 
     Raises:
       InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
+      MissingPackageError: for a map of Duckietown where PyYAML is not installed.
     """
     foreign = Path(file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if foreign else "JSON"
     try:
-        text = Path(file).read_text(encoding="utf-8")
+        text = Path(file).read_text(encoding="utf-8-sig")
         if foreign:
             return RoadMap(from_duckietown(text))
         values = json.loads(text)
     except OSError as error:
         raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
+    except MissingPackageError:
+        raise
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except ValueError as error:
@@ -103,17 +106,14 @@ def read_map(file: str | Path) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
         raise InputError(f'{file}: expected a map, {{"codes": [[...], ...]}}, got no "codes"')
     if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError(f"{file}: format: expected {_FORMAT!r}, got {values['format']!r}")
+        raise InputError(f"{file}: format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
     try:
-        written = json.dumps(values["codes"])
-        if "true" in written or "false" in written:
-            raise InputError("grid: expected integer tile codes, got true or false")
-        codes = np.array(check_grid(values["codes"]))
+        codes = _grid(values["codes"])
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     for name, (fits, expected) in _FIELDS.items():
         if name in values and not fits(values[name]):
-            raise InputError(f"{file}: {name}: expected {expected}, got {json.dumps(values[name])[:60]}")
+            raise InputError(f"{file}: {name}: expected {expected}, got {short(json.dumps(values[name]))}")
     drawn = Drawn(**values["drawn"]) if "drawn" in values else None
     if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
         raise InputError(f"{file}: drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
@@ -126,6 +126,17 @@ def read_map(file: str | Path) -> RoadMap:
         tuple(values["seed"]) if "seed" in values else None,
         drawn,
     )
+
+
+def _grid(rows: Any) -> NDArray[np.int8]:
+    """The codes of a file. What is no code is named as it stands there, before NumPy makes one type of all cells."""
+    if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
+        for y, row in enumerate(rows):
+            for x, code in enumerate(row):
+                if not _whole(code) or not 0 <= code <= 15:
+                    got = short(json.dumps(code))
+                    raise InputError(f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}")
+    return np.array(check_grid(rows))
 
 
 def _whole(value: Any) -> bool:

@@ -39,11 +39,14 @@ def test_links_lead_somewhere():
             assert (DOCS / page).parent.joinpath(link.partition("#")[0]).exists(), f"{page}: {link}"
 
 
-@pytest.mark.parametrize("command", ["generate", "render"])
-def test_the_table_on_a_command_has_all_its_options(command, capsys):
-    with pytest.raises(SystemExit):
-        _parser().parse_args([command, "--help"])
-    table = "".join(re.findall(r"^\| `.*?\|", PAGES[f"{command}.md"], re.MULTILINE))
+@pytest.mark.parametrize(
+    ("page", "names"), [("generate.md", ["generate"]), ("render.md", ["render"]), ("exports.md", ["export", "show"])]
+)
+def test_the_table_on_a_command_has_all_its_options(page, names, capsys):
+    for name in names:
+        with pytest.raises(SystemExit):
+            _parser().parse_args([name, "--help"])
+    table = "".join(re.findall(r"^\| `.*?\|", PAGES[page], re.MULTILINE))
     options = [set(re.findall(r"--[a-z-]+", text)) for text in (table, capsys.readouterr().out)]
     assert options[0] == options[1] - {"--help"}
 

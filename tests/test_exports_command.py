@@ -1,9 +1,12 @@
 """The commands ``export`` and ``show``, and what they write beside Duckietown's maps and graphs."""
 
 import csv
+import errno
 import io
 import json
+import os
 import sys
+from pathlib import Path
 
 import networkx as nx
 import numpy as np
@@ -12,6 +15,7 @@ import pytest
 from elitelanes_jax import measure
 from elitelanes_jax.cli import main
 from elitelanes_jax.exports.boxes import boxes
+from elitelanes_jax.exports.sumo import Network, Streets, plain_xml
 from elitelanes_jax.exports.table import measured, to_csv, to_json
 from elitelanes_jax.roadmap import RoadMap, read_map
 from elitelanes_jax.roadmap import to_json as map_json
@@ -46,6 +50,9 @@ def test_a_table_is_what_measure_says():
         figures = {field: value.item() for field, value in measure(grid)._asdict().items()}
         assert row == {"file": name, "height": grid.shape[0], "width": grid.shape[1]} | figures
         assert next(iter(row)) == "file"
+    (row,) = measured(["a"], [np.where(np.arange(81).reshape(9, 9) < 44, 15, 0)])
+    assert row["coverage"] == 0.54320985 and np.float32(row["coverage"]) == np.float32(44 / 81)
+    assert ",0.54320985\n" in to_csv([row]) and '"coverage": 0.54320985}' in to_json([row])
     assert json.loads(to_json(rows)) == rows
     lines = list(csv.DictReader(to_csv(rows).splitlines()))
     assert [{key: str(value) for key, value in row.items()} for row in rows] == lines
@@ -55,7 +62,7 @@ def test_a_table_is_what_measure_says():
 def test_a_file_for_each_map(maps, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["export", *maps, "--to", "duckietown", "--dead-ends", "grass", "--out", str(out)]) == 0
-    assert capsys.readouterr().out == f"2 maps in {out}\n"
+    assert capsys.readouterr().out == f"2 maps in {out}\n1 of 16 tiles left out: roads that lead nowhere\n"
     assert sorted(file.name for file in out.iterdir()) == ["0000.yaml", "0001.yaml"]
     assert read_map(out / "0001.yaml").codes.tolist() == [[6, 5, 7, 3], [10, 0, 10, 10], [12, 5, 13, 9], [0] * 4]
     again = tmp_path / "again"
@@ -66,7 +73,7 @@ def test_a_file_for_each_map(maps, tmp_path, capsys):
 
 @pytest.mark.parametrize("target", ["graphml", "csv", "json", "duckietown"])
 def test_one_file(maps, target, tmp_path):
-    out = tmp_path / "new" / f"out.{'yaml' if target == 'duckietown' else target}"
+    out = tmp_path / "new" / f"out.{'YAML' if target == 'duckietown' else target}"
     command = ["export", maps[0], "--to", target, "--out", str(out)]
     assert main(command) == 0
     text = out.read_text()
@@ -81,20 +88,72 @@ def test_one_file(maps, target, tmp_path):
     assert [file.name for file in out.parent.iterdir()] == [out.name]
 
 
+def test_plain_xml_is_three_files_for_each_map(maps, tmp_path):
+    out = tmp_path / "out"
+    options = ["--tile-size", "0.585", "--lane", "0.222", "--speed", "0.3", "--right-of-way", "right_before_left"]
+    assert main(["export", *maps, "--to", "sumo-plain", *options, "--out", str(out)]) == 0
+    kinds = ("nod", "edg", "con")
+    assert sorted(file.name for file in out.iterdir()) == sorted(
+        f"{number}.{kind}.xml" for number in ("0000", "0001") for kind in kinds
+    )
+    texts = tuple((out / f"0001.{kind}.xml").read_text() for kind in kinds)
+    assert texts == plain_xml(GRID, Streets(0.585, 0.222, 0.3, "right_before_left"))
+
+
+def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatch, capsys):
+    warnings = ("Warning: " + "a" * 999, "Warning: b")
+    monkeypatch.setattr("elitelanes_jax.exports.sumo.network", lambda *_: Network("text", warnings))
+    out = tmp_path / "out"
+    assert main(["export", *maps, "--to", "opendrive", "--out", str(out)]) == 0
+    assert (out / "0000.xodr").read_text() == "text"
+    told = capsys.readouterr().err.splitlines()
+    assert (
+        len(told) == 4
+        and told[1] == f"elitelanes: {maps[0]}: netconvert: b"
+        and told[3] == "elitelanes: 3 of 4 warnings shown"
+    )
+    assert max(map(len, told)) == len("elitelanes: ") + 200
+
+
+def test_a_file_that_is_too_large_is_named(maps, tmp_path, monkeypatch, capsys):
+    def no_room(file, content):
+        raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), str(file))
+
+    monkeypatch.setattr("elitelanes_jax.folders.write_whole", no_room)
+    out = tmp_path / "out"
+    assert main(["export", *maps, "--to", "graphml", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {out / '0000.graphml'}: File too large\n"
+    assert not out.exists()
+
+
 def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     out = str(tmp_path / "out")
     (tmp_path / "there.csv").write_text("")
+    same, strange = (str(tmp_path / "maps" / name) for name in ("0000.json", "a\nmap.json"))
+    Path(same).write_text('{"codes": [[6, 3], [12, 9]]}')
+    Path(strange).write_text('{"codes": [[4, 1], [0, 0]]}')
     cases = [
         (["--to", "duckietown"], "0001/map.json: grid: expected tiles with two or more connections"),
-        (["--to", "paper"], "--to: expected one of duckietown, graphml, graphml-reduced, sumo, opendrive, json, csv"),
+        (
+            ["--to", "paper"],
+            "--to: expected one of duckietown, graphml, graphml-reduced, sumo, sumo-plain, opendrive, json",
+        ),
         (["--to", "csv", "--ground", "grass"], "--ground: expected it with duckietown alone, got it with csv"),
-        (["--to", "duckietown", "--ground", "sea"], "ground: expected one of grass"),
+        (["--to", "csv", "--lane", "3"], "--lane: expected it with sumo, sumo-plain, opendrive alone, got it with csv"),
+        (["--to", "duckietown", "--ground", "sea"], "elitelanes: ground: expected one of grass"),
+        (["--to", "sumo-plain", "--speed", "0"], "elitelanes: streets: expected speed to be a number, 0.001 to 100"),
+        (["--to", "sumo-plain", "--tile-size", "0.585"], "elitelanes: streets: expected tile to be over two lanes"),
+        (["--to", "sumo-plain", "--right-of-way", "mine"], "elitelanes: streets: expected right_of_way to be one of"),
         (["--to", "duckietown", "--tile-size", "0"], "argument --tile-size: expected metres, a number over 0, got '0'"),
         (["--to", "duckietown", "--out", out + ".yaml"], "--out: expected a folder for 2 maps, got a file"),
         (["--to", "duckietown", "--out", out + ".yml"], "--out: expected a folder, or a file that ends in .yaml"),
+        (["--to", "sumo-plain", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
         (["--to", "graphml", "--out", str(tmp_path / "maps")], "expected a folder that is new or empty"),
         (["--to", "csv", "--out", str(tmp_path / "there.csv")], "expected a file that is new, got one that is there"),
-        ([*maps, *maps, "--to", "graphml"], "expected maps of different names, got two for 0000.graphml"),
+        ([*maps, maps[1], "--to", "graphml"], "0001/map.json: expected each map once, got it twice"),
+        ([*maps, maps[1], "--to", "csv"], "0001/map.json: expected each map once, got it twice"),
+        ([*maps, same, "--to", "graphml"], "expected maps of different names, got two for 0000"),
+        ([maps[0], strange, "--to", "duckietown"], r"a\nmap.json: grid: expected tiles with two or more"),
     ]
     for options, message in cases:
         try:
@@ -131,7 +190,7 @@ def test_libraries_that_are_not_there_are_named(maps, tmp_path, monkeypatch, cap
     for module in ("yaml", "networkx"):
         monkeypatch.setitem(sys.modules, module, None)
     assert main(["show", str(tmp_path / "map.yaml")]) == 2
-    assert "map.yaml: Duckietown maps need PyYAML: pip install pyyaml" in capsys.readouterr().err
+    assert capsys.readouterr().err == "elitelanes: Duckietown maps need PyYAML: pip install pyyaml\n"
     assert main(["export", maps[0], "--to", "graphml", "--out", str(tmp_path / "out.graphml")]) == 2
-    assert "graphs need NetworkX: pip install networkx" in capsys.readouterr().err
+    assert capsys.readouterr().err == "elitelanes: graphs need NetworkX: pip install networkx\n"
     assert main(["export", maps[0], "--to", "duckietown", "--out", str(tmp_path / "out.yaml")]) == 0

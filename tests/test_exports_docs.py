@@ -1,57 +1,85 @@
-"""The page on exports: its commands and its program run, and show what it shows."""
+"""The page on exports: its commands and its program run, and print what it shows; its tables say what there is."""
 
 import re
 import shlex
 from pathlib import Path
 
-import numpy as np
 import pytest
+from pages import blocks, run_program
 
-from elitelanes_jax.cli import _parser, main
-from elitelanes_jax.exports.boxes import boxes
-from elitelanes_jax.roadmap import RoadMap, to_json
+from elitelanes_jax.cli import main
+from elitelanes_jax.exports.command import _FORMATS, _STREETS, _TABLES
+from elitelanes_jax.exports.duckietown import GROUNDS, TILE_SIZE
+from elitelanes_jax.exports.sumo import _RIGHTS_OF_WAY, Streets
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "exports.md").read_text()
-COMMANDS = re.findall(r"^elitelanes .*$", PAGE, re.MULTILINE)
-(SHOWN,) = re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL)
-(PROGRAM,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+TABLES = dict(re.findall(r"^\| `(.*?)[` ].*?\| (.*) \|$", PAGE, re.MULTILINE))
 
 pytestmark = pytest.mark.usefixtures("own_compile_cache")
 
 
-def shown_grid():
-    """The codes of the map that the page shows."""
-    sign = {boxes([[code, 0], [0, 0]])[:1].strip() or " ": code for code in range(16)}
-    lines = SHOWN.partition("\n\n")[0].splitlines()
-    width = max(map(len, lines))
-    return np.array([[sign[line.ljust(width)[column]] for column in range(0, width, 2)] for line in lines])
-
-
-def test_commands_run_and_show_what_is_shown(tmp_path, monkeypatch, capsys):
+@pytest.fixture
+def repository(tmp_path, monkeypatch):
+    """A folder that has the page's examples, and where its commands may write."""
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
-    searches = [command for command in COMMANDS if command.startswith("elitelanes generate")]
-    show, *others = [command for command in COMMANDS if command not in searches]
-    for search in searches:
-        assert callable(_parser().parse_args(shlex.split(search)[1:]).run)
-    for number in range(4):
-        file = Path("maps", "maps", f"{number:04d}", "map.json")
-        file.parent.mkdir(parents=True)
-        file.write_text(to_json(RoadMap(shown_grid())))
-    assert main(shlex.split(show)[1:]) == 0
-    assert capsys.readouterr().out == SHOWN
-    for command in others:
-        assert main(shlex.split(command)[1:]) == 0
-    assert (len(searches), len(others)) == (2, 7)
+
+
+def commands(text):
+    return [shlex.split(line)[1:] for line in text.splitlines()]
+
+
+def test_commands_print_what_is_shown(repository, capsys):
+    shown = 0
+    parts = blocks(PAGE, "sh", "text", "yaml")
+    for (language, text), (next_language, output) in zip(parts, [*parts[1:], ("", "")], strict=True):
+        for command in commands(text) if language == "sh" else ():
+            assert command[0] == "generate" or main(command) == 0
+        printed = capsys.readouterr().out
+        if language == "sh" and next_language == "text":
+            assert printed == output
+            shown += 1
+        if language == "yaml":
+            assert Path("towns/village.yaml").read_text() == text
+            shown += 1
+    assert shown == 3
+    written = {str(file) for file in Path().rglob("*.*") if file.is_file()}
+    assert {f"plain/town.{kind}.xml" for kind in ("nod", "edg", "con")} < written
+    assert {"town.yaml", "tiles.graphml", "crossings.graphml", "metrics.csv", "metrics.json"} < written
+
+
+@pytest.mark.slow
+def test_a_search_begins_with_the_town_that_is_written(repository):
+    written, (search,) = (
+        [command for _, text in blocks(PAGE, "sh") for command in commands(text) if words <= set(command)]
+        for words in ({"town.yaml", "export"}, {"generate"})
+    )
+    assert [main(command) for command in (*written, search)] == [0, 0]
 
 
 def test_the_program_prints_what_it_says(capsys):
-    exec(compile(PROGRAM, "exports.md", "exec"), {})
-    assert capsys.readouterr().out.splitlines() == re.findall(r"print\(.*\)  # (.*)$", PROGRAM, re.MULTILINE)
+    ((_, program),) = blocks(PAGE, "python")
+    run_program(program, "exports.md", capsys)
+
+
+def test_tables_are_what_there_is():
+    for name, form in _FORMATS.items():
+        assert TABLES[name].partition(" |")[0] == ", ".join(f"`{suffix}`" for suffix in form.suffixes)
+    assert f"| {', '.join(f'`{name}`' for name in _TABLES)} |" in PAGE
+    ways = re.findall(r"`(\w+)`", TABLES["--right-of-way"])
+    assert set(re.findall(r"`(\w+)`", TABLES["--ground"])) - {"duckietown"} == set(GROUNDS)
+    assert set(ways) == set(_RIGHTS_OF_WAY) and ways[0] == Streets().right_of_way
+    assert f"{TILE_SIZE} in `duckietown`, {Streets().tile:g} in `sumo`" in TABLES["--tile-size"]
+    for name in ("lane", "speed"):
+        assert TABLES[f"--{name}"].endswith(f"; {getattr(Streets(), name)}")
+    assert all(f"--{name.replace('_', '-')}" in TABLES for name in _STREETS)
 
 
 def test_links_and_targets_are_there():
+    heads = {head.lower().replace(" ", "-") for head in re.findall(r"^## (.*)$", PAGE, re.MULTILINE)}
     for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGE):
-        assert (ROOT / "docs" / link).exists(), link
+        file, _, anchor = link.partition("#")
+        assert (ROOT / "docs" / file).exists() and (file or anchor in heads), link
     for target in re.findall(r"`make (\S+)`", PAGE):
         assert f"\n{target}:" in (ROOT / "Makefile").read_text()

@@ -1,5 +1,6 @@
 """Networks for SUMO: the plain XML against the graph of tiles, and what SUMO makes of it."""
 
+import errno
 import math
 import os
 import random
@@ -151,12 +152,34 @@ def test_files_are_the_texts(tmp_path):
     assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
 
 
+def test_measures_may_be_numbers_of_numpy():
+    streets = Streets(np.int64(30), np.float32(3.2), np.float64(8.33))
+    assert plain_xml(KNOT, streets) == plain_xml(KNOT)
+
+
+def test_no_file_is_replaced_before_all_are_written(tmp_path, monkeypatch):
+    def until_the_disk_is_full(file, content):
+        if file.name == "city.con.xml":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(file))
+        file.write_bytes(content)
+
+    files = write_sumo(tmp_path / "new" / "city", KNOT)
+    monkeypatch.setattr("elitelanes_jax.exports.sumo.write_whole", until_the_disk_is_full)
+    with pytest.raises(InputError, match="city.nod.xml: expected a place that can be written to, got: no space left"):
+        write_sumo(tmp_path / "new" / "city", RING)
+    assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
+    assert sorted((tmp_path / "new").iterdir()) == sorted(files)
+
+
 @pytest.mark.parametrize(
     ("codes", "streets", "message"),
     [
         (np.zeros((3, 3), int), Streets(), "grid: expected a road, two tiles that connect to each other, got none"),
         ([[4, 16], [0, 0]], Streets(), "grid: expected tile codes 0 to 15, got 16"),
         (RING, Streets(tile=-1), "streets: expected tile to be a number, 0.01 to 1000, got -1"),
+        (RING, Streets(tile=np.array(math.nan)), r"streets: expected tile to be a number, .*, got array\(nan\)"),
+        (RING, Streets(tile=np.array([30.0, 40.0])), "streets: expected tile to be a number, .*, got array"),
+        (RING, Streets(lane=True), "streets: expected lane to be a number, 0.001 to 500, got True"),
         (RING, Streets(tile=6.4), "streets: expected tile to be over two lanes, 6.4 m, got 6.4 m"),
         (RING, Streets(speed="fast"), "streets: expected speed to be a number, 0.001 to 100, got 'fast'"),
         (RING, Streets(right_of_way="mine"), "streets: expected right_of_way to be one of allway_stop, .*, got 'mine'"),
@@ -203,8 +226,10 @@ def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
     assert convert(out / "city.xodr", KNOT, "opendrive") == ("Warning: hm",)
     assert [file.name for file in out.iterdir()] == ["city.xodr"]
     assert (out / "city.xodr").read_text() == plain_xml(KNOT).nodes
-    with pytest.raises(InputError, match="nowhere/city.xodr: expected a place that can be written to, got .*: no such"):
-        convert(tmp_path / "nowhere" / "city.xodr", KNOT, "opendrive")
+    with pytest.raises(
+        InputError, match="city.xodr/a.xodr: expected a place that can be written to, got .*: not a dir"
+    ):
+        convert(out / "city.xodr" / "a.xodr", KNOT, "opendrive")
 
 
 # From here on SUMO itself, in an environment of its own: make sumo.

@@ -43,6 +43,19 @@ def test_a_grid_of_codes_is_enough(tmp_path):
     assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("map.json", '{"codes": [[6, 3], [12, 9]]}'),
+        ("map.yaml", "tiles: [[curve_left/W, curve_left/N], [curve_left/S, curve_left/E]]"),
+    ],
+)
+def test_a_byte_order_mark_is_read_over(name, text, tmp_path):
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8-sig")
+    assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
+
+
 def with_(name, text):
     return f'{{"codes": [[6, 3], [12, 9]], "{name}": {text}}}'
 
@@ -59,7 +72,7 @@ def drawn(tiles, turns):
         ('{"code": []}', 'got no "codes"'),
         ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
         ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
-        ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected integer tile codes, got float64"),
+        ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected tile codes 0 to 15, got 1.5 at row 0, column 0"),
         ('{"codes": [[1, 2]]}', "expected sides from 2 to 1024, got 1 x 2"),
         ('{"codes": "road"}', "grid: expected"),
         (with_("drawn", "3"), "drawn: expected a record of tile_set, tiles, quarter_turns, turns 0 to 3, got 3"),
@@ -76,7 +89,13 @@ def drawn(tiles, turns):
         (with_("niche", "[0.5]"), "niche: expected whole numbers"),
         (with_("format", '"another"'), "format: expected 'elitelanes map, version 1', got 'another'"),
         ('{"codes": ' + "9" * 5000 + "}", "expected a readable JSON file"),
-        ('{"codes": [[6, true], [12, 9]]}', "grid: expected integer tile codes, got true or false"),
+        ('{"codes": [[6, true], [12, 9]]}', "expected tile codes 0 to 15, got true at row 0, column 1"),
+        ('{"codes": [[6, 3], [null, 9]]}', "expected tile codes 0 to 15, got null at row 1, column 0"),
+        ('{"codes": [["6", 3], [12, 9]]}', 'expected tile codes 0 to 15, got "6" at row 0, column 0'),
+        ('{"codes": [[6, 3], [12, 1' + "0" * 23 + "]]}", "got 1" + "0" * 23 + " at row 1, column 1"),
+        ('{"codes": [[6, 3], [12, 1' + "0" * 999 + "]]}", "got 1" + "0" * 76 + r"\.\.\. at row 1, column 1$"),
+        (with_("format", f'"{"a" * 999}"'), r"got 'a{76}\.\.\.$"),
+        (with_("fitness", f'"{"a" * 999}"'), r'got "a{76}\.\.\.$'),
         ("[" * 100_000, "expected a map, got JSON nested too deeply"),
     ],
 )

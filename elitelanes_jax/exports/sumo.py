@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.checks import check_grid, check_real
+from elitelanes_jax.checks import check_grid
 from elitelanes_jax.codes import SIDES
-from elitelanes_jax.errors import InputError, reason
+from elitelanes_jax.errors import InputError, reason, short
 from elitelanes_jax.exports.graph import Tile, reduced_graph
 from elitelanes_jax.extras import optional
-from elitelanes_jax.folders import unwritable
+from elitelanes_jax.folders import unwritable, write_whole
 
 __all__ = ["Network", "PlainXml", "Streets", "convert", "network", "plain_xml", "write_sumo"]
 
@@ -105,7 +105,7 @@ def plain_xml(codes: Any, streets: Streets = Streets()) -> PlainXml:  # noqa: B0
       InputError: for a bad grid (see `check_grid`), one without any road, measures out of their ranges, or where
         NetworkX is not installed.
     """
-    _check(streets)
+    streets = _checked(streets)
     roads = _roads(codes)
     if not roads:
         raise InputError("grid: expected a road, two tiles that connect to each other, got none")
@@ -125,12 +125,23 @@ def plain_xml(codes: Any, streets: Streets = Streets()) -> PlainXml:  # noqa: B0
 def write_sumo(prefix: str | Path, codes: Any, streets: Streets = Streets()) -> tuple[Path, Path, Path]:  # noqa: B008
     """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
 
+    Folders above them are made. Files that are there are replaced when all three are written.
+
     Raises:
       InputError: as `plain_xml`, or if the files cannot be written.
     """
     texts = plain_xml(codes, streets)
-    nodes, edges, connections = (Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
-    _write(dict(zip((nodes, edges, connections), texts, strict=True)))
+    nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
+    try:
+        nodes.parent.mkdir(parents=True, exist_ok=True)
+        # Nodes of one network and edges of another would be a third: none is replaced before all are written.
+        with tempfile.TemporaryDirectory(dir=nodes.parent, prefix=f".{nodes.name}-") as folder:
+            for file, text in zip(files, texts, strict=True):
+                write_whole(Path(folder, file.name), text.encode())
+            for file in files:
+                Path(folder, file.name).replace(file)
+    except OSError as error:
+        raise InputError(f"{nodes}: expected a place that can be written to, got: {reason(error)}") from None
     return nodes, edges, connections
 
 
@@ -176,7 +187,8 @@ def convert(file: str | Path, codes: Any, to: str = "net", streets: Streets = St
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml`` or ``city.xodr``; replaced if it is there, and left as it was after an error.
+      file: such as ``city.net.xml`` or ``city.xodr``; folders above it are made. It is replaced if it is there, and
+        left as it was after an error.
       codes: integer codes ``[H, W]``.
       to: "net" or "opendrive".
       streets: their measures.
@@ -185,31 +197,26 @@ def convert(file: str | Path, codes: Any, to: str = "net", streets: Streets = St
       InputError: as `network`, or if the file cannot be written.
     """
     text, warnings = network(codes, to, streets)
-    _write({Path(file): text})
+    try:
+        write_whole(Path(file), text.encode())
+    except OSError as error:
+        raise unwritable(file, error) from None
     return warnings
 
 
-def _write(texts: dict[Path, str]) -> None:
-    """Writes files in a hidden folder beside them first, from where they take their places when all are whole."""
-    first = next(iter(texts))
-    try:
-        with tempfile.TemporaryDirectory(dir=first.parent, prefix=f".{first.name}-") as folder:
-            for file, text in texts.items():
-                Path(folder, file.name).write_text(text, encoding="utf-8", newline="\n")
-            for file in texts:
-                Path(folder, file.name).replace(file)
-    except OSError as error:
-        raise unwritable(first, error) from None
-
-
-def _check(streets: Streets) -> None:
+def _checked(streets: Streets) -> Streets:
+    """The same measures, as floats."""
     for name, least, most in (("tile", 0.01, 1000), ("lane", 0.001, 500), ("speed", 0.001, 100)):
-        check_real("streets", name, getattr(streets, name), least, most)
+        value = getattr(streets, name)
+        numbers = int | float | np.integer | np.floating
+        if not isinstance(value, numbers) or isinstance(value, bool) or not least <= value <= most:
+            raise InputError(f"streets: expected {name} to be a number, {least} to {most}, got {short(repr(value))}")
     if streets.tile <= 2 * streets.lane:
         raise InputError(f"streets: expected tile to be over two lanes, {2 * streets.lane:g} m, got {streets.tile:g} m")
     if streets.right_of_way not in _RIGHTS_OF_WAY:
-        expected = ", ".join(_RIGHTS_OF_WAY)
-        raise InputError(f"streets: expected right_of_way to be one of {expected}, got {streets.right_of_way!r}")
+        expected, got = ", ".join(_RIGHTS_OF_WAY), short(repr(streets.right_of_way))
+        raise InputError(f"streets: expected right_of_way to be one of {expected}, got {got}")
+    return Streets(float(streets.tile), float(streets.lane), float(streets.speed), streets.right_of_way)
 
 
 def _roads(codes: Any) -> list[list[Tile]]:
