@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NoReturn
 
-from elitelanes_jax.errors import InputError, NotEnoughMapsError
+from elitelanes_jax.errors import InputError, NotEnoughMapsError, short
 from elitelanes_jax.interrupts import catch_interrupts
 
 __all__ = [
@@ -52,7 +52,7 @@ def whole(least: int, most: int = 2**31 - 1) -> Callable[[str], int]:
             number = least - 1
         if not least <= number <= most:
             limit = f"{least} or more" if most == 2**31 - 1 else f"{least} to {most}"
-            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {_short(text)}")
+            raise argparse.ArgumentTypeError(f"expected a whole number, {limit}, got {short(text, 40)!r}")
         return number
 
     return parse
@@ -65,7 +65,7 @@ def metres(text: str) -> float:
     except ValueError:
         number = 0.0
     if not 0 < number < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected metres, a number over 0, got {_short(text)}")
+        raise argparse.ArgumentTypeError(f"expected metres, a number over 0, got {short(text, 40)!r}")
     return number
 
 
@@ -75,7 +75,7 @@ def weight(text: str) -> tuple[str, int]:
     try:
         return key.strip(), int(number)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"expected NAME=N with a whole number, got {_short(text)}") from None
+        raise argparse.ArgumentTypeError(f"expected NAME=N with a whole number, got {short(text, 40)!r}") from None
 
 
 def number(text: str) -> float:
@@ -85,7 +85,7 @@ def number(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0 <= value < float("inf"):
-        raise argparse.ArgumentTypeError(f"expected a number, 0 or more, got {_short(text)}")
+        raise argparse.ArgumentTypeError(f"expected a number, 0 or more, got {short(text, 40)!r}")
     return value
 
 
@@ -198,7 +198,3 @@ def say(text: str) -> None:
         sys.stdout.flush()
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it would be tried again at the end
-
-
-def _short(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:37] + "...")
