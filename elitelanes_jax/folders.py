@@ -1,5 +1,6 @@
 """Output folders and files that are there whole or not at all."""
 
+import errno
 import json
 import os
 import shutil
@@ -72,6 +73,8 @@ def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
     except OSError as error:
         with suppress(OSError):  # such as a place that cannot be
             aside.unlink()
+        if isinstance(error, FileExistsError):  # in a folder's place
+            error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         raise OSError(error.errno, error.strerror, str(file)) from None
 
 

@@ -109,7 +109,7 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
 
 def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
     (tmp_path / "file").write_text("mine")
-    for file in (tmp_path / "file" / "out", tmp_path / ("a" * 250)):
-        with pytest.raises(OSError, match=f": '{file}'$"):
+    for file, why in ((tmp_path / "file" / "out", "Not a directory"), (tmp_path / ("a" * 250), "File name too long")):
+        with pytest.raises(OSError, match=f"{why}: '{file}'$"):
             write_whole(file, b"text")
     assert everything(tmp_path) == ["file"]
