@@ -33,6 +33,7 @@ __all__ = [
     "toggle_outline",
     "toggle_street",
     "transplant",
+    "twinned",
 ]
 
 
@@ -167,6 +168,25 @@ def completed(probability: Numeric, move: Move, *, kept: Any = None) -> Move:
         whole = repair(*varied, fill=True, kept=kept)
         # What is whole has no mismatch left for the dirty tiles to decide.
         return Variation(jnp.where(happens, whole, varied.grid), varied.dirty)
+
+    return Move(move.words + 1, apply)
+
+
+def twinned(probability: Numeric, move: Move) -> Move:
+    """The move, and with the given probability the same in the place opposite, turned by half a turn.
+
+    What is symmetric under half a turn stays so, and takes in one step what would be two with something worse between.
+    """
+
+    def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:
+        varied, dirty = move.apply(words[:-1], grid, mate)
+        rows, columns = _places(grid.shape)
+        first = rows * grid.shape[1] + columns < (grid.size + 1) // 2
+        opposite = dirty[::-1, ::-1] & chance(words[-1], probability)
+        # Where the two places overlap the first half of the grid decides.
+        turned = (varied & 3) << 2 | varied >> 2
+        taken = opposite & ~(dirty & first)
+        return Variation(jnp.where(taken, turned[::-1, ::-1], varied), dirty | opposite)
 
     return Move(move.words + 1, apply)
 

@@ -27,6 +27,7 @@ from elitelanes_jax.moves import (
     toggle_outline,
     toggle_street,
     transplant,
+    twinned,
 )
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
@@ -40,6 +41,7 @@ MOVES = CYCLES | {
     "transplant": transplant(),
     "displaced": transplant(displaced=True),
     "mixed": mixed(Mix(), fill=True),
+    "twinned": twinned(0.5, mixed(Mix(), fill=True)),
 }
 SHAPES = [(6, 6), (4, 7)]
 
@@ -236,6 +238,37 @@ def test_what_is_completed_is_what_filling_makes(grid, seed):
     plain = toggle_corner().apply(jnp.asarray(words[:-1]), jnp.asarray(grid))
     varied = move.apply(jnp.asarray(words), jnp.asarray(grid))
     np.testing.assert_array_equal(repair(*varied), repair(*plain, fill=True))
+
+
+@given(grids(), st.integers(0, 2**32 - 1))
+def test_what_is_twinned_is_made_in_the_place_opposite_too(grid, seed):
+    move = mixed(Mix(), fill=True)
+    words = np.random.default_rng(seed).integers(0, 2**32, move.words + 1, np.uint32)
+    plain, dirty = jax.tree.map(np.asarray, move.apply(jnp.asarray(words[:-1]), jnp.asarray(grid)))
+    turned, expected = np.asarray(rotate(plain, 2)), plain.copy()
+    for number, place in enumerate(np.ndindex(grid.shape)):
+        opposite = tuple(side - 1 - at for side, at in zip(grid.shape, place, strict=True))
+        second = number > grid.size - 1 - number
+        if dirty[opposite] and (second or not dirty[place]):
+            expected[place] = turned[place]
+    varied = twinned(1.0, move).apply(jnp.asarray(words), jnp.asarray(grid))
+    np.testing.assert_array_equal(varied.grid, expected)
+    np.testing.assert_array_equal(varied.dirty, dirty | dirty[::-1, ::-1])
+    never = twinned(0.0, move).apply(jnp.asarray(words), jnp.asarray(grid))
+    np.testing.assert_array_equal(never.grid, plain)
+    np.testing.assert_array_equal(never.dirty, dirty)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_twins_keep_the_symmetry_of_half_a_turn(shape):
+    half = network(shape)
+    top = np.arange(half.size).reshape(shape) < half.size // 2
+    grid = np.where(top, half, rotate(half, 2))
+    varied = many(twinned(1.0, mixed(Mix(), fill=True)), grid, count=300)
+    for result, dirty in different(varied):
+        np.testing.assert_array_equal(result, rotate(result, 2))
+        np.testing.assert_array_equal(dirty, dirty[::-1, ::-1])
+    assert (varied.grid != grid).any()
 
 
 def test_moves_come_in_proportion_to_their_shares():

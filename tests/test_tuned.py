@@ -188,6 +188,34 @@ def test_what_all_regions_find_meets_in_the_last_archive(chains, regions):
     np.testing.assert_array_equal(worth[elites.valid[0]], elites.fitness[0][elites.valid[0]])
 
 
+def test_a_region_that_fills_no_more_niches_begins_again():
+    """What a region had is gone when it stalls, and only then; what all know stays."""
+    problem = road_problem((5, 5), tuned_axes((5, 5)), fill=True)
+    annealing = AnnealingConfig(population=8, chains=1, cycle=4)
+    optimizer = aimed_map_elites(problem, AimedMapElitesConfig(annealing, regions=2, patience=5))
+    step, key = jax.jit(optimizer.step), jax.random.key(0)
+    state = optimizer.init(key)
+    vacant, ages, gained, begun = 2**31 - 1, np.zeros(2, int), np.zeros(2, int), 0
+    for number in range(150):
+        before = np.asarray(state.archive.fitness).reshape(3, 400)
+        state, _ = step(jax.random.fold_in(key, number), state)
+        after = np.asarray(state.archive.fitness).reshape(3, 400)
+        assert (after[-1] <= before[-1]).all()
+        for region in range(2):
+            stalls = ages[region] >= max(20, 2 * gained[region])
+            own = np.full(400, vacant) if stalls else before[region]
+            assert (after[region] <= own).all()
+            assert not stalls or (after[region] < vacant).sum() <= 3 < (before[region] < vacant).sum()
+            ages[region] = 1 if stalls else ages[region] + 1
+            flawless = np.stack([own, after[region]]).reshape(2, 25, 16)[..., 0] < vacant
+            more = flawless[1].sum() > flawless[0].sum()
+            gained[region] = ages[region] if more else 0 if stalls else gained[region]
+            begun += stalls
+        np.testing.assert_array_equal(state.growth.age, ages)
+        np.testing.assert_array_equal(state.growth.gained, gained)
+    assert begun > 3
+
+
 def test_aims_are_bins():
     with pytest.raises(InputError, match="axes: expected aim to be a bin, 0 to 2"):
         evolve(jax.random.key(0), (4, 4), axes=[Axis("crossings", 3, aim=3)])

@@ -7,7 +7,8 @@ and takes parts of elites near it. All that is evaluated comes before the archiv
 
 Elites descend from each other, so that one archive soon holds one family of networks, good in most niches, and what
 would lead to the rest is lost. Most islands are therefore parted into regions, each with an archive of its own that is
-all it knows; what all find meets in one more archive, which is the result, and the other islands start from that.
+all it knows; what all find meets in one more archive, which is the result, and the other islands start from that. A
+region that long fills no more niches has come to the end of its family, and begins again with random grids.
 """
 
 from typing import NamedTuple
@@ -41,10 +42,11 @@ from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.evolution import Population, evaluated, joined, taken
+from elitelanes_jax.moves import twinned
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.problem import Problem
 
-__all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "aimed_map_elites"]
+__all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "Growth", "aimed_map_elites"]
 
 # Random words of each chain in a step, beside those of the move: aims and mates take four, the contest the rest.
 _OTHER_WORDS = 12
@@ -59,24 +61,30 @@ class AimedMapElitesConfig(NamedTuple):
         of the first one of the tuned EA.
       pull: what a bin of distance from the niche aimed at adds to the fitness.
       nudge: likewise on axes with an aim, beside what the flaws cost anyway.
-      anew: probability that an island starts a cycle from random grids.
+      anew: probability that an island of a region starts a cycle from random grids.
       longer: how many times as long as others such a cycle is.
       frontier: probability that it aims at a vacant niche, one that an elite off the aim is a step to or that lies
         beside a filled one, if there is any.
       foreign: probability that a mate comes from the archive that the island knows.
       contest: among how many niches the elite that is worth most for the niche aimed at becomes that mate.
+      twins: probability that a move is made in the place opposite too (see `twinned`), but for cycles that
+        start from random grids.
       regions: in how many parts three quarters of the islands are parted, at most; the others know all that is found.
+      patience: after how many cycles at the earliest a region begins again; it does once it has filled no niche in the
+        second half of its time.
     """
 
     annealing: AnnealingConfig = AnnealingConfig(chains=1, hottest=40, coldest=12)
     pull: int = 400
     nudge: int = 100
-    anew: Numeric = 0.04
+    anew: Numeric = 0.1
     longer: int = 16
     frontier: Numeric = 0.5
     foreign: Numeric = 0.5
     contest: int = 8
+    twins: Numeric = 0.5
     regions: int = 8
+    patience: int = 160
 
     def checked(self) -> "AimedMapElitesConfig":
         """The settings with probabilities as floats.
@@ -84,14 +92,34 @@ class AimedMapElitesConfig(NamedTuple):
         Raises:
           InputError: for a setting out of its range.
         """
-        for name in ("pull", "nudge", "longer", "contest", "regions"):
+        for name in ("pull", "nudge", "longer", "contest", "regions", "patience"):
             check_count("config", name, getattr(self, name))
         if self.contest > _LARGEST_CONTEST:
             raise InputError(f"config: expected contest to be at most {_LARGEST_CONTEST}, got {self.contest}")
-        chances = {
-            name: check_real("config", name, getattr(self, name), 0, 1) for name in ("anew", "frontier", "foreign")
-        }
+        names = ("anew", "frontier", "foreign", "twins")
+        chances = {name: check_real("config", name, getattr(self, name), 0, 1) for name in names}
         return self._replace(annealing=self.annealing.checked(), **chances)
+
+
+class Growth(NamedTuple):
+    """How a region comes on.
+
+    Attributes:
+      age: int32, steps since it began.
+      gained: int32, the age at which it last filled a niche.
+    """
+
+    age: Array
+    gained: Array
+
+    def stalls(self, patience: int) -> Array:
+        """Bool: whether it is time to begin again."""
+        return self.age >= jnp.maximum(patience, 2 * self.gained)
+
+    def after(self, *, gains: Array, begins: Array) -> "Growth":
+        """The same after one more step."""
+        age = jnp.where(begins, 0, self.age) + 1
+        return Growth(age, jnp.where(gains, age, jnp.where(begins, 0, self.gained)))
 
 
 class AimedMapElitesState(NamedTuple):
@@ -102,12 +130,14 @@ class AimedMapElitesState(NamedTuple):
       aims: int32 ``[I, D]``, the bins of the niche that each island aims at.
       archive: of each region, one after another, and last the best of all grids evaluated so far, by niche.
       cooling: arrays ``[I]``, where in its cycle each island is.
+      growth: arrays ``[R]``, of each region.
     """
 
     chains: Population
     aims: Array
     archive: Archive
     cooling: Cooling
+    growth: Growth
 
 
 def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapElitesConfig()) -> Optimizer:  # noqa: B008
@@ -140,6 +170,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     # Where the archive begins that each island knows.
     region = np.append(np.arange(apart) * regions // max(1, apart), np.full(islands - apart, regions))
     known = (niches * region).astype(np.int32)
+    starts_anew = (region < regions) | (regions == 0)
+    patience = min(config.patience * length, LONGEST_CYCLE)
 
     def worth(fitness: Array, place: Array, aim: Array) -> Array:
         """What a grid is worth to those who aim at a niche."""
@@ -153,12 +185,17 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         both = jnp.concatenate([niche + known[island], niche + niches * regions])
         return insert_at(archive, both, *joined(found, found))
 
+    def wanted_filled(archive: Archive) -> Array:
+        """How many of the niches that are wanted each region has filled, int32 ``[R]``."""
+        filled = archive.filled[:-niches].reshape(regions, niches)
+        return (filled & wanted).sum(axis=1, dtype=jnp.int32)
+
     def new_aim(words: Array, filled: Array) -> Array:
         """A niche to aim at, int32 ``[D]``: a vacant one within reach, or a filled one."""
         seen = filled.reshape(bins).any(axis=tuple(np.flatnonzero(~free).tolist()), keepdims=True)
         near = jnp.broadcast_to(seen | _beside(seen, free), bins).reshape(-1) & wanted & ~filled
         kept = filled & wanted
-        kept = jnp.where(kept.any(), kept, filled)
+        kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, wanted))
         chosen = jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
         # Where none on the aim is filled, one off it stands for the one that it is a step to.
         return jnp.where(free, jnp.asarray(places)[chosen], aims)
@@ -174,12 +211,17 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         chains = evaluated(problem, problem.random(key, count))
         archive = store(empty_archive(axes, problem.shape, times=regions + 1), chains)
         cooling = Cooling(jnp.zeros(islands, jnp.int32), jnp.full(islands, length, jnp.int32))
-        return AimedMapElitesState(chains, jnp.zeros((islands, len(axes)), jnp.int32), archive, cooling)
+        growth = Growth(jnp.zeros(regions, jnp.int32), jnp.zeros(regions, jnp.int32))
+        return AimedMapElitesState(chains, jnp.zeros((islands, len(axes)), jnp.int32), archive, cooling, growth)
 
     def step(key: PRNGKey, state: AimedMapElitesState) -> tuple[AimedMapElitesState, Info]:
-        chains, aim, archive, cooling = state
-        draw = Draw.of(key, count, move, others=_OTHER_WORDS)
-        start = cooling.begins
+        chains, aim, archive, cooling, growth = state
+        draw = Draw.of(key, count, twinned(config.twins, move), others=_OTHER_WORDS)
+        stalled = growth.stalls(patience)
+        emptied = jnp.append(stalled, False)
+        archive = archive._replace(fitness=jnp.where(jnp.repeat(emptied, niches), VACANT, archive.fitness))
+        cooling = cooling._replace(step=jnp.where(emptied[region], 0, cooling.step))
+        start, before = cooling.begins, wanted_filled(archive)
 
         def begun(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             words = draw.other[np.arange(islands) * chains_each]
@@ -192,8 +234,11 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         # A loop of one round or none: what is seldom needed is seldom computed.
         carry = start.any(), aim, jnp.zeros(islands, bool), jnp.zeros(islands, jnp.int32)
         _, aim, anew, nearest = jax.lax.while_loop(lambda carry: carry[0], begun, carry)
+        anew = anew & starts_anew | emptied[region]
         lengths = jnp.where(anew, config.longer, 1) * length
         cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
+        # What begins with random grids is to come to families that are not symmetric too.
+        twins = jnp.where(cooling.length == length, config.twins, 0)
         own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
 
         rivals = below(draw.other[:, 4 : 4 + config.contest], niches)
@@ -205,15 +250,16 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         mates = jnp.where(is_foreign[:, None, None], archive.grids[foreign], mates)
 
         def child(
-            starts: Array, grid: Array, mate: Array, elite: Array, anew: Array, word: Array, words: Array
+            starts: Array, grid: Array, mate: Array, elite: Array, anew: Array, twins: Array, word: Array, words: Array
         ) -> Array:
-            varied = move.apply(words, grid, mate)
+            varied = twinned(twins, move).apply(words, grid, mate)
             fresh, rank = fresh_grid(problem, word)
             first, first_rank = jnp.where(anew, fresh, elite), jnp.where(anew, rank, 0)
             return problem.repair(jnp.where(starts, first, varied.grid), jnp.where(starts, first_rank, varied.dirty))
 
         elite = archive.grids[nearest[island]]
-        grids = jax.vmap(child)(starts, chains.grids, mates, elite, anew[island], draw.fresh, draw.move)
+        each = starts, chains.grids, mates, elite, anew[island], twins[island], draw.fresh, draw.move
+        grids = jax.vmap(child)(*each)
         children = evaluated(problem, grids)
 
         def at(found: Population) -> Array:
@@ -224,7 +270,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         archive = store(archive, children)
         found = archive.fitness[-niches:]
         info = Info(best_fitness=found.min(), elite_count=(found < VACANT).sum(dtype=jnp.int32))
-        return AimedMapElitesState(chains, aim, archive, cooling.after(grows=False)), info
+        growth = growth.after(gains=wanted_filled(archive) > before, begins=stalled)
+        return AimedMapElitesState(chains, aim, archive, cooling.after(grows=False), growth), info
 
     def elites(state: AimedMapElitesState) -> Elites:
         found = jax.tree.map(lambda array: array[-niches:], state.archive)
