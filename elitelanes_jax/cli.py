@@ -82,7 +82,7 @@ def _add_generate(commands: Any) -> None:
     command.add_argument(
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
-    add_wishes(command)
+    add_wishes(command, evaluations=200_000)
     command.add_argument(
         "--from",
         dest="initial",

@@ -109,15 +109,20 @@ def add_drawing(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_wishes(command: argparse.ArgumentParser) -> None:
-    """Adds the arguments of a command that evolves maps: the fields of `elitelanes_jax.wishes.Wishes`."""
+def add_wishes(command: argparse.ArgumentParser, evaluations: int) -> None:
+    """Adds the arguments of a command that evolves maps: the fields of `elitelanes_jax.wishes.Wishes`.
+
+    Args:
+      command: that evolves.
+      evaluations: of each run, where no budget is given.
+    """
     command.add_argument("--method", type=name, default="map-elites", help="map-elites (the default), ea, pso or gwo")
     command.add_argument(
         "--preset", type=name, default="tuned", help="settings of the method: tuned (the default), paper, or standard"
     )
     budget = command.add_mutually_exclusive_group()
     budget.add_argument(
-        "--evaluations", type=whole(0), metavar="N", help="how many grids each run evaluates; by default 200000"
+        "--evaluations", type=whole(0), metavar="N", help=f"how many grids each run evaluates; by default {evaluations}"
     )
     budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
     command.add_argument(

@@ -66,7 +66,7 @@ def add_dataset(commands: Any) -> None:
     command.add_argument(
         "--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random; by default 0"
     )
-    add_wishes(command)
+    add_wishes(command, evaluations=100_000)
     add_drawing(command)
     command.set_defaults(run=_dataset, interrupted=_GOES_ON)
 
@@ -75,12 +75,11 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset import Settings, make_dataset
     from elitelanes_jax.transforms import read_transforms
-    from elitelanes_jax.wishes import Wishes
 
     use_compile_cache()
     given = {name: getattr(options, name) for name in Settings._fields if hasattr(options, name)}
     given |= {"size": tuple(options.size), "split": tuple(options.split)}
-    wishes = Wishes(**wishes_in(options))
+    wishes = Settings().wishes._replace(**wishes_in(options))
     settings = Settings(**given, transforms=read_transforms(options.transform), wishes=wishes)
     try:
         about = make_dataset(settings, options.out, workers=options.workers)

@@ -35,7 +35,7 @@ class Settings(NamedTuple):
       views: how often each map is drawn, each time with other tile pictures, in another view.
       hold_out_tiles: whether the test's tile pictures are seen in no other split.
       transforms: how views of the maps vary.
-      wishes: what to evolve.
+      wishes: what to evolve. Longer runs give hardly more maps that differ, more runs do.
     """
 
     maps: int = 1000
@@ -48,7 +48,7 @@ class Settings(NamedTuple):
     views: int = 1
     hold_out_tiles: bool = False
     transforms: Transforms = STANDARD
-    wishes: Wishes = Wishes()
+    wishes: Wishes = Wishes(evaluations=100_000)
 
 
 def checked(settings: Settings) -> Settings:
