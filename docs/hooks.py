@@ -106,9 +106,8 @@ def _text(page: Path) -> str:
 @cache
 def _notebook(file: Path) -> tuple[str, dict[str, bytes]]:
     """The text of a notebook's page, and its pictures by name."""
-    exporter = MarkdownExporter(config={"ExtractOutputPreprocessor": {"enabled": True}})
     settings = {"unique_key": file.stem, "output_files_dir": f"{file.stem}_files"}
-    text, resources = exporter.from_filename(str(file), resources=settings)
+    text, resources = MarkdownExporter().from_filename(str(file), resources=settings)
     return text, resources["outputs"]
 
 

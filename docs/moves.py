@@ -12,6 +12,7 @@ from elitelanes_jax import random_grids, repair
 from elitelanes_jax.draws import random_words
 from elitelanes_jax.moves import (
     clear_block,
+    completed,
     lay_straight,
     mirror_block,
     slide_lines,
@@ -20,6 +21,7 @@ from elitelanes_jax.moves import (
     toggle_outline,
     toggle_street,
     transplant,
+    twinned,
 )
 from elitelanes_jax.plots import road_map
 from elitelanes_jax.variation import Move
@@ -38,12 +40,14 @@ MOVES: dict[str, tuple[Move, int]] = {
     "slide_lines": (slide_lines(), 6),
     "transplant": (transplant(), 5),
     "transplant, displaced": (transplant(displaced=True), 7),
+    "completed toggle_street": (completed(1.0, toggle_street()), 5),
+    "twinned lay_straight": (twinned(1.0, lay_straight()), 4),
 }
 
 
 def main() -> None:
     grid, mate = (repair(codes, fill=True) for codes in random_grids(jax.random.key(4), 2, (SIDE, SIDE)))
-    figure = Figure(figsize=(9.2, 12), layout="constrained")
+    figure = Figure(figsize=(9.2, 14.4), layout="constrained")
     panels = figure.subplots(len(MOVES) // 2, 4).reshape(-1, 2)
     for (before, after), (name, (move, seed)) in zip(panels, MOVES.items(), strict=True):
         varied = move.apply(random_words(jax.random.key(seed), (move.words,)), grid, mate)

@@ -7,7 +7,7 @@ import numpy as np
 
 from elitelanes_jax.errors import InputError
 
-__all__ = ["LONGEST_SIDE", "check_count", "check_grid", "check_real", "check_shape"]
+__all__ = ["LONGEST_SIDE", "check_count", "check_grid", "check_real", "check_shape", "is_real"]
 
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
@@ -46,6 +46,11 @@ def check_real(record: str, name: str, value: Any, least: float, most: float) ->
     if not isinstance(value, int | float | np.number) or not least <= value <= most:
         raise InputError(f"{record}: expected {name} to be a number, {least} to {most}, got {value!r}")
     return float(value)
+
+
+def is_real(value: Any) -> bool:
+    """Whether a value is a number of Python or NumPy, whole or with a fraction: no bool, no array."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def check_grid(grid: Any) -> Any:

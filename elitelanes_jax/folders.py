@@ -80,8 +80,8 @@ def write_whole(file: Path, content: bytes | Iterable[bytes]) -> None:
 
 def unwritable(place: str | Path, error: OSError) -> InputError:
     """The error that says why a place cannot be written to."""
-    got = f"{error.filename}: {reason(error)}" if error.filename else reason(error)
-    return InputError(f"{place}: expected a place that can be written to, got {got}")
+    got = f" {error.filename}" if error.filename else ""
+    return InputError(f"{place}: expected a place that can be written to, got{got}: {reason(error)}")
 
 
 def check_same(folder: Path, file: Path, asked: dict[str, Any]) -> None:

@@ -19,9 +19,11 @@ import pytest
 
 from elitelanes_jax import measure
 from elitelanes_jax.cli import main
+from elitelanes_jax.dataset import Settings as DatasetSettings
 from elitelanes_jax.interrupts import catch_interrupts
 from elitelanes_jax.symmetry import canonical
 from elitelanes_jax.tilesets import default_tiles
+from elitelanes_jax.wishes import Wishes
 
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "40", "--tile-px", "16"]
 
@@ -424,6 +426,15 @@ def test_names_that_the_terminal_cannot_show(tmp_path):
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("Stra\\xdfen: 12 tiles")
+
+
+@pytest.mark.parametrize(
+    ("command", "wishes"), [("generate", Wishes()), ("dataset", DatasetSettings().wishes)], ids=["generate", "dataset"]
+)
+def test_the_help_names_the_budget_that_is_taken(command, wishes, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    assert f"grids each run evaluates; by default {wishes.evaluations} " in " ".join(capsys.readouterr().out.split())
 
 
 def test_no_generations(tmp_path):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.checks import check_grid
+from elitelanes_jax.checks import check_grid, is_real
 from elitelanes_jax.codes import CONNECTIONS, SIDES, turned
 from elitelanes_jax.errors import InputError, short
 from elitelanes_jax.exports.graph import linked_tiles
@@ -62,8 +62,7 @@ def to_duckietown(codes: Any, *, tile_size: float = TILE_SIZE, ground: str = "gr
         without them no road is left.
     """
     grid = np.asarray(check_grid(codes))
-    numbers = int | float | np.integer | np.floating
-    if not isinstance(tile_size, numbers) or isinstance(tile_size, bool) or not 0.01 <= tile_size <= 100:
+    if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
         raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {short(repr(tile_size))}")
     if ground not in GROUNDS:
         raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.checks import check_grid
+from elitelanes_jax.checks import check_grid, is_real
 from elitelanes_jax.codes import SIDES
 from elitelanes_jax.errors import InputError, reason, short
 from elitelanes_jax.exports.graph import Tile, reduced_graph
@@ -141,7 +141,7 @@ def write_sumo(prefix: str | Path, codes: Any, streets: Streets = Streets()) -> 
             for file in files:
                 Path(folder, file.name).replace(file)
     except OSError as error:
-        raise InputError(f"{nodes}: expected a place that can be written to, got: {reason(error)}") from None
+        raise unwritable(nodes, OSError(error.errno, error.strerror)) from None  # not of the hidden folder
     return nodes, edges, connections
 
 
@@ -208,8 +208,7 @@ def _checked(streets: Streets) -> Streets:
     """The same measures, as floats."""
     for name, least, most in (("tile", 0.01, 1000), ("lane", 0.001, 500), ("speed", 0.001, 100)):
         value = getattr(streets, name)
-        numbers = int | float | np.integer | np.floating
-        if not isinstance(value, numbers) or isinstance(value, bool) or not least <= value <= most:
+        if not is_real(value) or not least <= value <= most:
             raise InputError(f"streets: expected {name} to be a number, {least} to {most}, got {short(repr(value))}")
     if streets.tile <= 2 * streets.lane:
         raise InputError(f"streets: expected tile to be over two lanes, {2 * streets.lane:g} m, got {streets.tile:g} m")
