@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from chex import Array, PRNGKey
+from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.checks import check_count
 from elitelanes_jax.draws import below, exponential, random_words
@@ -165,16 +165,20 @@ def island_mates(words: Array, grids: Array, chains: int) -> Array:
     return grids[first + below(words, chains)]
 
 
-def fresh_grid(problem: Problem, word: Array) -> tuple[Array, Array]:
+def fresh_grid(problem: Problem, word: Array, *, symmetric: Numeric = False) -> tuple[Array, Array]:
     """A random grid of the alphabet from one random word, and the ranks with which repair settles it.
+
+    Both are symmetric under half a turn if asked for: the second half of the grid is the first one, turned.
 
     So every step can make one of each chain's grids anew, at next to no cost: where all seeds of a run are one
     computation, a branch that is seldom taken is always paid for.
     """
     codes = jnp.asarray(problem.alphabet, jnp.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
-    bits = word + cells * np.uint32(0x9E3779B9)
+    rank, turned = raster_rank(problem.shape), symmetric & (cells > cells[::-1, ::-1])
+    bits = word + jnp.where(turned, cells[::-1, ::-1], cells) * np.uint32(0x9E3779B9)
     # The finaliser of MurmurHash3 (A. Appleby): every bit of the word and of the cell's number reaches every other.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         bits = (bits ^ bits >> shift) * np.uint32(factor)
-    return codes[below(bits ^ bits >> 16, codes.size)], jnp.asarray(raster_rank(problem.shape))
+    grid = codes[below(bits ^ bits >> 16, codes.size)]
+    return jnp.where(turned, (grid & 3) << 2 | grid >> 2, grid), jnp.where(turned, rank[::-1, ::-1], rank)

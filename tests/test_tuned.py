@@ -13,10 +13,12 @@ from elitelanes_jax import InputError, Weights, evolve, fitness, measure, random
 from elitelanes_jax.annealing import AnnealingConfig, Cooling, accepts, fresh_grid
 from elitelanes_jax.archive import Axis, tuned_axes
 from elitelanes_jax.draws import UNIT, exponential, random_words
+from elitelanes_jax.moves import Mix
 from elitelanes_jax.optimizers import AimedMapElitesConfig, DiscretePsoConfig, aimed_map_elites
 from elitelanes_jax.problem import road_problem
 from elitelanes_jax.run import advance, start
 from elitelanes_jax.search import seed_keys
+from elitelanes_jax.symmetry import rotate
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 
@@ -177,7 +179,7 @@ def test_what_all_regions_find_meets_in_the_last_archive(chains, regions):
     optimizer = aimed_map_elites(problem, AimedMapElitesConfig(annealing, regions=regions))
     state, _ = advance(optimizer, seed_keys(0, 1), start(optimizer, seed_keys(0, 1)), 1, 100, most=100)
     fitness = np.asarray(state.archive.fitness).reshape(-1, 400)
-    assert len(fitness) == 1 + min(regions, 8 // chains - max(1, 8 // chains // 4))
+    assert len(fitness) == 1 + min(regions, 8 // chains // 2)
     np.testing.assert_array_equal(fitness[-1], fitness.min(axis=0))
     apart = (fitness[:-1] < 2**31 - 1).sum(axis=1)
     assert (apart > 0).all()
@@ -214,6 +216,23 @@ def test_a_region_that_fills_no_more_niches_begins_again():
         np.testing.assert_array_equal(state.growth.age, ages)
         np.testing.assert_array_equal(state.growth.gained, gained)
     assert begun > 3
+
+
+@pytest.mark.parametrize("symmetric", [0, 1])
+def test_cycles_from_random_grids_are_symmetric_or_not(symmetric):
+    annealing = AnnealingConfig(population=8, chains=1, cycle=4, moves=Mix(completed=0))
+    config = AimedMapElitesConfig(annealing, anew=1, symmetric=symmetric)
+    optimizer = aimed_map_elites(road_problem((6, 7), tuned_axes((6, 7))), config)
+    step, key, seen = jax.jit(optimizer.step), jax.random.key(0), []
+    state = optimizer.init(key)
+    for number in range(150):
+        state, _ = step(jax.random.fold_in(key, number), state)
+        seen.append(state.chains.grids[:4])  # of the islands in regions
+        np.testing.assert_array_equal(state.twins, [symmetric] * 4 + [0.5] * 4)
+    seen = np.concatenate(seen)
+    same = (seen == np.stack([rotate(grid, 2) for grid in seen])).all(axis=(1, 2))
+    assert len(np.unique(seen, axis=0)) > 100
+    assert same.all() if symmetric else same.mean() < 0.1
 
 
 def test_aims_are_bins():
@@ -281,6 +300,20 @@ def test_fresh_grids_are_random_grids_of_the_alphabet():
     assert abs(share - 0.25).max() < 0.05
     pairs = (codes[:, 0, 0] == codes[:, 0, 1]).mean(), (codes[:-1, 0, 0] == codes[1:, 0, 0]).mean()
     assert pairs == pytest.approx((0.25, 0.25), abs=0.05)
+
+
+@pytest.mark.parametrize("shape", [(6, 7), (5, 5)])
+def test_fresh_grids_are_symmetric_if_asked_for(shape):
+    problem = road_problem(shape, tuned_axes(shape))
+    words = random_words(jax.random.key(3), (50,))
+    plain = np.asarray(jax.vmap(lambda word: fresh_grid(problem, word)[0])(words))
+    grids, ranks = jax.vmap(lambda word: fresh_grid(problem, word, symmetric=True))(words)
+    second = np.arange(plain[0].size).reshape(shape) > (plain[0].size - 1) / 2
+    np.testing.assert_array_equal(grids, [np.where(second, rotate(grid, 2), grid) for grid in plain])
+    np.testing.assert_array_equal(ranks, ranks[:, ::-1, ::-1])
+    if plain[0].size % 2 == 0:
+        settled = jax.vmap(repair)(grids, ranks)
+        np.testing.assert_array_equal(settled, [rotate(grid, 2) for grid in settled])
 
 
 def test_random_grids_start_the_search():

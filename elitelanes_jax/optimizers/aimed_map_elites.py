@@ -6,9 +6,9 @@ pursues one niche: what is off it is worth the less. It starts from the elite th
 and takes parts of elites near it. All that is evaluated comes before the archives.
 
 Elites descend from each other, so that one archive soon holds one family of networks, good in most niches, and what
-would lead to the rest is lost. Most islands are therefore parted into regions, each with an archive of its own that is
-all it knows; what all find meets in one more archive, which is the result, and the other islands start from that. A
-region that long fills no more niches has come to the end of its family, and begins again with random grids.
+would lead to the rest is lost. Half of the islands are therefore parted into regions, each with an archive of its own
+that is all it knows; what all find meets in one more archive, which is the result, and the other islands start from
+that. A region that long fills no more niches has come to the end of its family, and begins again with random grids.
 """
 
 from typing import NamedTuple
@@ -48,9 +48,9 @@ from elitelanes_jax.problem import Problem
 
 __all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "Growth", "aimed_map_elites"]
 
-# Random words of each chain in a step, beside those of the move: aims and mates take four, the contest the rest.
-_OTHER_WORDS = 12
-_LARGEST_CONTEST = _OTHER_WORDS - 4
+# Random words of each chain in a step, beside those of the move: cycles and mates take five, the contest the rest.
+_OTHER_WORDS = 13
+_LARGEST_CONTEST = _OTHER_WORDS - 5
 
 
 class AimedMapElitesConfig(NamedTuple):
@@ -67,9 +67,9 @@ class AimedMapElitesConfig(NamedTuple):
         beside a filled one, if there is any.
       foreign: probability that a mate comes from the archive that the island knows.
       contest: among how many niches the elite that is worth most for the niche aimed at becomes that mate.
-      twins: probability that a move is made in the place opposite too (see `twinned`), but for cycles that
-        start from random grids.
-      regions: in how many parts three quarters of the islands are parted, at most; the others know all that is found.
+      twins: probability that in a cycle from an elite a move is made in the place opposite too (see `twinned`).
+      symmetric: probability that a cycle from random grids starts from a symmetric one and twins all moves; else none.
+      regions: in how many parts half of the islands are parted, at most; the others know all that is found.
       patience: after how many cycles at the earliest a region begins again; it does once it has filled no niche in the
         second half of its time.
     """
@@ -83,6 +83,7 @@ class AimedMapElitesConfig(NamedTuple):
     foreign: Numeric = 0.5
     contest: int = 8
     twins: Numeric = 0.5
+    symmetric: Numeric = 0.5
     regions: int = 8
     patience: int = 160
 
@@ -96,7 +97,7 @@ class AimedMapElitesConfig(NamedTuple):
             check_count("config", name, getattr(self, name))
         if self.contest > _LARGEST_CONTEST:
             raise InputError(f"config: expected contest to be at most {_LARGEST_CONTEST}, got {self.contest}")
-        names = ("anew", "frontier", "foreign", "twins")
+        names = ("anew", "frontier", "foreign", "twins", "symmetric")
         chances = {name: check_real("config", name, getattr(self, name), 0, 1) for name in names}
         return self._replace(annealing=self.annealing.checked(), **chances)
 
@@ -128,6 +129,7 @@ class AimedMapElitesState(NamedTuple):
     Attributes:
       chains: the grids that the chains are at.
       aims: int32 ``[I, D]``, the bins of the niche that each island aims at.
+      twins: float32 ``[I]``, how probable twins are in each island's cycle.
       archive: of each region, one after another, and last the best of all grids evaluated so far, by niche.
       cooling: arrays ``[I]``, where in its cycle each island is.
       growth: arrays ``[R]``, of each region.
@@ -135,6 +137,7 @@ class AimedMapElitesState(NamedTuple):
 
     chains: Population
     aims: Array
+    twins: Array
     archive: Archive
     cooling: Cooling
     growth: Growth
@@ -165,7 +168,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     aims = np.array([axis.aim or 0 for axis in axes], np.int32)
     wanted = (free | (places == aims)).all(axis=1)
     price = np.where(free, config.pull, config.nudge).astype(np.int32)
-    apart = islands - max(1, islands // 4)
+    apart = islands // 2
     regions = min(config.regions, apart, MOST_NICHES // niches - 1)
     # Where the archive begins that each island knows.
     region = np.append(np.arange(apart) * regions // max(1, apart), np.full(islands - apart, regions))
@@ -212,11 +215,12 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         archive = store(empty_archive(axes, problem.shape, times=regions + 1), chains)
         cooling = Cooling(jnp.zeros(islands, jnp.int32), jnp.full(islands, length, jnp.int32))
         growth = Growth(jnp.zeros(regions, jnp.int32), jnp.zeros(regions, jnp.int32))
-        return AimedMapElitesState(chains, jnp.zeros((islands, len(axes)), jnp.int32), archive, cooling, growth)
+        aim, twins = jnp.zeros((islands, len(axes)), jnp.int32), jnp.zeros(islands, jnp.float32)
+        return AimedMapElitesState(chains, aim, twins, archive, cooling, growth)
 
     def step(key: PRNGKey, state: AimedMapElitesState) -> tuple[AimedMapElitesState, Info]:
-        chains, aim, archive, cooling, growth = state
-        draw = Draw.of(key, count, twinned(config.twins, move), others=_OTHER_WORDS)
+        chains, aim, twins, archive, cooling, growth = state
+        draw = Draw.of(key, count, twinned(0, move), others=_OTHER_WORDS)
         stalled = growth.stalls(patience)
         emptied = jnp.append(stalled, False)
         archive = archive._replace(fitness=jnp.where(jnp.repeat(emptied, niches), VACANT, archive.fitness))
@@ -237,15 +241,15 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         anew = anew & starts_anew | emptied[region]
         lengths = jnp.where(anew, config.longer, 1) * length
         cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
-        # What begins with random grids is to come to families that are not symmetric too.
-        twins = jnp.where(cooling.length == length, config.twins, 0)
+        symmetric = chance(draw.other[np.arange(islands) * chains_each, 3], config.symmetric)
+        twins = jnp.where(start, jnp.where(anew, symmetric, config.twins), twins)
         own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
 
-        rivals = below(draw.other[:, 4 : 4 + config.contest], niches)
+        rivals = below(draw.other[:, 5 : 5 + config.contest], niches)
         known_rivals = rivals + begin[:, None]
         best = jnp.argmin(elite_worth(archive.fitness[known_rivals], rivals, own_aim[:, None]), axis=1)
         foreign = jnp.take_along_axis(known_rivals, best[:, None], axis=1)[:, 0]
-        is_foreign = chance(draw.other[:, 3], config.foreign) & (archive.fitness[foreign] < VACANT)
+        is_foreign = chance(draw.other[:, 4], config.foreign) & (archive.fitness[foreign] < VACANT)
         mates = island_mates(draw.mate, chains.grids, chains_each)
         mates = jnp.where(is_foreign[:, None, None], archive.grids[foreign], mates)
 
@@ -253,7 +257,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
             starts: Array, grid: Array, mate: Array, elite: Array, anew: Array, twins: Array, word: Array, words: Array
         ) -> Array:
             varied = twinned(twins, move).apply(words, grid, mate)
-            fresh, rank = fresh_grid(problem, word)
+            fresh, rank = fresh_grid(problem, word, symmetric=twins > 0)
             first, first_rank = jnp.where(anew, fresh, elite), jnp.where(anew, rank, 0)
             return problem.repair(jnp.where(starts, first, varied.grid), jnp.where(starts, first_rank, varied.dirty))
 
@@ -271,7 +275,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         found = archive.fitness[-niches:]
         info = Info(best_fitness=found.min(), elite_count=(found < VACANT).sum(dtype=jnp.int32))
         growth = growth.after(gains=wanted_filled(archive) > before, begins=stalled)
-        return AimedMapElitesState(chains, aim, archive, cooling.after(grows=False), growth), info
+        return AimedMapElitesState(chains, aim, twins, archive, cooling.after(grows=False), growth), info
 
     def elites(state: AimedMapElitesState) -> Elites:
         found = jax.tree.map(lambda array: array[-niches:], state.archive)
