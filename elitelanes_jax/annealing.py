@@ -13,6 +13,7 @@ import numpy as np
 from chex import Array, Numeric, PRNGKey
 
 from elitelanes_jax.checks import check_count
+from elitelanes_jax.codes import turned
 from elitelanes_jax.draws import below, exponential, random_words
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.moves import Mix, mixed
@@ -175,10 +176,10 @@ def fresh_grid(problem: Problem, word: Array, *, symmetric: Numeric = False) -> 
     """
     codes = jnp.asarray(problem.alphabet, jnp.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
-    rank, turned = raster_rank(problem.shape), symmetric & (cells > cells[::-1, ::-1])
-    bits = word + jnp.where(turned, cells[::-1, ::-1], cells) * np.uint32(0x9E3779B9)
+    rank, second = raster_rank(problem.shape), symmetric & (cells > cells[::-1, ::-1])
+    bits = word + jnp.where(second, cells[::-1, ::-1], cells) * np.uint32(0x9E3779B9)
     # The finaliser of MurmurHash3 (A. Appleby): every bit of the word and of the cell's number reaches every other.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         bits = (bits ^ bits >> shift) * np.uint32(factor)
     grid = codes[below(bits ^ bits >> 16, codes.size)]
-    return jnp.where(turned, (grid & 3) << 2 | grid >> 2, grid), jnp.where(turned, rank[::-1, ::-1], rank)
+    return jnp.where(second, turned(grid, 2), grid), jnp.where(second, rank[::-1, ::-1], rank)

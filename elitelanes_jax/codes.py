@@ -76,8 +76,8 @@ ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
 """The 11 codes with two or more connections: every tile that has a picture. New tiles are drawn from it by default."""
 
 
-def turned(code: int, quarter_turns: int = 1) -> int:
-    """The code of a tile turned by quarter turns counter-clockwise: N becomes W, W becomes S."""
+def turned(code: Any, quarter_turns: int = 1) -> Any:
+    """The code of a tile, or those of an array, turned by quarter turns counter-clockwise: N becomes W, W becomes S."""
     for _ in range(quarter_turns % 4):
         code = (code << 1) & 15 | code >> 3
     return code

@@ -14,7 +14,7 @@ from chex import Array, Numeric
 from jax.flatten_util import ravel_pytree
 
 from elitelanes_jax.checks import check_count, check_real
-from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST, turned
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.repairs import repair
@@ -184,9 +184,8 @@ def twinned(probability: Numeric, move: Move) -> Move:
         first = rows * grid.shape[1] + columns < (grid.size + 1) // 2
         opposite = dirty[::-1, ::-1] & chance(words[-1], probability)
         # Where the two places overlap the first half of the grid decides.
-        turned = (varied & 3) << 2 | varied >> 2
         taken = opposite & ~(dirty & first)
-        return Variation(jnp.where(taken, turned[::-1, ::-1], varied), dirty | opposite)
+        return Variation(jnp.where(taken, turned(varied, 2)[::-1, ::-1], varied), dirty | opposite)
 
     return Move(move.words + 1, apply)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elitelanes_jax.checks import check_grid
-from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.codes import EAST, NORTH, SOUTH, WEST, turned
 
 __all__ = ["canonical", "mirror", "rotate"]
 
@@ -25,8 +25,7 @@ def rotate(grid: Any, quarter_turns: int = 1) -> Any:
     """
     grid = check_grid(grid)
     for _ in range(quarter_turns % 4):
-        # North becomes west, and each other direction the one before it: a rotation of the four bits.
-        grid = ((grid << 1) & 15 | grid >> 3).T[::-1]
+        grid = turned(grid).T[::-1]
     return grid
 
 

@@ -129,7 +129,7 @@ class AimedMapElitesState(NamedTuple):
     Attributes:
       chains: the grids that the chains are at.
       aims: int32 ``[I, D]``, the bins of the niche that each island aims at.
-      twins: float32 ``[I]``, how probable twins are in each island's cycle.
+      twins: float32 ``[I]``, how probable twins are in each island's cycle; 0 or 1 if it is from random grids.
       archive: of each region, one after another, and last the best of all grids evaluated so far, by niche.
       cooling: arrays ``[I]``, where in its cycle each island is.
       growth: arrays ``[R]``, of each region.
@@ -242,7 +242,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         lengths = jnp.where(anew, config.longer, 1) * length
         cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
         symmetric = chance(draw.other[np.arange(islands) * chains_each, 3], config.symmetric)
-        twins = jnp.where(start, jnp.where(anew, symmetric, config.twins), twins)
+        twins = jnp.where(start, jnp.where(anew, symmetric, jnp.float32(config.twins)), twins)
         own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
 
         rivals = below(draw.other[:, 5 : 5 + config.contest], niches)
