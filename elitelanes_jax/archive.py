@@ -38,6 +38,9 @@ MOST_NICHES = 2**20
 """With more, the archives of a single seed would not fit in memory."""
 
 
+_LARGEST = 2**30
+
+
 class Axis(NamedTuple):
     """One axis of the descriptor space: a feature in bins of equal width, the first and the last one open.
 
@@ -118,6 +121,8 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
         numbers = (axis.bins, axis.width, axis.start)
         if not all(isinstance(number, int) for number in numbers) or min(axis.bins, axis.width) < 1:
             raise InputError(f"axes: expected whole numbers, at least one bin and a width of 1 or more, got {axis}")
+        if max(map(abs, numbers)) > _LARGEST:
+            raise InputError(f"axes: expected numbers of at most {_LARGEST:,}, got {axis}")
         if axis.aim is not None and not (isinstance(axis.aim, int) and 0 <= axis.aim < axis.bins):
             raise InputError(f"axes: expected aim to be a bin, 0 to {axis.bins - 1}, got {axis}")
     metrics = [axis.metric for axis in axes]

@@ -126,7 +126,13 @@ def add_wishes(command: argparse.ArgumentParser, evaluations: int) -> None:
     )
     budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
     command.add_argument(
-        "--axes", type=name, nargs="+", default=[], metavar="NAME:BINS", help="of the niches, such as straight_share:10"
+        "--axes",
+        type=name,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME:BINS",
+        help="of the niches, such as straight_share:10",
     )
     command.add_argument(
         "--where",
@@ -138,7 +144,13 @@ def add_wishes(command: argparse.ArgumentParser, evaluations: int) -> None:
         help="ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..",
     )
     command.add_argument(
-        "--weights", type=weight, nargs="+", default=[], metavar="NAME=N", help="of the fitness, such as dead_ends=480"
+        "--weights",
+        type=weight,
+        nargs="+",
+        action="extend",
+        default=[],
+        metavar="NAME=N",
+        help="of the fitness, such as dead_ends=480",
     )
     command.add_argument(
         "--fix",

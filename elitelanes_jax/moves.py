@@ -175,7 +175,8 @@ def completed(probability: Numeric, move: Move, *, kept: Any = None) -> Move:
 def twinned(probability: Numeric, move: Move) -> Move:
     """The move, and with the given probability the same in the place opposite, turned by half a turn.
 
-    What is symmetric under half a turn stays so, and takes in one step what would be two with something worse between.
+    What is symmetric under half a turn stays so, but where repair fills (see `completed`), and takes in one step what
+    would be two with something worse between.
     """
 
     def apply(words: Array, grid: Array, mate: Array | None = None) -> Variation:

@@ -10,7 +10,7 @@ import numpy as np
 from chex import Array
 from numpy.typing import NDArray
 
-from elitelanes_jax.errors import InputError
+from elitelanes_jax.errors import InputError, short
 from elitelanes_jax.features import FEATURES, SHARES, WHOLE, check_feature
 from elitelanes_jax.metrics import COUNTED
 
@@ -36,7 +36,7 @@ class Range(NamedTuple):
     high: Fraction | None
 
     def __str__(self) -> str:
-        low, high = ("" if limit is None else f"{float(limit):g}" for limit in self[1:])
+        low, high = ("" if limit is None else _text(limit) for limit in self[1:])
         return f"{self.name}={low}" if self.low == self.high else f"{self.name}={low}..{high}"
 
 
@@ -64,7 +64,7 @@ def read_ranges(where: Any) -> tuple[Range, ...]:
     if isinstance(where, Mapping):
         given = [_range(f"where: {name}", name, limits) for name, limits in where.items()]
     elif isinstance(where, Iterable) and not isinstance(where, str):
-        given = [item if isinstance(item, Range) else _read(item) for item in where]
+        given = [_range("where", item.name, item[1:]) if isinstance(item, Range) else _read(item) for item in where]
     else:
         raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
     names = [item.name for item in given]
@@ -135,22 +135,31 @@ def _read(text: Any) -> Range:
 def _range(where: str, name: Any, limits: Any) -> Range:
     check_feature(where, name)
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
-    if len(pair) != 2 or all(limit is None for limit in pair):
-        raise InputError(f"{where}: expected at least one limit, got {limits!r}")
+    if len(pair) != 2:
+        raise InputError(f"{where}: expected a number or two limits, got {short(repr(limits))}")
+    if all(limit is None for limit in pair):
+        raise InputError(f"{where}: expected at least one limit, got none")
     low, high = (None if limit is None else _limit(where, name, limit) for limit in pair)
     if low is not None and high is not None and low > high:
-        raise InputError(f"{where}: expected the lower limit first, got {float(low):g} before {float(high):g}")
+        raise InputError(f"{where}: expected the lower limit first, got {_text(low)} before {_text(high)}")
     return Range(name, low, high)
 
 
 def _limit(where: str, name: str, limit: Any) -> Fraction:
+    text = str(limit)
     try:
-        number = Fraction(str(limit))
-    except (ValueError, ZeroDivisionError):
-        raise InputError(f"{where}: expected a number, got {limit!r}") from None
+        # As a fraction 1e99999999 would fill the memory.
+        number = Fraction(float(text) if "e" in text.lower() else text)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(f"{where}: expected a number, got {short(repr(limit))}") from None
     most = 1 if name in SHARES else _LARGEST
-    if not 0 <= number <= most or number.denominator > 10**6:
-        raise InputError(f"{where}: expected 0 to {most:,}{' (a part of 1)' if most == 1 else ''}, got {limit}")
+    if not 0 <= number <= most:
+        unit = " (a part of 1)" if name in SHARES else ""
+        raise InputError(f"{where}: expected 0 to {most:,}{unit}, got {short(text)}")
     if name not in SHARES and number.denominator != 1:
-        raise InputError(f"{where}: expected whole numbers, got {limit}")
-    return number
+        raise InputError(f"{where}: expected whole numbers, got {short(text)}")
+    return number.limit_denominator(10**6)  # the third that 0.333333333 stands for; it keeps sums within 64 bits
+
+
+def _text(limit: Fraction) -> str:
+    return str(limit) if limit.denominator == 1 else f"{float(limit):g}"

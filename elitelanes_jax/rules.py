@@ -36,6 +36,6 @@ def rules_named(name: Any) -> Rules:
     Raises:
       InputError: if there are none.
     """
-    if name not in RULES:
+    if not isinstance(name, str) or name not in RULES:
         raise InputError(f"rules: expected one of {', '.join(RULES)}, got {name!r}")
     return RULES[name]

@@ -9,16 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.archive import niche_bins
+from elitelanes_jax.codes import KINDS
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.features import FEATURES, SHARES, WHOLE, features_of
-from elitelanes_jax.metrics import COUNTED
-from elitelanes_jax.requests import ranges_of, shortfall
+from elitelanes_jax.metrics import COUNTED, measure
+from elitelanes_jax.requests import Range, ranges_of, shortfall
 from elitelanes_jax.roadmap import RoadMap
 from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result
 from elitelanes_jax.symmetry import canonical, mirror, rotate
+from elitelanes_jax.templates import Template
 
-__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "shortage"]
+__all__ = ["LEAST_DIFFERENT", "Choice", "check_possible", "choose_maps", "shortage"]
 
 # What makes a map useless: the metric, the one value that it should have, and words for when it has not. A map is
 # counted with the first flaw that it has.
@@ -44,8 +46,8 @@ class Choice(NamedTuple):
       found: how many elites there were.
       rejected: how many of them were useless, by reason.
       alike: how many were another one, or a known one, turned or mirrored.
-      nearest: of the elites that are useless for their ranges alone the one nearest to them: the values of what was
-        asked for; None where there is none.
+      nearest: where no map meets the ranges, the values of what was asked for of the elite nearest to them: of those
+        without a flaw, or of all where there is none; None without elites.
     """
 
     maps: list[RoadMap]
@@ -53,6 +55,32 @@ class Choice(NamedTuple):
     rejected: dict[str, int]
     alike: int
     nearest: dict[str, float] | None = None
+
+
+def check_possible(where: Sequence[Range], fix: Template | None, rules: str | None) -> None:
+    """Checks what is asked of maps against what all maps have that `choose_maps` takes.
+
+    Raises:
+      InputError: for a range that none of them is in, or given cells that none of them has.
+    """
+    unlawful = () if rules is None else rules_named(rules).none_of
+    certain = {name: right for name, right, _ in _FLAWS} | dict.fromkeys(unlawful, 0)
+    if rules is None and fix is None:
+        certain |= {_HOLES[0]: _HOLES[1], "coverage": 1}
+    for item in where:
+        right = certain.get(item.name)
+        if right is not None and not (item.low or 0) <= right <= (right if item.high is None else item.high):
+            raise InputError(f"where {str(item)!r}: expected a range with {right}, which all maps have that are kept")
+    if fix is None:
+        return
+    for row, column in np.argwhere(np.isin(fix.grid, KINDS["stub"])).tolist():
+        code = int(fix.grid[row, column])
+        raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
+    given = measure(fix.grid)
+    for name in unlawful:
+        count = int(getattr(given, name))
+        if count:
+            raise InputError(f"fix: expected cells that keep the rules of {rules}, got {name} {count}")
 
 
 def choose_maps(
@@ -100,7 +128,9 @@ def choose_maps(
         useful &= ~flawed
 
     asked = result.meets()
-    nearest = _nearest(metrics, useful, result) if not (useful & asked).any() else None
+    nearest = None
+    if not (useful & asked).any():
+        nearest = _nearest(metrics, useful if useful.any() else valid, result)
     rejected[_UNASKED] = int((useful & ~asked).sum())
     useful &= asked
 
@@ -155,12 +185,13 @@ def shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> 
       shape: (height, width) of the maps.
     """
     rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
+    flawed = "" if _UNASKED in choice.rejected else ", with other flaws"
     if choice.alike:
         rejected.append(f"{choice.alike} like another when turned or mirrored")
     return (
         f"found {len(choice.maps)} of {maps} maps among {choice.found} elites"
         + (f" ({', '.join(rejected)})" if rejected else "")
-        + (f"; nearest found: {_values(choice.nearest)}" if choice.nearest else "")
+        + (f"; nearest found{flawed}: {_values(choice.nearest)}" if choice.nearest else "")
         + f"; {_remedy(choice, method, shape)} find more"
     )
 
@@ -175,18 +206,18 @@ def _remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
     if method == "ea":  # its population becomes more alike with time
         return "more seeds"
     if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
-        return "a tile set with more kinds of tiles, more seeds or generations"
+        return "a tile set with more kinds of tiles, more seeds or evaluations"
     larger = "larger maps, " if min(shape) < 4 else ""
-    return f"{larger}more seeds or generations"
+    return f"{larger}more seeds or evaluations"
 
 
 def _nearest(
-    metrics: dict[str, NDArray[np.generic]], useful: NDArray[np.bool_], result: Result
+    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], result: Result
 ) -> dict[str, float] | None:
-    """What was asked for, of the useful elite that is nearest to it; among equals of the first."""
-    if not useful.any():
+    """What was asked for, of the elite that is nearest to it; among equals of the first."""
+    if not among.any():
         return None
-    features = np.asarray(features_of(jnp.stack([metrics[name][useful] for name in COUNTED], axis=-1)))
+    features = np.asarray(features_of(jnp.stack([metrics[name][among] for name in COUNTED], axis=-1)))
     shape = (result.elites.grids.shape[-2], result.elites.grids.shape[-1])
     place = int(np.argmin(shortfall(features, ranges_of(result.where), shape)))
     values = dict(zip(FEATURES, features[place].tolist(), strict=True))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.codes import SIDES
-from elitelanes_jax.errors import InputError, reason
+from elitelanes_jax.errors import InputError, reason, short
 
 __all__ = ["Template", "read_template", "template_of"]
 
@@ -49,20 +49,23 @@ def template_of(cells: Any, shape: tuple[int, int], name: str = "fix") -> Templa
     if isinstance(cells, Template):
         cells = np.array(cells.codes, object).reshape(cells.shape).tolist()
     try:
-        rows = [list(row) for row in cells]
+        rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
     except TypeError:
-        raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {cells!r}") from None
+        got = short(repr(cells))
+        raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
     if len(rows) != shape[0] or any(len(row) != shape[1] for row in rows):
         lengths = sorted({len(row) for row in rows})
         got = f"{len(rows)} rows of {' or '.join(map(str, lengths)) or 0}"
         raise InputError(f"{name}: expected the maps' {shape[0]} rows of {shape[1]} cells, got {got}")
-    for row, line in enumerate(rows):
-        for column, code in enumerate(line):
-            if code is None:
-                continue
-            if isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15:
-                place = f"at row {row}, column {column}"
-                raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {code!r} {place}")
+    for row, column in np.ndindex(*shape):
+        code = rows[row][column]
+        if code is not None and (
+            isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15
+        ):
+            got = f"{short(repr(code))} at row {row}, column {column}"
+            raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
+    for row, column in np.ndindex(*shape):
+        if rows[row][column] is not None:
             _check_sides(name, rows, row, column)
     return Template(shape, tuple(None if code is None else int(code) for line in rows for code in line))
 
@@ -77,7 +80,7 @@ def read_template(file: str | Path, shape: tuple[int, int]) -> Template:
         content = json.loads(Path(file).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:
         content = content["codes"]
@@ -98,7 +101,7 @@ def _check_sides(name: str, rows: list[list[Any]], row: int, column: int) -> Non
                 )
             continue
         theirs = rows[other[0]][other[1]]
-        if isinstance(theirs, int) and opens and not theirs & answer:
+        if theirs is not None and opens and not theirs & answer:
             raise InputError(
                 f"{name}: expected given neighbours to agree, got a road to the {word} at row {row}, column {column} "
                 f"that row {other[0]}, column {other[1]} does not answer"

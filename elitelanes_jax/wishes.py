@@ -11,6 +11,7 @@ from elitelanes_jax.objective import Weights
 from elitelanes_jax.requests import read_ranges
 from elitelanes_jax.rules import rules_named
 from elitelanes_jax.search import Result, evolve, preset_config
+from elitelanes_jax.selection import check_possible
 from elitelanes_jax.templates import read_template
 
 __all__ = ["Wishes", "read_wishes", "search", "weights_of"]
@@ -71,10 +72,13 @@ def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
     """The arguments of `evolve` that wishes come to.
 
     Raises:
-      InputError: for wishes out of their range.
+      InputError: for wishes out of their range, or that no map that is kept can meet.
     """
     axes = [read_axis(text, shape) for text in wishes.axes]
     preset_config(wishes.method, wishes.preset)
+    where = read_ranges(wishes.where)
+    fix = None if wishes.fix is None else read_template(wishes.fix, shape)
+    check_possible(where, fix, wishes.rules)
     return {
         "method": wishes.method,
         "preset": wishes.preset,
@@ -82,8 +86,8 @@ def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
         "evaluations": wishes.evaluations if wishes.generations is None else None,
         "axes": axes or None,
         "weights": weights_of(wishes),
-        "where": read_ranges(wishes.where),
-        "fix": wishes.fix and read_template(wishes.fix, shape),
+        "where": where,
+        "fix": fix,
         "rules": wishes.rules,
         "fill": wishes.rules is None,
     }
@@ -92,7 +96,10 @@ def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
 def weights_of(wishes: Wishes) -> Weights:
     """The usual weights, or those of the rules, with the given ones in their places."""
     usual = rules_named(wishes.rules).weights if wishes.rules is not None else Weights()
-    for name, _ in wishes.weights:
+    names = [name for name, _ in wishes.weights]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"weights: expected each metric once, got {name} {names.count(name)} times")
         if name not in Weights._fields:
             raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {name!r}")
     return usual._replace(**dict(wishes.weights))

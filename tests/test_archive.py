@@ -115,6 +115,7 @@ def test_axes_are_checked():
         (["bridges"], "axes: expected records of type Axis, got 'bridges'"),
         ([Axis("speed", 3)], "axes: expected a metric, or a share such as straight_share, got 'speed'"),
         ([Axis("bridges", 0)], "axes: expected whole numbers, at least one bin and a width of 1 or more, got Axis"),
+        ([Axis("bridges", 3, width=2**31)], "axes: expected numbers of at most 1,073,741,824, got Axis"),
         ([Axis("bridges", 3, width=0.5)], "axes: expected whole numbers, at least one bin and a width"),
     ):
         with pytest.raises(InputError, match=message):

@@ -201,6 +201,16 @@ WRONG = {
         "axis 'speed:3': expected a metric, or a share such",
     ),
     "too many niches": (["--axes", "tiles:9999", "edges:9999"], "axes: expected at most 1,048,576 niches, got"),
+    "the same weight twice": (
+        ["--weights", "bridges=1", "--weights", "bridges=2"],
+        "weights: expected each metric once, got bridges 2 times",
+    ),
+    "the same axis twice": (["--axes", "tiles:3", "--axes", "tiles:4"], "axes: expected each metric once, got tiles 2"),
+    "dead ends": (
+        ["--where", "dead_ends=3.."],
+        "where 'dead_ends=3..': expected a range with 0, which all maps have that are kept",
+    ),
+    "empty cells without rules": (["--where", "coverage=..0.5"], "where 'coverage=..0.5': expected a range with 1,"),
     "no template": (["--fix", "nowhere.json"], "nowhere.json: no such file or directory"),
     "no such rules": (["--rules", "luck"], "rules: expected one of duckietown, got 'luck'"),
     "no such tiles": (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
@@ -443,12 +453,50 @@ def test_no_generations(tmp_path):
     assert json.loads((tmp_path / "out" / "run.json").read_text())["times"]["evaluations_per_second"] is None
 
 
+@pytest.mark.parametrize(
+    ("cells", "rules", "message"),
+    [
+        ({(2, 1): 4}, [], "fix: expected cells without dead ends, got code 4 at row 2, column 1"),
+        ({(1, 1): 15, (1, 2): 15}, ["--rules", "duckietown"], "fix: expected cells that keep the rules of duckietown"),
+        ({(1, 1): 10, (1, 2): 10}, ["--rules", "duckietown"], "got unlinked_neighbours 1"),
+    ],
+)
+def test_given_cells_that_no_map_has(cells, rules, message, tmp_path, capsys):
+    rows = [[cells.get((row, column)) for column in range(6)] for row in range(5)]
+    (tmp_path / "fix.json").write_text(json.dumps(rows))
+    arguments = ["--fix", str(tmp_path / "fix.json"), *rules, "--out", str(tmp_path / "out")]
+    assert main(["generate", *SMALL, *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_is_nearest_is_said_where_every_map_has_a_flaw(tmp_path, capsys):
+    asked = ["--where", "crossings=30", "--rules", "duckietown", "--preset", "paper", "--method", "pso"]
+    small = [
+        "generate",
+        "--size",
+        "8",
+        "8",
+        "--evaluations",
+        "40",
+        "--maps",
+        "2",
+        *asked,
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(small) == 1
+    error = capsys.readouterr().err
+    assert "; nearest found, with other flaws: crossings " in error
+    assert error.rstrip().endswith("; wider ranges, more seeds or evaluations find more")
+
+
 def test_what_helps_against_a_shortage(tmp_path, capsys):
     small = ["generate", "--size", "4", "4", "--maps", "400", "--seeds", "1", "--generations", "5"]
     for arguments, remedy in (
-        ([], "; more seeds or generations find more"),
+        ([], "; more seeds or evaluations find more"),
         (["--method", "ea"], "; more seeds find more"),
-        (["--size", "2", "2"], "; larger maps, more seeds or generations find more"),
+        (["--size", "2", "2"], "; larger maps, more seeds or evaluations find more"),
     ):
         assert main([*small, *arguments, "--out", str(tmp_path / "out")]) == 1
         assert capsys.readouterr().err.rstrip().endswith(remedy)

@@ -29,7 +29,8 @@ optimizers.ea  optimizers.map_elites  optimizers.pso  optimizers.gwo  optimizers
 optimizers
 run
 search
-selection  wishes  plots
+selection  plots
+wishes
 generate  dataset.settings
 dataset.plan
 dataset.make

@@ -64,11 +64,21 @@ def test_ranges_are_read():
     )
     assert read_ranges({"crossings": (6, None), "bridges": 0}) == read_ranges(["crossings=6..", "bridges=0"])
     assert [str(item) for item in read_ranges(["crossings=6..10", "bridges=0"])] == ["crossings=6..10", "bridges=0"]
+    third = (Range("straight_share", Fraction(1, 3), None),)
+    assert read_ranges(["straight_share=1/3.."]) == read_ranges({"straight_share": (1 / 3, None)}) == third
+    assert read_ranges(["straight_share=0.33333333.."]) == read_ranges(third) == third
+    assert read_ranges({"straight_share": (0.1 + 0.2, 1)})[0].low == Fraction(3, 10)
+    assert read_ranges(["straight_share=1e-99999999..", "tiles=1e1"])[0].low == 0
     for wrong, message in (
         ("crossings=6", "where: expected ranges such as"),
         (["crossings=6..x"], "expected a number, got 'x'"),
-        ({"crossings": ()}, "expected at least one limit"),
-        ({"crossings": (1, 2, 3)}, "expected at least one limit"),
+        ({"crossings": ()}, "expected a number or two limits, got ()"),
+        ({"crossings": (1, 2, 3)}, "expected a number or two limits, got (1, 2, 3)"),
+        (["crossings=1e99999999"], "expected a number, got '1e99999999'"),
+        (["crossings=1234567..3"], "expected the lower limit first, got 1234567 before 3"),
+        ([Range("crossing", 1, 2)], "got 'crossing'; is it crossings?"),
+        ([Range("crossings", 5, 3)], "expected the lower limit first, got 5 before 3"),
+        ([Range("crossings", 2**40, None)], "expected 0 to 1,073,741,824, got 1099511627776"),
         (["crossing=6"], "got 'crossing'; is it crossings?"),
     ):
         with pytest.raises(InputError) as error:
@@ -112,6 +122,7 @@ def test_templates_are_read(tmp_path):
     assert hash(template) == hash(template_of(template, (2, 3)))
     for text, message in (
         ("[[", "expected JSON"),
+        (f"[[{'1' * 5000}]]", "expected JSON"),
         ("{}", "expected rows of tile codes"),
         ("7", "expected rows of tile codes"),
         ("[[1, 2]]", "expected the maps' 2 rows of 3 cells, got 1 rows of 2"),
@@ -136,6 +147,18 @@ def test_templates_are_read(tmp_path):
         assert message in str(error.value)
     with pytest.raises(InputError, match="no such file"):
         read_template(tmp_path / "none.json", (2, 3))
+
+
+def test_templates_are_of_lists_and_arrays():
+    whole = [[6, 5, 3], [12, 5, 9]]
+    array = np.array(whole, np.int8)
+    for cells in (array, jnp.asarray(array), array.astype(object), [[np.int8(code) for code in row] for row in whole]):
+        assert template_of(cells, (2, 3)) == template_of(whole, (2, 3))
+    for cells in ([[6, 5, 0], [None] * 3], np.array([[6, 5, 0], [8, 0, 0]]), [list(np.int8([6, 5, 0])), [None] * 3]):
+        with pytest.raises(InputError, match="to the east at row 0, column 1 that row 0, column 2 does not answer"):
+            template_of(cells, (2, 3))
+    with pytest.raises(InputError, match="got 'x' at row 0, column 1"):
+        template_of([[6, "x", None], [None] * 3], (2, 3))
 
 
 def test_shortfalls_do_not_leave_32_bits():

@@ -68,7 +68,7 @@ class AimedMapElitesConfig(NamedTuple):
       foreign: probability that a mate comes from the archive that the island knows.
       contest: among how many niches the elite that is worth most for the niche aimed at becomes that mate.
       twins: probability that in a cycle from an elite a move is made in the place opposite too (see `twinned`).
-      symmetric: probability that a cycle from random grids starts from a symmetric one and twins all moves; else none.
+      symmetric: probability that a cycle from random grids starts with symmetric ones and twins all moves; else none.
       regions: in how many parts half of the islands are parted, at most; the others know all that is found.
       patience: after how many cycles at the earliest a region begins again; it does once it has filled no niche in the
         second half of its time.
