@@ -333,7 +333,9 @@ def test_a_fault_of_the_program_is_not_blamed_on_the_user(tmp_path, monkeypatch)
 )
 def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
     """At any moment: while it imports, compiles, evolves."""
-    program = "from elitelanes_jax.cli import run; run()"
+    # Under nohup, or in the background of a script, the tests' own signals may be ignored, and that is inherited.
+    heard = f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)"
+    program = f"{heard}; from elitelanes_jax.cli import run; run()"
     command = [sys.executable, "-c", program, "generate", "--generations", "9999999", "--out", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:

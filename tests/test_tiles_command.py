@@ -174,7 +174,7 @@ def test_what_is_wrong_is_one_line_and_writes_nothing(folder, capsys):
     assert files(folder) == before
 
 
-SMALL = ["--seeds", "2", "--evaluations", "2000", "--tile-px", "16"]
+SMALL = ["--seeds", "2", "--evaluations", "8000", "--tile-px", "16"]
 
 
 @pytest.mark.usefixtures("own_compile_cache")
