@@ -27,7 +27,7 @@ from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.exports.boxes import LINES
 from elitelanes_jax.features import SHARES
 from elitelanes_jax.folders import write_whole
-from elitelanes_jax.illumination import gaps
+from elitelanes_jax.illumination import coverage, gaps, qd_score
 from elitelanes_jax.search import Result, seed_keys
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.symmetry import canonical
@@ -42,6 +42,34 @@ OPTIMA = {
 FLOORS = [-1734, -1752, -1810, -1858, -1898, -1696, -1604, -1548, -1444, -1312, -1150, -1076, -950, -846, -764, -636]
 FLOORS += [-540, -496, -342]
 FLAWS = ("dead_ends", "adjacent_crossings", "adjacent_turns")
+
+METHODS = ("ea", "pso", "gwo", "map-elites")
+
+COLUMNS = [
+    "grid",
+    "method",
+    "preset",
+    "evaluations",
+    "optimum",
+    "found",
+    "reached",
+    "after evaluations",
+    "µs each",
+    "seconds",
+]
+
+# Side, whether every cell is filled, method, preset, evaluations of a run.
+RUNS = [
+    *[(side, fill, one, "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False) for one in METHODS],
+    *[(8, True, one, "paper", 100_000) for one in METHODS],
+    (8, True, "map-elites", "standard", 100_000),
+    *[(12, True, one, preset, 300_000) for preset in ("tuned", "paper") for one in METHODS],
+    (12, True, "map-elites", "standard", 300_000),
+    (12, False, "ea", "tuned", 2_000_000),
+    *[(12, False, one, "tuned", 300_000) for one in METHODS[1:]],
+    (16, True, "ea", "tuned", 1_000_000),
+    (24, True, "ea", "tuned", 1_000_000),
+]
 
 _COMB = ("┌─ ┬─── ┬┐", "├┐ │┌┬┐ ││", "││ ││││ ││", "││ └┴┘│ └┤", "└┴ ───┴ ─┘")
 
@@ -64,13 +92,8 @@ def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Resu
 
 def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]]) -> list[str]:
     """Rows of the table of optima; fills in the curves of the gap at 12 x 12."""
-    runs = [(side, fill, "ea", "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False)]
-    runs += [(12, True, method, "tuned", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
-    runs += [(12, True, method, "paper", 300_000) for method in ("ea", "pso", "gwo", "map-elites")]
-    runs += [(12, False, "ea", "tuned", 2_000_000), (16, True, "ea", "tuned", 1_000_000)]
-    runs += [(24, True, "ea", "tuned", 1_000_000)]
     rows = []
-    for side, fill, method, preset, budget in runs:
+    for side, fill, method, preset, budget in RUNS:
         seeds = 2 if quick else 4 if side > 16 else 16
         budget = budget // 50 if quick else budget
         result, seconds = timed(seeds, side, budget, method=method, preset=preset, fill=fill)
@@ -79,13 +102,16 @@ def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.floa
         reached = best <= goal
         first = np.where(reached.any(axis=1), result.history.evaluations[reached.argmax(axis=1)], -1)
         last = best[:, -1]
-        soon = f"{int(np.median(first[first > 0])):,}, at most {first.max():,}" if (first > 0).any() else ""
         per = 1e6 * seconds / (seeds * result.history.evaluations[-1])
+        soon = took = ""
+        if (first > 0).any():
+            median = np.median(first[first > 0])
+            soon, took = f"{int(median):,}, at most {first.max():,}", f"{median * per / 1e6:.2g}"
         found = f"{int(last.min()):,} to {int(last.max()):,}" if last.min() < last.max() else f"{int(last.min()):,}"
         mark = "" if side in OPTIMA[fill] else " (comb)"
         rows.append(
             f"| {side} {'A' if fill else 'B'} | {method} | {preset} | {budget:,} | {goal:,}{mark} | {found} "
-            f"| {(first > 0).sum()} of {seeds} | {soon} | {per:.1f} |"
+            f"| {(first > 0).sum()} of {seeds} | {soon} | {per:.1f} | {took} |"
         )
         print(rows[-1], flush=True)
         if (side, fill) == (12, True):
@@ -94,7 +120,7 @@ def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.floa
 
 
 def niches(quick: bool) -> list[str]:
-    """Rows on how many flawless niches of the cyclomatic number runs fill, and how well."""
+    """What runs fill of the flawless niches of the cyclomatic number that can be filled, and how well."""
     rows = []
     for fill, budget in ((True, 5_000_000), (False, 2_000_000)):
         result, seconds = timed(1 if quick else 8, 12, budget // 100 if quick else budget, preset="tuned", fill=fill)
@@ -108,21 +134,32 @@ def niches(quick: bool) -> list[str]:
             number = min(int(metrics.cyclomatic[seed, place]), 24)
             best[seed, number] = min(best[seed, number], int(result.elites.fitness[seed, place]))
         best = best[:, least : most + 1]
-        filled = np.isfinite(best).sum(axis=1)
-        row = f"{'A' if fill else 'B'}: filled {sorted(filled.tolist())} of {best.shape[1]} in {budget:,} evaluations"
-        row += f", {seconds:.0f} s for all seeds."
+        filled = np.isfinite(best)
+        row = f"{'A' if fill else 'B'}: filled {sorted(filled.sum(axis=1).tolist())} of {best.shape[1]} in "
+        row += f"{budget:,} evaluations, {coverage(filled).mean():.0%} in the mean; {seconds:.0f} s for all seeds. "
+        row += f"QD score {qd_score(best, filled, 0).mean():,.0f} in the mean (an elite of fitness 0 counts nothing)."
         if fill:
             as_good = (best <= np.array(FLOORS)).sum(axis=1)
-            row += f" At least as good as the floor: {sorted(as_good.tolist())}."
-            of_all = best.min(axis=0)
-            told = [
-                f"{number}: {int(gap):+d}" if np.isfinite(gap) else f"{number}: none"
-                for number, gap in enumerate(gaps(of_all, np.isfinite(of_all), FLOORS), 3)
-            ]
-            row += "\n\nBest of all seeds against the floors, by cyclomatic number: " + ", ".join(told) + "."
-        rows.append(row)
-        print(row, flush=True)
+            row += f" At least as good as the best known before: {sorted(as_good.tolist())}."
+        rows += [row, niche_table(best, least, FLOORS if fill else None)]
+        print(*rows[-2:], sep="\n", flush=True)
     return rows
+
+
+def niche_table(best: NDArray[np.float64], least: int, known: list[int] | None) -> str:
+    """A table of the elites of runs ``[R, N]``, vacant niches infinite, and of how far they are from the best known."""
+    lines = ["| cyclomatic number | filled | best | median |", "|---:|---:|---:|---:|"]
+    if known is not None:
+        lines = [lines[0] + " best against the best known | median |", lines[1] + "---:|---:|"]
+    for place, elites in enumerate(best.T):
+        of = elites[np.isfinite(elites)]
+        told = [f"{least + place}", f"{len(of)} of {len(elites)}"]
+        figures = np.array([of.min(), np.median(of)]) if len(of) else np.array([])
+        told += [f"{value:,.0f}" for value in figures] or ["", ""]
+        if known is not None:
+            told += [f"{gap:+,.0f}" for gap in gaps(figures, np.isfinite(figures), known[place])] or ["", ""]
+        lines.append(f"| {' | '.join(told)} |")
+    return "\n".join(lines)
 
 
 def requests(quick: bool) -> str:
@@ -209,8 +246,8 @@ def _run(options: argparse.Namespace) -> int:
     rows = reach(options.quick, curves)
     text = "\n".join(
         [
-            "| grid | method | preset | evaluations | optimum | found | reached | after evaluations | µs each |",
-            "|---|---|---|---:|---:|---:|---:|---:|---:|",
+            f"| {' | '.join(COLUMNS)} |",
+            f"|{'---|' * 3}{'---:|' * (len(COLUMNS) - 3)}",
             *rows,
             "",
             *(line + "\n" for line in niches(options.quick)),

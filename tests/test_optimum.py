@@ -23,6 +23,17 @@ def test_it_runs(tmp_path):
     assert optimum.main(["--quick", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "optimum.png").stat().st_size > 1000
     lines = (tmp_path / "optimum.md").read_text().splitlines()
-    widths = {line.count("|") for line in lines if line.startswith("|")}
-    assert len(widths) == 1
-    assert np.sum([line.startswith("| 12 A") for line in lines]) == 8
+    tables = "\n".join(lines).split("\n\n")
+    widths = [{line.count("|") for line in table.splitlines()} for table in tables if table.startswith("|")]
+    assert [len(width) for width in widths] == [1, 1, 1]
+    assert np.sum([line.startswith("| 12 A") for line in lines]) == 9
+
+
+def test_gaps_are_tabulated_by_niche():
+    best = np.array([[-10.0, np.inf, np.inf], [-14.0, -7.0, np.inf]])
+    assert optimum.niche_table(best, 3, [-12, -5, -1]).splitlines()[2:] == [
+        "| 3 | 2 of 2 | -14 | -12 | -2 | +0 |",
+        "| 4 | 1 of 2 | -7 | -7 | -2 | -2 |",
+        "| 5 | 0 of 2 |  |  |  |  |",
+    ]
+    assert optimum.niche_table(best, 1, None).splitlines()[2] == "| 1 | 2 of 2 | -14 | -12 |"
