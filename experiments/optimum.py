@@ -55,8 +55,10 @@ COLUMNS = [
     "reached",
     "after evaluations",
     "µs each",
-    "seconds",
+    "ms",
 ]
+
+LINES_OF = {"tuned": "-", "standard": "--", "paper": ":"}
 
 # Side, whether every cell is filled, method, preset, evaluations of a run.
 RUNS = [
@@ -106,7 +108,7 @@ def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.floa
         soon = took = ""
         if (first > 0).any():
             median = np.median(first[first > 0])
-            soon, took = f"{int(median):,}, at most {first.max():,}", f"{median * per / 1e6:.2g}"
+            soon, took = f"{int(median):,}, at most {first.max():,}", f"{median * per / 1000:,.2f}"
         found = f"{int(last.min()):,} to {int(last.max()):,}" if last.min() < last.max() else f"{int(last.min()):,}"
         mark = "" if side in OPTIMA[fill] else " (comb)"
         rows.append(
@@ -223,7 +225,7 @@ def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: 
     colours = dict(zip(("ea", "map-elites", "pso", "gwo"), ("#1b6ca8", "#d1495b", "#66a182", "#edae49"), strict=True))
     for name, (evaluations, gap) in curves.items():
         method, preset = name.split(", ")
-        axes.plot(evaluations, gap + 1, "-" if preset == "tuned" else ":", color=colours[method], label=name)
+        axes.plot(evaluations, gap + 1, LINES_OF[preset], color=colours[method], label=name)
     axes.set(xscale="log", yscale="log", xlabel="evaluations of a seed", ylabel="fitness above the optimum + 1, median")
     axes.set_title("12 x 12, every cell filled")
     axes.grid(alpha=0.3)
