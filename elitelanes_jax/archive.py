@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from chex import Array
 
+from elitelanes_jax.checks import LARGEST, check_once
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.features import FEATURES, check_feature, features_of, usual_width
 from elitelanes_jax.metrics import COUNTED
@@ -36,9 +37,6 @@ VACANT = np.iinfo(np.int32).max
 
 MOST_NICHES = 2**20
 """With more, the archives of a single seed would not fit in memory."""
-
-
-_LARGEST = 2**30
 
 
 class Axis(NamedTuple):
@@ -121,14 +119,11 @@ def check_axes(axes: Any) -> tuple[Axis, ...]:
         numbers = (axis.bins, axis.width, axis.start)
         if not all(isinstance(number, int) for number in numbers) or min(axis.bins, axis.width) < 1:
             raise InputError(f"axes: expected whole numbers, at least one bin and a width of 1 or more, got {axis}")
-        if max(map(abs, numbers)) > _LARGEST:
-            raise InputError(f"axes: expected numbers of at most {_LARGEST:,}, got {axis}")
+        if max(map(abs, numbers)) > LARGEST:
+            raise InputError(f"axes: expected numbers of at most {LARGEST:,}, got {axis}")
         if axis.aim is not None and not (isinstance(axis.aim, int) and 0 <= axis.aim < axis.bins):
             raise InputError(f"axes: expected aim to be a bin, 0 to {axis.bins - 1}, got {axis}")
-    metrics = [axis.metric for axis in axes]
-    for metric in metrics:
-        if metrics.count(metric) > 1:
-            raise InputError(f"axes: expected each metric once, got {metric} {metrics.count(metric)} times")
+    check_once("axes", "metric", [axis.metric for axis in axes])
     niches = prod(axis.bins for axis in axes)
     if niches > MOST_NICHES:
         raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")

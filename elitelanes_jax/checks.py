@@ -1,13 +1,18 @@
 """What counts as a grid, a shape, a setting. Needs NumPy alone: JAX is asked only about arrays that come from it."""
 
 import sys
+from collections import Counter
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from elitelanes_jax.errors import InputError
 
-__all__ = ["LONGEST_SIDE", "check_count", "check_grid", "check_real", "check_shape", "is_real"]
+__all__ = ["LARGEST", "LONGEST_SIDE", "check_count", "check_grid", "check_once", "check_real", "check_shape", "is_real"]
+
+LARGEST = 2**30
+"""The largest number asked for: what two of them differ by fits 32 bits."""
 
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
@@ -51,6 +56,17 @@ def check_real(record: str, name: str, value: Any, least: float, most: float) ->
 def is_real(value: Any) -> bool:
     """Whether a value is a number of Python or NumPy, whole or with a fraction: no bool, no array."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def check_once(record: str, kind: str, names: Iterable[str]) -> None:
+    """Checks that no name comes twice.
+
+    Raises:
+      InputError: if one does.
+    """
+    name, times = max(Counter(names).items(), key=lambda item: item[1], default=("", 0))
+    if times > 1:
+        raise InputError(f"{record}: expected each {kind} once, got {name} {times} times")
 
 
 def check_grid(grid: Any) -> Any:

@@ -125,33 +125,13 @@ def add_wishes(command: argparse.ArgumentParser, evaluations: int) -> None:
         "--evaluations", type=whole(0), metavar="N", help=f"how many grids each run evaluates; by default {evaluations}"
     )
     budget.add_argument("--generations", type=whole(0), metavar="N", help="of each run, in place of evaluations")
-    command.add_argument(
-        "--axes",
-        type=name,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME:BINS",
-        help="of the niches, such as straight_share:10",
-    )
-    command.add_argument(
-        "--where",
-        type=name,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=LOW..HIGH",
-        help="ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..",
-    )
-    command.add_argument(
-        "--weights",
-        type=weight,
-        nargs="+",
-        action="extend",
-        default=[],
-        metavar="NAME=N",
-        help="of the fitness, such as dead_ends=480",
-    )
+    ranges = "ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3.."
+    for flag, kind, form, use in (
+        ("--axes", name, "NAME:BINS", "of the niches, such as straight_share:10"),
+        ("--where", name, "NAME=LOW..HIGH", ranges),
+        ("--weights", weight, "NAME=N", "of the fitness, such as dead_ends=480"),
+    ):
+        command.add_argument(flag, type=kind, nargs="+", action="extend", default=[], metavar=form, help=use)
     command.add_argument(
         "--fix",
         type=folder_name,

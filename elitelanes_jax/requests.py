@@ -10,6 +10,7 @@ import numpy as np
 from chex import Array
 from numpy.typing import NDArray
 
+from elitelanes_jax.checks import LARGEST, check_once
 from elitelanes_jax.errors import InputError, short
 from elitelanes_jax.features import FEATURES, SHARES, WHOLE, check_feature
 from elitelanes_jax.metrics import COUNTED
@@ -18,8 +19,6 @@ __all__ = ["Range", "Ranges", "meets", "ranges_of", "read_ranges", "shortfall"]
 
 # What a unit of distance from a range adds to the fitness: as much as a dead end, so that no flaw is traded for it.
 _STEEPNESS = 480
-
-_LARGEST = 2**30
 
 
 class Range(NamedTuple):
@@ -67,16 +66,13 @@ def read_ranges(where: Any) -> tuple[Range, ...]:
         given = [_range("where", item.name, item[1:]) if isinstance(item, Range) else _read(item) for item in where]
     else:
         raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
-    names = [item.name for item in given]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"where: expected each feature once, got {name} {names.count(name)} times")
+    check_once("where", "feature", [item.name for item in given])
     return tuple(given)
 
 
 def ranges_of(where: Iterable[Range]) -> Ranges:
     """The limits as arrays; features that are not named have none."""
-    low, high = np.full(len(FEATURES), -_LARGEST, np.int32), np.full(len(FEATURES), _LARGEST, np.int32)
+    low, high = np.full(len(FEATURES), -LARGEST, np.int32), np.full(len(FEATURES), LARGEST, np.int32)
     for item in where:
         place, unit = FEATURES.index(item.name), WHOLE if item.name in SHARES else 1
         if item.low is not None:
@@ -100,8 +96,8 @@ def shortfall(features: Array, ranges: Ranges, shape: tuple[int, int]) -> Array:
     units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
     times, over = np.array([units.get(name, (1, 1)) for name in FEATURES], np.int32).T
     distance = jnp.maximum(ranges.low - features, 0) + jnp.maximum(features - ranges.high, 0)
-    distance = jnp.minimum(distance, _LARGEST // times)
-    steps = jnp.minimum((distance * times + over - 1) // over, _LARGEST // (_STEEPNESS * len(FEATURES)))
+    distance = jnp.minimum(distance, LARGEST // times)
+    steps = jnp.minimum((distance * times + over - 1) // over, LARGEST // (_STEEPNESS * len(FEATURES)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=jnp.int32)
 
 
@@ -152,7 +148,7 @@ def _limit(where: str, name: str, limit: Any) -> Fraction:
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"{where}: expected a number, got {short(repr(limit))}") from None
-    most = 1 if name in SHARES else _LARGEST
+    most = 1 if name in SHARES else LARGEST
     if not 0 <= number <= most:
         unit = " (a part of 1)" if name in SHARES else ""
         raise InputError(f"{where}: expected 0 to {most:,}{unit}, got {short(text)}")

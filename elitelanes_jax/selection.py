@@ -73,7 +73,9 @@ def check_possible(where: Sequence[Range], fix: Template | None, rules: str | No
             raise InputError(f"where {str(item)!r}: expected a range with {right}, which all maps have that are kept")
     if fix is None:
         return
-    for row, column in np.argwhere(np.isin(fix.grid, KINDS["stub"])).tolist():
+    stubs = np.argwhere(np.isin(fix.grid, KINDS["stub"])).tolist()
+    if stubs:
+        row, column = stubs[0]
         code = int(fix.grid[row, column])
         raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
     given = measure(fix.grid)

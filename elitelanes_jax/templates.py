@@ -47,7 +47,7 @@ def template_of(cells: Any, shape: tuple[int, int], name: str = "fix") -> Templa
       InputError: if it is no such table, has another shape, leads out of the grid, or contradicts itself.
     """
     if isinstance(cells, Template):
-        cells = np.array(cells.codes, object).reshape(cells.shape).tolist()
+        cells = np.array(cells.codes, object).reshape(cells.shape)
     try:
         rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
     except TypeError:

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from chex import PRNGKey
 
 from elitelanes_jax.archive import read_axis
+from elitelanes_jax.checks import check_once
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.objective import Weights
 from elitelanes_jax.requests import read_ranges
@@ -96,10 +97,8 @@ def read_wishes(wishes: Wishes, shape: tuple[int, int]) -> dict[str, Any]:
 def weights_of(wishes: Wishes) -> Weights:
     """The usual weights, or those of the rules, with the given ones in their places."""
     usual = rules_named(wishes.rules).weights if wishes.rules is not None else Weights()
-    names = [name for name, _ in wishes.weights]
-    for name in names:
-        if names.count(name) > 1:
-            raise InputError(f"weights: expected each metric once, got {name} {names.count(name)} times")
+    check_once("weights", "metric", [name for name, _ in wishes.weights])
+    for name, _ in wishes.weights:
         if name not in Weights._fields:
             raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {name!r}")
     return usual._replace(**dict(wishes.weights))

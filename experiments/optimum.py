@@ -222,7 +222,7 @@ def duckietown(quick: bool) -> str:
 def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: Path) -> None:
     """The median gap to the optimum against evaluations."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
-    colours = dict(zip(("ea", "map-elites", "pso", "gwo"), ("#1b6ca8", "#d1495b", "#66a182", "#edae49"), strict=True))
+    colours = dict(zip(METHODS, ("#1b6ca8", "#66a182", "#edae49", "#d1495b"), strict=True))
     for name, (evaluations, gap) in curves.items():
         method, preset = name.split(", ")
         axes.plot(evaluations, gap + 1, LINES_OF[preset], color=colours[method], label=name)
