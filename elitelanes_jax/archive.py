@@ -198,8 +198,10 @@ def insert(archive: Archive, axes: tuple[Axis, ...], grids: Array, fitness: Arra
 
 
 def insert_at(archive: Archive, niche: Array, grids: Array, fitness: Array, counts: Array) -> Archive:
-    """As `insert`, each grid at a given place of the archive, int32 ``[P]``."""
-    batch, niches = jnp.arange(niche.size, dtype=jnp.int32), archive.fitness.size
+    """As `insert`, each grid at a given place of the archive, int32 ``[P]``, or at several, ``[K, P]``."""
+    times, niches = niche.reshape(-1, len(grids)), archive.fitness.size
+    niche, fitness = times.reshape(-1), jnp.tile(fitness, len(times))
+    batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
     contends = (fitness == lowest[niche]) & (fitness < archive.fitness[niche])
     first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
@@ -207,6 +209,9 @@ def insert_at(archive: Archive, niche: Array, grids: Array, fitness: Array, coun
     place = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
-        return into.at[place].set(values, mode="drop", unique_indices=True)
+        # One time after another: of grids that were joined to themselves each would be computed twice.
+        for time in place.reshape(times.shape):
+            into = into.at[time].set(values, mode="drop", unique_indices=True)
+        return into
 
     return Archive(write(archive.grids, grids), lowest, write(archive.counts, counts))

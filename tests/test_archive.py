@@ -9,13 +9,24 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError, measure
-from elitelanes_jax.archive import Axis, check_axes, describe, empty_archive, insert, niche_bins, niche_of, paper_axes
+from elitelanes_jax.archive import (
+    Axis,
+    check_axes,
+    describe,
+    empty_archive,
+    insert,
+    insert_at,
+    niche_bins,
+    niche_of,
+    paper_axes,
+)
 from elitelanes_jax.metrics import COUNTED, counts_of
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2))
 
 
 insert_jit = jax.jit(insert, static_argnums=1)
+insert_at_jit = jax.jit(insert_at)
 
 
 def one_by_one(batches):
@@ -67,6 +78,17 @@ def test_ties():
     archive = insert(archive, AXES, grids + 10, jnp.array([9, 3, 3]), same)
     assert (archive.grids[0] == 11).all()
     assert archive.filled.sum() == 1
+
+
+@given(some_batches(), st.data())
+def test_several_places_are_a_batch_joined_to_itself(batches, data):
+    niches = st.lists(st.integers(0, 11), min_size=2, max_size=2)
+    one = two = empty_archive(AXES, (2, 2), times=2)
+    for grids, *others in batches:
+        places = np.array(data.draw(st.lists(niches, min_size=len(grids), max_size=len(grids))), np.int32).T
+        one = insert_at_jit(one, places, grids, *others)
+        two = insert_at_jit(two, places.reshape(-1), *(np.concatenate([part, part]) for part in (grids, *others)))
+    jax.tree.map(np.testing.assert_array_equal, one, two)
 
 
 def test_the_papers_niches():

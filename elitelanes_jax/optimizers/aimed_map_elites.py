@@ -41,7 +41,7 @@ from elitelanes_jax.archive import (
 from elitelanes_jax.checks import check_count, check_real
 from elitelanes_jax.draws import below, chance
 from elitelanes_jax.errors import InputError
-from elitelanes_jax.evolution import Population, evaluated, joined, taken
+from elitelanes_jax.evolution import Population, evaluated, taken
 from elitelanes_jax.moves import twinned
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.problem import Problem
@@ -185,8 +185,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
 
     def store(archive: Archive, found: Population) -> Archive:
         niche = niche_of(describe(found.counts, axes), axes)
-        both = jnp.concatenate([niche + known[island], niche + niches * regions])
-        return insert_at(archive, both, *joined(found, found))
+        return insert_at(archive, jnp.stack([niche + known[island], niche + niches * regions]), *found)
 
     def wanted_filled(archive: Archive) -> Array:
         """How many of the niches that are wanted each region has filled, int32 ``[R]``."""
