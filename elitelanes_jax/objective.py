@@ -10,7 +10,7 @@ from chex import Array, Numeric
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.metrics import Metrics
 
-__all__ = ["Weights", "check_weights", "fitness"]
+__all__ = ["Weights", "check_weights", "fitness", "penalties"]
 
 
 class Weights(NamedTuple):
@@ -67,6 +67,11 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Array:  # noqa: B
             value = jnp.maximum(value - 1, 0)
         total = total + _integer(name, getattr(weights, name)) * value
     return total
+
+
+def penalties(weights: Weights) -> Weights:
+    """The weights of flaws alone: what rewards, and the constant, is 0."""
+    return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
 
 
 def _integer(name: str, weight: Numeric) -> Array:

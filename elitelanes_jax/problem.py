@@ -14,8 +14,8 @@ from elitelanes_jax.codes import KINDS, ROAD_ALPHABET, alphabet_of
 from elitelanes_jax.errors import InputError
 from elitelanes_jax.features import features_of
 from elitelanes_jax.grids import random_grids
-from elitelanes_jax.metrics import counts_of, measure
-from elitelanes_jax.objective import Weights, fitness
+from elitelanes_jax.metrics import counts_of, measure, metrics_of
+from elitelanes_jax.objective import Weights, fitness, penalties
 from elitelanes_jax.repairs import raster_rank, repair
 from elitelanes_jax.requests import Ranges, shortfall
 from elitelanes_jax.templates import Template
@@ -48,6 +48,7 @@ class Problem(NamedTuple):
       repair: (grid, dirty) -> grid, all ``[H, W]``.
       settle: grid -> grid, repairs one of which all tiles are new: each dictates to those after it, row by row.
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
+      flaws: int32 ``[P, M]``, the `counts_of` metrics -> int32 ``[P]``, the fitness without what rewards.
     """
 
     shape: tuple[int, int]
@@ -59,6 +60,7 @@ class Problem(NamedTuple):
     repair: Callable[[Array, Array], Array]
     settle: Callable[[Array], Array]
     evaluate: Callable[[Array], Evaluation]
+    flaws: Callable[[Array], Array]
 
 
 def road_problem(
@@ -117,9 +119,13 @@ def road_problem(
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-        worth, counts = fitness(metrics, weights), counts_of(metrics)
-        if where is not None:
-            worth = worth + shortfall(features_of(counts), where, shape)
-        return Evaluation(worth, counts)
+        counts = counts_of(metrics)
+        return Evaluation(fitness(metrics, weights) + off(counts), counts)
 
-    return Problem(shape, alphabet, axes, fill, kept, random, mend, settle, evaluate)
+    def flaws(counts: Array) -> Array:
+        return fitness(metrics_of(counts, shape[0] * shape[1]), penalties(weights)) + off(counts)
+
+    def off(counts: Array) -> Array:
+        return jnp.int32(0) if where is None else shortfall(features_of(counts), where, shape)
+
+    return Problem(shape, alphabet, axes, fill, kept, random, mend, settle, evaluate, flaws)

@@ -1,6 +1,7 @@
 """The presets `tuned`: how far they reach, and what they can be asked for."""
 
 from functools import cache
+from itertools import pairwise
 
 import jax
 import jax.numpy as jnp
@@ -11,11 +12,12 @@ from oracle import measure as oracle
 
 from elitelanes_jax import InputError, Weights, evolve, fitness, measure, random_grids, repair
 from elitelanes_jax.annealing import AnnealingConfig, Cooling, accepts, fresh_grid
-from elitelanes_jax.archive import Axis, tuned_axes
+from elitelanes_jax.archive import Axis, describe, tuned_axes
 from elitelanes_jax.draws import UNIT, exponential, random_words
 from elitelanes_jax.moves import Mix
-from elitelanes_jax.optimizers import AimedMapElitesConfig, DiscretePsoConfig, aimed_map_elites
+from elitelanes_jax.optimizers import AimedMapElitesConfig, DiscretePsoConfig, Scouts, aimed_map_elites
 from elitelanes_jax.problem import road_problem
+from elitelanes_jax.requests import ranges_of, read_ranges
 from elitelanes_jax.run import advance, start
 from elitelanes_jax.search import seed_keys
 from elitelanes_jax.symmetry import rotate
@@ -221,11 +223,11 @@ def test_a_region_that_fills_no_more_niches_begins_again():
 @pytest.mark.parametrize("symmetric", [0, 1])
 def test_cycles_from_random_grids_are_symmetric_or_not(symmetric):
     annealing = AnnealingConfig(population=8, chains=1, cycle=4, moves=Mix(completed=0))
-    config = AimedMapElitesConfig(annealing, anew=1, symmetric=symmetric)
+    config = AimedMapElitesConfig(annealing, anew=1, symmetric=symmetric, scouts=Scouts(share=0))
     optimizer = aimed_map_elites(road_problem((6, 7), tuned_axes((6, 7))), config)
     step, key, seen = jax.jit(optimizer.step), jax.random.key(0), []
     state = optimizer.init(key)
-    for number in range(150):
+    for number in range(250):
         state, _ = step(jax.random.fold_in(key, number), state)
         seen.append(state.chains.grids[:4])  # of the islands in regions
         np.testing.assert_array_equal(state.twins, [symmetric] * 4 + [0.5] * 4)
@@ -233,6 +235,67 @@ def test_cycles_from_random_grids_are_symmetric_or_not(symmetric):
     same = (seen == np.stack([rotate(grid, 2) for grid in seen])).all(axis=(1, 2))
     assert len(np.unique(seen, axis=0)) > 100
     assert same.all() if symmetric else same.mean() < 0.1
+
+
+def stepped(axes, scouts, steps=150, **config):
+    """The states of a search on 6 x 6 whose islands begin with random grids all the time."""
+    annealing = AnnealingConfig(population=8, chains=1, cycle=4)
+    problem = road_problem((6, 6), axes, fill=True, where=ranges_of(read_ranges(["tiles=36"])))
+    optimizer = aimed_map_elites(problem, AimedMapElitesConfig(annealing, anew=1, scouts=scouts, **config))
+    step, state, states = jax.jit(optimizer.step), optimizer.init(jax.random.key(0)), []
+    for number in range(steps):
+        state, _ = step(jax.random.fold_in(jax.random.key(0), number), state)
+        states.append(state)
+    return problem, states
+
+
+def test_scouts_pursue_what_is_vacant_for_a_long_cycle():
+    axes = tuned_axes((6, 6))
+    _, states = stepped(axes, Scouts(longer=20), longer=2)
+    for before, after in pairwise(states):
+        scouts = np.asarray(after.scouts)
+        assert scouts[:4].all()  # in regions
+        assert not scouts[4:].any()
+        begun = np.asarray(before.cooling.step) == 0
+        assert (np.asarray(after.cooling.length) == np.where(scouts, 80, 4)).all()
+        vacant = np.asarray(before.archive.fitness).reshape(-1, 25, 16)[-1, :, 0] == 2**31 - 1
+        aims = np.asarray(after.aims)
+        assert vacant[aims[begun & scouts, 0]].all()
+        np.testing.assert_array_equal(aims[~begun], np.asarray(before.aims)[~begun])
+
+
+def test_where_nothing_is_vacant_nobody_scouts():
+    for axes, scouts in (((Axis("tiles", 1),), Scouts()), (tuned_axes((6, 6)), Scouts(share=0))):
+        _, states = stepped(axes, scouts, steps=40)
+        assert not np.any([state.scouts for state in states])
+
+
+def test_scouts_see_flaws_alone():
+    """Of two grids alike in flaws they take the worse one too: what rewards, and a cold temperature, change nothing."""
+    problem, states = stepped(tuned_axes((6, 6)), Scouts(hottest=1, coldest=1, longer=50), longer=2)
+    worse = 0
+    for before, after in pairwise(states):
+        goes_on = np.asarray(after.scouts) & (np.asarray(before.cooling.step) > 0)
+        far = []
+        for counts in (before.chains.counts, after.chains.counts):
+            cyclomatic, *flags = np.asarray(describe(counts, problem.axes)).T
+            steps = 200 * np.abs(cyclomatic.clip(0, 24) - np.asarray(after.aims)[:, 0])
+            far.append(np.asarray(problem.flaws(counts)) + steps + 100 * (np.array(flags) > 0).sum(axis=0))
+        assert (far[1] <= far[0] + 8.4)[goes_on].all()
+        worse += (np.asarray(after.chains.fitness) > np.asarray(before.chains.fitness))[goes_on].sum()
+    assert worse > 10
+
+
+def test_flaws_are_the_fitness_without_what_rewards():
+    grids = np.random.default_rng(5).integers(0, 16, (40, 5, 6)).astype(np.int8)
+    weights = Weights(turns=-7, tiles=3, constant=11)
+    where = ranges_of(read_ranges(["crossings=2..4"]))
+    problem = road_problem((5, 6), tuned_axes((5, 6)), weights=weights, where=where)
+    rewards = Weights(*(0 for _ in Weights._fields))
+    rewards = rewards._replace(turns=-7, cyclomatic=-2, straight_score=-2, constant=11)
+    fitness_, counts = problem.evaluate(grids)
+    expected = fitness_ - fitness(jax.vmap(measure)(grids), rewards)
+    np.testing.assert_array_equal(problem.flaws(counts), expected)
 
 
 def test_aims_are_bins():
@@ -257,6 +320,13 @@ def test_annealing_settings_are_checked(config, message):
 def test_swarm_and_island_settings_are_checked():
     with pytest.raises(InputError, match=r"config: expected cognitive \+ social to be at most 1"):
         evolve(jax.random.key(0), (4, 4), method="pso", config=DiscretePsoConfig(cognitive=0.7, social=0.7))
+    for scouts, message in (
+        (Scouts(longer=0), "config: expected longer to be a whole number, 1 or more, got 0"),
+        (Scouts(hottest=20), "config: expected coldest <= hottest <= 4000, got 25 and 20"),
+        (Scouts(share=2), "config: expected share to be"),
+    ):
+        with pytest.raises(InputError, match=message):
+            evolve(jax.random.key(0), (4, 4), preset="tuned", config=AimedMapElitesConfig(scouts=scouts))
     with pytest.raises(InputError, match="config: expected contest to be at most 8, got 9"):
         evolve(jax.random.key(0), (4, 4), config=AimedMapElitesConfig(contest=9))
 

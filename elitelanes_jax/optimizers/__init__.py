@@ -2,7 +2,12 @@
 
 from elitelanes_jax.annealing import AnnealingConfig
 from elitelanes_jax.evolution import EvolutionConfig
-from elitelanes_jax.optimizers.aimed_map_elites import AimedMapElitesConfig, AimedMapElitesState, aimed_map_elites
+from elitelanes_jax.optimizers.aimed_map_elites import (
+    AimedMapElitesConfig,
+    AimedMapElitesState,
+    Scouts,
+    aimed_map_elites,
+)
 from elitelanes_jax.optimizers.annealed import (
     AnnealedState,
     DiscreteGwoConfig,
@@ -34,6 +39,7 @@ __all__ = [
     "Optimizer",
     "PsoConfig",
     "PsoState",
+    "Scouts",
     "aimed_map_elites",
     "annealed_ea",
     "discrete_gwo",

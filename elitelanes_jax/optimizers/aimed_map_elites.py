@@ -9,6 +9,10 @@ Elites descend from each other, so that one archive soon holds one family of net
 would lead to the rest is lost. Half of the islands are therefore parted into regions, each with an archive of its own
 that is all it knows; what all find meets in one more archive, which is the result, and the other islands start from
 that. A region that long fills no more niches has come to the end of its family, and begins again with random grids.
+
+A network that is good for its niche may be a trap on the way to the next one, and what rewards leads into it. While
+niches are vacant in the result, the islands of regions that begin with random grids are therefore scouts: for one long
+cycle they see flaws alone.
 """
 
 from typing import NamedTuple
@@ -46,11 +50,40 @@ from elitelanes_jax.moves import twinned
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.problem import Problem
 
-__all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "Growth", "aimed_map_elites"]
+__all__ = ["AimedMapElitesConfig", "AimedMapElitesState", "Growth", "Scouts", "aimed_map_elites"]
 
-# Random words of each chain in a step, beside those of the move: cycles and mates take five, the contest the rest.
-_OTHER_WORDS = 13
-_LARGEST_CONTEST = _OTHER_WORDS - 5
+# Random words of each chain in a step, beside those of the move: cycles and mates take six, the contest the rest.
+_LARGEST_CONTEST = 8
+_OTHER_WORDS = 6 + _LARGEST_CONTEST
+
+
+class Scouts(NamedTuple):
+    """Cycles from random grids that pursue a vacant niche and see flaws alone.
+
+    Attributes:
+      share: how many of the cycles from random grids are scouts', while niches within reach are vacant in the result.
+      longer: how many times as long as cycles from elites theirs are.
+      pull: what a bin of distance from the niche aimed at adds to the flaws.
+      hottest: temperature at the start of such a cycle, in units of fitness at 12 x 12.
+      coldest: at its end.
+    """
+
+    share: Numeric = 0.3
+    longer: int = 148
+    pull: int = 200
+    hottest: int = 50
+    coldest: int = 25
+
+    def checked(self) -> "Scouts":
+        """The settings with the share as a float.
+
+        Raises:
+          InputError: for a setting out of its range.
+        """
+        for name in ("longer", "pull"):
+            check_count("config", name, getattr(self, name))
+        AnnealingConfig(hottest=self.hottest, coldest=self.coldest).checked()
+        return self._replace(share=check_real("config", "share", self.share, 0, 1))
 
 
 class AimedMapElitesConfig(NamedTuple):
@@ -70,6 +103,7 @@ class AimedMapElitesConfig(NamedTuple):
       twins: probability that in a cycle from an elite a move is made in the place opposite too (see `twinned`).
       symmetric: probability that a cycle from random grids starts with symmetric ones and twins all moves; else none.
       regions: in how many parts half of the islands are parted, at most; the others know all that is found.
+      scouts: of those cycles from random grids, see `Scouts`.
       patience: after how many cycles at the earliest a region begins again; it does once it has filled no niche in the
         second half of its time.
     """
@@ -84,6 +118,7 @@ class AimedMapElitesConfig(NamedTuple):
     contest: int = 8
     twins: Numeric = 0.5
     symmetric: Numeric = 0.5
+    scouts: Scouts = Scouts()
     regions: int = 8
     patience: int = 160
 
@@ -99,7 +134,7 @@ class AimedMapElitesConfig(NamedTuple):
             raise InputError(f"config: expected contest to be at most {_LARGEST_CONTEST}, got {self.contest}")
         names = ("anew", "frontier", "foreign", "twins", "symmetric")
         chances = {name: check_real("config", name, getattr(self, name), 0, 1) for name in names}
-        return self._replace(annealing=self.annealing.checked(), **chances)
+        return self._replace(annealing=self.annealing.checked(), scouts=self.scouts.checked(), **chances)
 
 
 class Growth(NamedTuple):
@@ -130,6 +165,7 @@ class AimedMapElitesState(NamedTuple):
       chains: the grids that the chains are at.
       aims: int32 ``[I, D]``, the bins of the niche that each island aims at.
       twins: float32 ``[I]``, how probable twins are in each island's cycle; 0 or 1 if it is from random grids.
+      scouts: bool ``[I]``, whether each island's cycle is a scout's.
       archive: of each region, one after another, and last the best of all grids evaluated so far, by niche.
       cooling: arrays ``[I]``, where in its cycle each island is.
       growth: arrays ``[R]``, of each region.
@@ -138,6 +174,7 @@ class AimedMapElitesState(NamedTuple):
     chains: Population
     aims: Array
     twins: Array
+    scouts: Array
     archive: Archive
     cooling: Cooling
     growth: Growth
@@ -154,12 +191,12 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
       InputError: for a setting out of its range.
     """
     config = config.checked()
-    annealing, axes = config.annealing, problem.axes
+    annealing, axes, scouting = config.annealing, problem.axes, config.scouts
     count, chains_each = annealing.population, annealing.chains_on(problem.shape)
     islands = count // chains_each
     island = np.arange(count) // chains_each  # of each chain
     length = annealing.cycle or max(16, annealing.first_cycle(problem.shape) // 32)
-    length = max(1, min(length, LONGEST_CYCLE // config.longer))
+    length = max(1, min(length, LONGEST_CYCLE // max(config.longer, scouting.longer)))
     move = tuned_move(problem, annealing.moves)
     bins = tuple(axis.bins for axis in axes)
     places = np.indices(bins).reshape(len(bins), -1).T.astype(np.int32)  # of all niches, [N, D]
@@ -168,6 +205,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     aims = np.array([axis.aim or 0 for axis in axes], np.int32)
     wanted = (free | (places == aims)).all(axis=1)
     price = np.where(free, config.pull, config.nudge).astype(np.int32)
+    scouts_price = np.where(free, scouting.pull, config.nudge).astype(np.int32)
+    scouts_annealing = annealing._replace(hottest=scouting.hottest, coldest=scouting.coldest)
     apart = islands // 2
     regions = min(config.regions, apart, MOST_NICHES // niches - 1)
     # Where the archive begins that each island knows.
@@ -176,7 +215,7 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     starts_anew = (region < regions) | (regions == 0)
     patience = min(config.patience * length, LONGEST_CYCLE)
 
-    def worth(fitness: Array, place: Array, aim: Array) -> Array:
+    def worth(fitness: Array, place: Array, aim: Array, price: np.ndarray = price) -> Array:
         """What a grid is worth to those who aim at a niche."""
         return fitness + (jnp.abs(place - aim) * price).sum(axis=-1, dtype=jnp.int32)
 
@@ -192,22 +231,35 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         filled = archive.filled[:-niches].reshape(regions, niches)
         return (filled & wanted).sum(axis=1, dtype=jnp.int32)
 
-    def new_aim(words: Array, filled: Array) -> Array:
-        """A niche to aim at, int32 ``[D]``: a vacant one within reach, or a filled one."""
+    def within_reach(filled: Array) -> Array:
+        """Which niches are vacant and may be aimed at, bool ``[N]``."""
         seen = filled.reshape(bins).any(axis=tuple(np.flatnonzero(~free).tolist()), keepdims=True)
-        near = jnp.broadcast_to(seen | _beside(seen, free), bins).reshape(-1) & wanted & ~filled
-        kept = filled & wanted
-        kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, wanted))
-        chosen = jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
+        return jnp.broadcast_to(seen | _beside(seen, free), bins).reshape(-1) & wanted & ~filled
+
+    def niche_at(chosen: Array) -> Array:
         # Where none on the aim is filled, one off it stands for the one that it is a step to.
         return jnp.where(free, jnp.asarray(places)[chosen], aims)
 
-    def new_cycle(words: Array, begin: Array, fitness: Array, vacant: Array) -> tuple[Array, Array, Array]:
-        """An island's aim, whether it starts anew, and the place of the elite that it starts from else."""
-        own = jax.lax.dynamic_slice_in_dim(fitness, begin, niches)
-        aim = new_aim(words, own < vacant)
+    def new_aim(words: Array, filled: Array) -> Array:
+        """A niche to aim at, int32 ``[D]``: a vacant one within reach, or a filled one."""
+        near = within_reach(filled)
+        kept = filled & wanted
+        kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, wanted))
+        return niche_at(
+            jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
+        )
+
+    def new_cycle(
+        words: Array, begin: Array, may: Array, must: Array, fitness: Array, vacant: Array
+    ) -> tuple[Array, Array, Array, Array]:
+        """An island's aim, whether it starts anew, whether it scouts, the place of the elite it starts from else."""
+        own, everywhere = jax.lax.dynamic_slice_in_dim(fitness, begin, niches), fitness[-niches:]
+        open_to_all = within_reach(everywhere < vacant)
+        anew = may & chance(words[2], config.anew) | must
+        scouts = anew & open_to_all.any() & chance(words[5], scouting.share)
+        aim = jnp.where(scouts, niche_at(_one(words[1], open_to_all)), new_aim(words, own < vacant))
         nearest = jnp.argmin(elite_worth(own, np.arange(niches), aim)).astype(jnp.int32)
-        return aim, chance(words[2], config.anew), begin + nearest
+        return aim, anew, scouts, begin + nearest
 
     def init(key: PRNGKey) -> AimedMapElitesState:
         chains = evaluated(problem, problem.random(key, count))
@@ -215,40 +267,49 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         cooling = Cooling(jnp.zeros(islands, jnp.int32), jnp.full(islands, length, jnp.int32))
         growth = Growth(jnp.zeros(regions, jnp.int32), jnp.zeros(regions, jnp.int32))
         aim, twins = jnp.zeros((islands, len(axes)), jnp.int32), jnp.zeros(islands, jnp.float32)
-        return AimedMapElitesState(chains, aim, twins, archive, cooling, growth)
+        return AimedMapElitesState(chains, aim, twins, jnp.zeros(islands, bool), archive, cooling, growth)
 
     def step(key: PRNGKey, state: AimedMapElitesState) -> tuple[AimedMapElitesState, Info]:
-        chains, aim, twins, archive, cooling, growth = state
+        chains, aim, twins, scouts, archive, cooling, growth = state
         draw = Draw.of(key, count, twinned(0, move), others=_OTHER_WORDS)
         stalled = growth.stalls(patience)
         emptied = jnp.append(stalled, False)
         archive = archive._replace(fitness=jnp.where(jnp.repeat(emptied, niches), VACANT, archive.fitness))
-        cooling = cooling._replace(step=jnp.where(emptied[region], 0, cooling.step))
+        restarted = emptied[region] & ~scouts
+        cooling = cooling._replace(step=jnp.where(restarted, 0, cooling.step))
         start, before = cooling.begins, wanted_filled(archive)
 
         def begun(carry: tuple[Array, ...]) -> tuple[Array, ...]:
             words = draw.other[np.arange(islands) * chains_each]
             # The number is given so that XLA does not see that it could do all this outside the loop.
             vacant = jnp.where(carry[0], VACANT, 0)
-            each = jax.vmap(new_cycle, (0, 0, None, None))
-            new_aims, anew, nearest = each(words, jnp.asarray(known), archive.fitness, vacant)
-            return jnp.array(False), jnp.where(start[:, None], new_aims, aim), anew, nearest
+            each = jax.vmap(new_cycle, (0, 0, 0, 0, None, None))
+            new_aims, anew, new_scouts, nearest = each(
+                words, jnp.asarray(known), jnp.asarray(starts_anew), restarted, archive.fitness, vacant
+            )
+            return (
+                jnp.array(False),
+                jnp.where(start[:, None], new_aims, aim),
+                anew,
+                jnp.where(start, new_scouts, scouts),
+                nearest,
+            )
 
         # A loop of one round or none: what is seldom needed is seldom computed.
-        carry = start.any(), aim, jnp.zeros(islands, bool), jnp.zeros(islands, jnp.int32)
-        _, aim, anew, nearest = jax.lax.while_loop(lambda carry: carry[0], begun, carry)
-        anew = anew & starts_anew | emptied[region]
-        lengths = jnp.where(anew, config.longer, 1) * length
+        carry = start.any(), aim, jnp.zeros(islands, bool), scouts, jnp.zeros(islands, jnp.int32)
+        _, aim, anew, scouts, nearest = jax.lax.while_loop(lambda carry: carry[0], begun, carry)
+        lengths = jnp.where(scouts, scouting.longer, jnp.where(anew, config.longer, 1)) * length
         cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
         symmetric = chance(draw.other[np.arange(islands) * chains_each, 3], config.symmetric)
         twins = jnp.where(start, jnp.where(anew, symmetric, jnp.float32(config.twins)), twins)
         own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
+        flaws_alone = scouts[island]
 
-        rivals = below(draw.other[:, 5 : 5 + config.contest], niches)
+        rivals = below(draw.other[:, 6 : 6 + config.contest], niches)
         known_rivals = rivals + begin[:, None]
         best = jnp.argmin(elite_worth(archive.fitness[known_rivals], rivals, own_aim[:, None]), axis=1)
         foreign = jnp.take_along_axis(known_rivals, best[:, None], axis=1)[:, 0]
-        is_foreign = chance(draw.other[:, 4], config.foreign) & (archive.fitness[foreign] < VACANT)
+        is_foreign = chance(draw.other[:, 4], config.foreign) & (archive.fitness[foreign] < VACANT) & ~flaws_alone
         mates = island_mates(draw.mate, chains.grids, chains_each)
         mates = jnp.where(is_foreign[:, None, None], archive.grids[foreign], mates)
 
@@ -266,15 +327,18 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         children = evaluated(problem, grids)
 
         def at(found: Population) -> Array:
-            return worth(found.fitness, niche_bins(describe(found.counts, axes), axes), own_aim)
+            place = niche_bins(describe(found.counts, axes), axes)
+            scouted = worth(problem.flaws(found.counts), place, own_aim, scouts_price)
+            return jnp.where(flaws_alone, scouted, worth(found.fitness, place, own_aim))
 
-        temperature = cooling.temperature(annealing, problem.shape)[island]
+        usual, scouted = (cooling.temperature(one, problem.shape) for one in (annealing, scouts_annealing))
+        temperature = jnp.where(scouts, scouted, usual)[island]
         chains = taken(accepts(draw.accept, temperature, at(chains), at(children)) | starts, children, chains)
         archive = store(archive, children)
         found = archive.fitness[-niches:]
         info = Info(best_fitness=found.min(), elite_count=(found < VACANT).sum(dtype=jnp.int32))
         growth = growth.after(gains=wanted_filled(archive) > before, begins=stalled)
-        return AimedMapElitesState(chains, aim, twins, archive, cooling.after(grows=False), growth), info
+        return AimedMapElitesState(chains, aim, twins, scouts, archive, cooling.after(grows=False), growth), info
 
     def elites(state: AimedMapElitesState) -> Elites:
         found = jax.tree.map(lambda array: array[-niches:], state.archive)
