@@ -251,7 +251,7 @@ def stepped(axes, scouts, steps=150, **config):
 
 def test_scouts_pursue_what_is_vacant_for_a_long_cycle():
     axes = tuned_axes((6, 6))
-    _, states = stepped(axes, Scouts(longer=20), longer=2)
+    _, states = stepped(axes, Scouts(share=1, longer=20), longer=2)
     for before, after in pairwise(states):
         scouts = np.asarray(after.scouts)
         assert scouts[:4].all()  # in regions
@@ -265,14 +265,14 @@ def test_scouts_pursue_what_is_vacant_for_a_long_cycle():
 
 
 def test_where_nothing_is_vacant_nobody_scouts():
-    for axes, scouts in (((Axis("tiles", 1),), Scouts()), (tuned_axes((6, 6)), Scouts(share=0))):
+    for axes, scouts in (((Axis("tiles", 1),), Scouts(share=1)), (tuned_axes((6, 6)), Scouts(share=0))):
         _, states = stepped(axes, scouts, steps=40)
         assert not np.any([state.scouts for state in states])
 
 
 def test_scouts_see_flaws_alone():
     """Of two grids alike in flaws they take the worse one too: what rewards, and a cold temperature, change nothing."""
-    problem, states = stepped(tuned_axes((6, 6)), Scouts(hottest=1, coldest=1, longer=50), longer=2)
+    problem, states = stepped(tuned_axes((6, 6)), Scouts(share=1, hottest=1, coldest=1, longer=50), longer=2)
     worse = 0
     for before, after in pairwise(states):
         goes_on = np.asarray(after.scouts) & (np.asarray(before.cooling.step) > 0)
