@@ -115,6 +115,9 @@ def road_problem(
             )
         return grids.at[: len(initial)].set(jax.vmap(mend, in_axes=(0, None))(initial, jnp.zeros(shape, bool)))
 
+    def off(counts: Array) -> Array:
+        return jnp.int32(0) if where is None else shortfall(features_of(counts), where, shape)
+
     def evaluate(grids: Array) -> Evaluation:
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
@@ -124,8 +127,5 @@ def road_problem(
 
     def flaws(counts: Array) -> Array:
         return fitness(metrics_of(counts, shape[0] * shape[1]), penalties(weights)) + off(counts)
-
-    def off(counts: Array) -> Array:
-        return jnp.int32(0) if where is None else shortfall(features_of(counts), where, shape)
 
     return Problem(shape, alphabet, axes, fill, kept, random, mend, settle, evaluate, flaws)

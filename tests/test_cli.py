@@ -474,20 +474,8 @@ def test_given_cells_that_no_map_has(cells, rules, message, tmp_path, capsys):
 
 def test_what_is_nearest_is_said_where_every_map_has_a_flaw(tmp_path, capsys):
     asked = ["--where", "crossings=30", "--rules", "duckietown", "--preset", "paper", "--method", "pso"]
-    small = [
-        "generate",
-        "--size",
-        "8",
-        "8",
-        "--evaluations",
-        "40",
-        "--maps",
-        "2",
-        *asked,
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    assert main(small) == 1
+    small = ["generate", "--size", "8", "8", "--evaluations", "40", "--maps", "2", *asked]
+    assert main([*small, "--out", str(tmp_path / "out")]) == 1
     error = capsys.readouterr().err
     assert "; nearest found, with other flaws: crossings " in error
     assert error.rstrip().endswith("; wider ranges, more seeds or evaluations find more")

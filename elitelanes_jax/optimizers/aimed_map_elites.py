@@ -11,7 +11,7 @@ that is all it knows; what all find meets in one more archive, which is the resu
 that. A region that long fills no more niches has come to the end of its family, and begins again with random grids.
 
 A network that is good for its niche may be a trap on the way to the next one, and what rewards leads into it. While
-niches are vacant in the result, the islands of regions that begin with random grids are therefore scouts: for one long
+niches are vacant in the result, some of the islands that begin with random grids are therefore scouts: for one long
 cycle they see flaws alone.
 """
 
@@ -328,8 +328,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
 
         def at(found: Population) -> Array:
             place = niche_bins(describe(found.counts, axes), axes)
-            scouted = worth(problem.flaws(found.counts), place, own_aim, scouts_price)
-            return jnp.where(flaws_alone, scouted, worth(found.fitness, place, own_aim))
+            flawed = worth(problem.flaws(found.counts), place, own_aim, scouts_price)
+            return jnp.where(flaws_alone, flawed, worth(found.fitness, place, own_aim))
 
         usual, scouted = (cooling.temperature(one, problem.shape) for one in (annealing, scouts_annealing))
         temperature = jnp.where(scouts, scouted, usual)[island]
