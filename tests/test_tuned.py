@@ -249,19 +249,29 @@ def stepped(axes, scouts, steps=150, **config):
     return problem, states
 
 
-def test_scouts_pursue_what_is_vacant_for_a_long_cycle():
+@pytest.mark.parametrize("symmetric", [0, 1])
+def test_scouts_go_past_what_is_vacant_for_a_long_cycle(symmetric):
     axes = tuned_axes((6, 6))
-    _, states = stepped(axes, Scouts(share=1, longer=20), longer=2)
+    _, states = stepped(axes, Scouts(share=1, longer=20, symmetric=symmetric), longer=2)
     for before, after in pairwise(states):
         scouts = np.asarray(after.scouts)
         assert scouts[:4].all()  # in regions
         assert not scouts[4:].any()
         begun = np.asarray(before.cooling.step) == 0
         assert (np.asarray(after.cooling.length) == np.where(scouts, 80, 4)).all()
-        vacant = np.asarray(before.archive.fitness).reshape(-1, 25, 16)[-1, :, 0] == 2**31 - 1
+        assert (np.asarray(after.twins)[scouts] == symmetric).all()
         aims = np.asarray(after.aims)
-        assert vacant[aims[begun & scouts, 0]].all()
+        assert np.isin(aims[scouts, 0], (0, axes[0].bins - 1)).all()
+        assert (aims[scouts, 1:] == 0).all()
         np.testing.assert_array_equal(aims[~begun], np.asarray(before.aims)[~begun])
+
+
+@pytest.mark.parametrize(("start", "bins", "ends"), [(35, 2, {0}), (36, 2, {1}), (35, 3, {0, 2})])
+def test_scouts_go_where_the_filled_niches_are_not(start, bins, ends):
+    """With every cell filled all grids have 36 tiles, so that no other bin is ever filled."""
+    _, states = stepped((Axis("tiles", bins, start=start),), Scouts(share=1, longer=2), longer=2)
+    assert all(np.asarray(state.scouts)[:4].all() for state in states)
+    assert set(np.concatenate([np.asarray(state.aims)[:4, 0] for state in states]).tolist()) == ends
 
 
 def test_where_nothing_is_vacant_nobody_scouts():
@@ -272,15 +282,16 @@ def test_where_nothing_is_vacant_nobody_scouts():
 
 def test_scouts_see_flaws_alone():
     """Of two grids alike in flaws they take the worse one too: what rewards, and a cold temperature, change nothing."""
-    problem, states = stepped(tuned_axes((6, 6)), Scouts(share=1, hottest=1, coldest=1, longer=50), longer=2)
+    scouts = Scouts(share=1, symmetric=0, hottest=1, coldest=1, longer=50)
+    problem, states = stepped(tuned_axes((6, 6)), scouts, longer=2)
     worse = 0
     for before, after in pairwise(states):
         goes_on = np.asarray(after.scouts) & (np.asarray(before.cooling.step) > 0)
         far = []
         for counts in (before.chains.counts, after.chains.counts):
-            cyclomatic, *flags = np.asarray(describe(counts, problem.axes)).T
+            cyclomatic = np.asarray(describe(counts, problem.axes))[:, 0]
             steps = 200 * np.abs(cyclomatic.clip(0, 24) - np.asarray(after.aims)[:, 0])
-            far.append(np.asarray(problem.flaws(counts)) + steps + 100 * (np.array(flags) > 0).sum(axis=0))
+            far.append(np.asarray(problem.flaws(counts)) + steps)
         assert (far[1] <= far[0] + 8.4)[goes_on].all()
         worse += (np.asarray(after.chains.fitness) > np.asarray(before.chains.fitness))[goes_on].sum()
     assert worse > 10
@@ -324,6 +335,7 @@ def test_swarm_and_island_settings_are_checked():
         (Scouts(longer=0), "config: expected longer to be a whole number, 1 or more, got 0"),
         (Scouts(hottest=20), "config: expected coldest <= hottest <= 4000, got 25 and 20"),
         (Scouts(share=2), "config: expected share to be"),
+        (Scouts(symmetric=-1), "config: expected symmetric to be"),
     ):
         with pytest.raises(InputError, match=message):
             evolve(jax.random.key(0), (4, 4), preset="tuned", config=AimedMapElitesConfig(scouts=scouts))

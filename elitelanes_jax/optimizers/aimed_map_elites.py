@@ -12,7 +12,7 @@ that. A region that long fills no more niches has come to the end of its family,
 
 A network that is good for its niche may be a trap on the way to the next one, and what rewards leads into it. While
 niches are vacant in the result, some of the islands that begin with random grids are therefore scouts: for one long
-cycle they see flaws alone.
+cycle they see flaws alone, and aim past the niche, at the end of the axes, so that nothing holds them where it lies.
 """
 
 from typing import NamedTuple
@@ -58,24 +58,29 @@ _OTHER_WORDS = 6 + _LARGEST_CONTEST
 
 
 class Scouts(NamedTuple):
-    """Cycles from random grids that pursue a vacant niche and see flaws alone.
+    """Cycles from random grids that go past a vacant niche and see flaws alone.
+
+    Each draws a niche that is vacant in the result and within reach, and goes past it to the end of each axis on the
+    way to which fewer niches are filled.
 
     Attributes:
-      share: how many of the cycles from random grids are scouts', while niches within reach are vacant in the result.
+      share: how many of the cycles from random grids are scouts', while there are such niches.
+      symmetric: probability that one starts with symmetric grids and twins all moves; else none.
       longer: how many times as long as cycles from elites theirs are.
-      pull: what a bin of distance from the niche aimed at adds to the flaws.
+      pull: what a bin of distance from the end of an axis adds to the flaws.
       hottest: temperature at the start of such a cycle, in units of fitness at 12 x 12.
       coldest: at its end.
     """
 
-    share: Numeric = 0.3
-    longer: int = 148
+    share: Numeric = 0.4
+    symmetric: Numeric = 0.9
+    longer: int = 49
     pull: int = 200
     hottest: int = 50
     coldest: int = 25
 
     def checked(self) -> "Scouts":
-        """The settings with the share as a float.
+        """The settings with probabilities as floats.
 
         Raises:
           InputError: for a setting out of its range.
@@ -83,7 +88,8 @@ class Scouts(NamedTuple):
         for name in ("longer", "pull"):
             check_count("config", name, getattr(self, name))
         AnnealingConfig(hottest=self.hottest, coldest=self.coldest).checked()
-        return self._replace(share=check_real("config", "share", self.share, 0, 1))
+        chances = {name: check_real("config", name, getattr(self, name), 0, 1) for name in ("share", "symmetric")}
+        return self._replace(**chances)
 
 
 class AimedMapElitesConfig(NamedTuple):
@@ -102,6 +108,7 @@ class AimedMapElitesConfig(NamedTuple):
       contest: among how many niches the elite that is worth most for the niche aimed at becomes that mate.
       twins: probability that in a cycle from an elite a move is made in the place opposite too (see `twinned`).
       symmetric: probability that a cycle from random grids starts with symmetric ones and twins all moves; else none.
+        Scouts have their own.
       regions: in how many parts half of the islands are parted, at most; the others know all that is found.
       scouts: of those cycles from random grids, see `Scouts`.
       patience: after how many cycles at the earliest a region begins again; it does once it has filled no niche in the
@@ -205,7 +212,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
     aims = np.array([axis.aim or 0 for axis in axes], np.int32)
     wanted = (free | (places == aims)).all(axis=1)
     price = np.where(free, config.pull, config.nudge).astype(np.int32)
-    scouts_price = np.where(free, scouting.pull, config.nudge).astype(np.int32)
+    scouts_price = np.where(free, scouting.pull, 0).astype(np.int32)
+    ends = np.array(bins, np.int32) - 1
     scouts_annealing = annealing._replace(hottest=scouting.hottest, coldest=scouting.coldest)
     apart = islands // 2
     regions = min(config.regions, apart, MOST_NICHES // niches - 1)
@@ -249,6 +257,13 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
             jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
         )
 
+    def past(place: Array, filled: Array) -> Array:
+        """The end of each axis on the way to which, from a place, fewer niches are filled, int32 ``[D]``."""
+        kept = filled & wanted
+        kept = jnp.where(kept.any(), kept, wanted)
+        behind = (jnp.sign(place - places) * kept[:, None]).sum(axis=0, dtype=jnp.int32)
+        return jnp.where(free, jnp.where(behind > 0, ends, 0), aims)
+
     def new_cycle(
         words: Array, begin: Array, may: Array, must: Array, fitness: Array, vacant: Array
     ) -> tuple[Array, Array, Array, Array]:
@@ -257,7 +272,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         open_to_all = within_reach(everywhere < vacant)
         anew = may & chance(words[2], config.anew) | must
         scouts = anew & open_to_all.any() & chance(words[5], scouting.share)
-        aim = jnp.where(scouts, niche_at(_one(words[1], open_to_all)), new_aim(words, own < vacant))
+        goal = past(jnp.asarray(places)[_one(words[1], open_to_all)], everywhere < vacant)
+        aim = jnp.where(scouts, goal, new_aim(words, own < vacant))
         nearest = jnp.argmin(elite_worth(own, np.arange(niches), aim)).astype(jnp.int32)
         return aim, anew, scouts, begin + nearest
 
@@ -300,7 +316,8 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         _, aim, anew, scouts, nearest = jax.lax.while_loop(lambda carry: carry[0], begun, carry)
         lengths = jnp.where(scouts, scouting.longer, jnp.where(anew, config.longer, 1)) * length
         cooling = cooling._replace(length=jnp.where(start, lengths, cooling.length))
-        symmetric = chance(draw.other[np.arange(islands) * chains_each, 3], config.symmetric)
+        symmetry = jnp.where(scouts, jnp.float32(scouting.symmetric), jnp.float32(config.symmetric))
+        symmetric = chance(draw.other[np.arange(islands) * chains_each, 3], symmetry)
         twins = jnp.where(start, jnp.where(anew, symmetric, jnp.float32(config.twins)), twins)
         own_aim, starts, begin = aim[island], start[island], jnp.asarray(known)[island]
         flaws_alone = scouts[island]
