@@ -142,9 +142,6 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
         mine, theirs = lattice.here(crossing), neighbour(crossing)
         return (mine & neighbour(busy)) | (theirs & lattice.here(busy))
 
-    def apart(neighbour: Callable[[Array], Array], link: Array) -> Array:
-        return lattice.here(road) & neighbour(road) & ~link
-
     area, side = lattice.height * lattice.width, max(lattice.height, lattice.width)
     count = _sums(
         {
@@ -173,8 +170,8 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
             "straights": (along | upright, 1),
             "turns": (lattice.here(turn), 1),
             "crowded_crossings": (crowds(lattice.east).astype(jnp.int8) + crowds(lattice.south), 2),
-            "unlinked_neighbours": (
-                apart(lattice.east, links.east).astype(jnp.int8) + apart(lattice.south, links.south),
+            "neighbours": (
+                (lattice.here(road) & lattice.east(road)).astype(jnp.int8) + (lattice.here(road) & lattice.south(road)),
                 2,
             ),
             "off_alphabet": (_foreign(here, alphabet) & (columns < lattice.width), 1),
@@ -195,7 +192,7 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
         straights=count["straights"],
         turns=count["turns"],
         crowded_crossings=count["crowded_crossings"],
-        unlinked_neighbours=count["unlinked_neighbours"],
+        unlinked_neighbours=count["neighbours"] - count["edges"],
         tiles=count["tiles"],
         empty_cells=area - count["tiles"],
         edges=count["edges"],
