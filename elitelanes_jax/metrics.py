@@ -136,7 +136,11 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
     south_pair = links.south & lattice.here(crossing) & lattice.south(crossing)
     turn = (connections == 2) & (north != south)
     along, upright = here == (EAST | WEST), here == (NORTH | SOUTH)
-    busy, road = crossing | turn, padded > 0
+    busy = crossing | turn
+
+    def pairs(tiles: Array) -> Array:
+        mine = lattice.here(tiles)
+        return (mine & lattice.east(tiles)).astype(jnp.int8) + (mine & lattice.south(tiles))
 
     def crowds(neighbour: Callable[[Array], Array]) -> Array:
         mine, theirs = lattice.here(crossing), neighbour(crossing)
@@ -159,10 +163,7 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
                 + jnp.where(south_pair, own + lattice.south(connections), 0),
                 16,
             ),
-            "turn_pairs": (
-                (lattice.here(turn) & lattice.east(turn)).astype(jnp.int8) + (lattice.here(turn) & lattice.south(turn)),
-                2,
-            ),
+            "turn_pairs": (pairs(turn), 2),
             "straight_score": (
                 _odd_numbers(along, 1, lattice.width) + _odd_numbers(upright, lattice.stride, lattice.height),
                 2 * side,
@@ -170,10 +171,7 @@ def _measure(grid: Array, alphabet: tuple[int, ...] | None) -> Metrics:
             "straights": (along | upright, 1),
             "turns": (lattice.here(turn), 1),
             "crowded_crossings": (crowds(lattice.east).astype(jnp.int8) + crowds(lattice.south), 2),
-            "neighbours": (
-                (lattice.here(road) & lattice.east(road)).astype(jnp.int8) + (lattice.here(road) & lattice.south(road)),
-                2,
-            ),
+            "neighbours": (pairs(padded > 0), 2),
             "off_alphabet": (_foreign(here, alphabet) & (columns < lattice.width), 1),
         },
         area,

@@ -244,36 +244,31 @@ def aimed_map_elites(problem: Problem, config: AimedMapElitesConfig = AimedMapEl
         seen = filled.reshape(bins).any(axis=tuple(np.flatnonzero(~free).tolist()), keepdims=True)
         return jnp.broadcast_to(seen | _beside(seen, free), bins).reshape(-1) & wanted & ~filled
 
-    def niche_at(chosen: Array) -> Array:
-        # Where none on the aim is filled, one off it stands for the one that it is a step to.
-        return jnp.where(free, jnp.asarray(places)[chosen], aims)
-
     def new_aim(words: Array, filled: Array) -> Array:
         """A niche to aim at, int32 ``[D]``: a vacant one within reach, or a filled one."""
         near = within_reach(filled)
         kept = filled & wanted
         kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, wanted))
-        return niche_at(
-            jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
-        )
+        chosen = jnp.where((chance(words[0], config.frontier) & near.any()), _one(words[1], near), _one(words[1], kept))
+        # Where none on the aim is filled, one off it stands for the one that it is a step to.
+        return jnp.where(free, jnp.asarray(places)[chosen], aims)
 
-    def past(place: Array, filled: Array) -> Array:
-        """The end of each axis on the way to which, from a place, fewer niches are filled, int32 ``[D]``."""
+    def past(niche: Array, filled: Array) -> Array:
+        """The end of each axis on the way to which, from a niche, fewer ones are filled, int32 ``[D]``."""
         kept = filled & wanted
         kept = jnp.where(kept.any(), kept, wanted)
-        behind = (jnp.sign(place - places) * kept[:, None]).sum(axis=0, dtype=jnp.int32)
+        behind = (jnp.sign(jnp.asarray(places)[niche] - places) * kept[:, None]).sum(axis=0, dtype=jnp.int32)
         return jnp.where(free, jnp.where(behind > 0, ends, 0), aims)
 
     def new_cycle(
         words: Array, begin: Array, may: Array, must: Array, fitness: Array, vacant: Array
     ) -> tuple[Array, Array, Array, Array]:
         """An island's aim, whether it starts anew, whether it scouts, the place of the elite it starts from else."""
-        own, everywhere = jax.lax.dynamic_slice_in_dim(fitness, begin, niches), fitness[-niches:]
-        open_to_all = within_reach(everywhere < vacant)
+        own, filled = jax.lax.dynamic_slice_in_dim(fitness, begin, niches), fitness[-niches:] < vacant
+        open_to_all = within_reach(filled)
         anew = may & chance(words[2], config.anew) | must
         scouts = anew & open_to_all.any() & chance(words[5], scouting.share)
-        goal = past(jnp.asarray(places)[_one(words[1], open_to_all)], everywhere < vacant)
-        aim = jnp.where(scouts, goal, new_aim(words, own < vacant))
+        aim = jnp.where(scouts, past(_one(words[1], open_to_all), filled), new_aim(words, own < vacant))
         nearest = jnp.argmin(elite_worth(own, np.arange(niches), aim)).astype(jnp.int32)
         return aim, anew, scouts, begin + nearest
 
