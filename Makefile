@@ -13,18 +13,18 @@ demo: $(READY)
 	$(BIN)/elitelanes generate --size 12 12 --method map-elites --seeds 16 --maps 16 --out $(DEMO)
 
 test: $(READY)
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --durations 20
 
 test-slow: $(READY)
 	$(BIN)/python -m pytest -m slow
 
 # All notebooks with few steps, side by side.
 notebooks: $(READY)
-	$(BIN)/python -m pytest -n auto -m slow tests/test_notebooks.py
+	$(BIN)/python -m pytest -n auto -m slow tests/docs/test_notebooks.py
 
 # The tests that need large or old packages have an environment each: SUMO,
 sumo: .venv-sumo/.ready
-	.venv-sumo/bin/python -m pytest -m slow tests/test_exports_sumo.py tests/test_notebooks.py -k sumo
+	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py -k sumo
 
 .venv-sumo/.ready: pyproject.toml constraints.txt
 	rm -rf .venv-sumo
@@ -45,9 +45,9 @@ interop: .venv-interop/.ready
 
 # duckietown-world, called from ours as a program.
 duckietown: $(READY) .venv-duckietown/.ready
-	$(BIN)/python -m pytest -m slow tests/test_exports_duckietown.py
+	$(BIN)/python -m pytest -m slow tests/formats/test_duckietown.py
 
-.venv-duckietown/.ready: tests/duckietown/requirements.txt
+.venv-duckietown/.ready: tests/formats/duckietown_world/requirements.txt
 	rm -rf .venv-duckietown
 	$(PYTHON) -m venv .venv-duckietown
 	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
@@ -57,6 +57,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(SITE)

@@ -1,8 +1,8 @@
-"""Lets mkdocs follow links out of this folder, so that those which work in a checkout work on the site too.
+"""Makes links out of this folder work on the site as they do in a checkout.
 
-What a page links to elsewhere in the repository comes onto the site: other pages, with what they link to, and files;
-notebooks as pages with what they show. A link to a module of the package leads to its place in the reference, and so do
-names there, such as `evolve`.
+Files elsewhere in the repository that pages link to become part of the site: pages with the files that they link to,
+notebooks as pages with their outputs. A link to a module of the package leads to its place in the reference, and so do
+names in the reference, such as `evolve`.
 """
 
 import ast
@@ -26,14 +26,14 @@ _NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # but for parameters, which
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the files outside this folder that pages link to, directly or not."""
+    """Adds the files outside this folder that pages link to, directly or through other pages."""
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     seen = set(waiting)
     while waiting:
         page = waiting.pop()
         for _, link, _ in _LINK.findall(_text(page)):
             target = (page.parent / link).resolve()
-            if target in seen or not target.is_file() or not _is_brought(target):
+            if target in seen or not target.is_file() or not _joins_site(target):
                 continue
             seen.add(target)
             if target.suffix == ".ipynb":
@@ -50,10 +50,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turns the links on a page to where their targets are on the site."""
+    """Replaces the links on a page by links to the places of their targets on the site."""
     source = Path(page.file.abs_src_path or ROOT / page.file.src_uri)  # a notebook's page has no file
 
-    def turned(found: re.Match[str]) -> str:
+    def replaced(found: re.Match[str]) -> str:
         text, link, anchor = found[1], found[2], found[3] or ""
         target = (source.parent / link).resolve()
         if not target.exists() or not target.is_relative_to(ROOT):
@@ -61,14 +61,14 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         if target.is_relative_to(PACKAGE):
             return f"[{text}][{'.'.join(target.relative_to(ROOT).with_suffix('').parts)}]"
         if target.is_dir():
-            return text  # the site has no folders to look into
+            return text  # the site shows no folders
         return f"[{text}]({os.path.relpath(_place(target), Path(page.file.src_uri).parent)}{anchor})"
 
-    return _LINK.sub(turned, markdown)
+    return _LINK.sub(replaced, markdown)
 
 
 def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Turns names of ours that docstrings have between backticks into links to where they are explained."""
+    """Makes links of the package's names that docstrings have between backticks."""
 
     def linked(found: re.Match[str]) -> str:
         home = _homes().get(found[1])
@@ -79,23 +79,23 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 @cache
 def _homes() -> dict[str, str]:
-    """The full names of public functions and classes, but for those that mean something else elsewhere."""
+    """Returns the full names of public functions and classes, but for names that are also arguments or fields."""
     homes: dict[str, str] = {}
-    meant: set[str] = set()
+    ambiguous: set[str] = set()
     for file in sorted(PACKAGE.rglob("*.py")):
         module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
         tree = ast.parse(file.read_text(encoding="utf-8"))
-        meant |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
+        ambiguous |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
         for node in tree.body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-                meant |= {node.name} & set(homes)
+                ambiguous |= {node.name} & set(homes)
                 homes[node.name] = f"{module}.{node.name}"
                 fields = [field.target for field in node.body if isinstance(field, ast.AnnAssign)]
-                meant |= {field.id for field in fields if isinstance(field, ast.Name)}
-    return {name: home for name, home in homes.items() if name not in meant}
+                ambiguous |= {field.id for field in fields if isinstance(field, ast.Name)}
+    return {name: home for name, home in homes.items() if name not in ambiguous}
 
 
-def _is_brought(target: Path) -> bool:
+def _joins_site(target: Path) -> bool:
     return target.is_relative_to(ROOT) and not target.is_relative_to(DOCS) and not target.is_relative_to(PACKAGE)
 
 
@@ -105,14 +105,14 @@ def _text(page: Path) -> str:
 
 @cache
 def _notebook(file: Path) -> tuple[str, dict[str, bytes]]:
-    """The text of a notebook's page, and its pictures by name."""
+    """Returns the text of a notebook's page, and its pictures by name."""
     settings = {"unique_key": file.stem, "output_files_dir": f"{file.stem}_files"}
     text, resources = MarkdownExporter().from_filename(str(file), resources=settings)
     return text, resources["outputs"]
 
 
 def _place(target: Path) -> str:
-    """Where a file of the repository is on the site."""
+    """Returns the place of a file of the repository on the site."""
     if target == ROOT / "README.md":
         return "readme.md"  # mkdocs would make the start page of it
     home = DOCS if target.is_relative_to(DOCS) else ROOT

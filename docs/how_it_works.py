@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elitelanes_jax.exports.graph import Tile, tile_graph
+from elitelanes_jax.formats.graph import Cell, tile_graph
 from elitelanes_jax.plots import road_map
 
 CODES = np.array(
@@ -43,20 +43,20 @@ def main() -> None:
     figure.savefig(Path(__file__).parent / "how-it-works.png", dpi=110, metadata={"Software": None})
 
 
-def between(one: Tile, other: Tile) -> list[Tile]:
-    """The two corners that the road between two tiles parts. Corner (r, c) lies north-west of tile (r, c)."""
+def between(one: Cell, other: Cell) -> list[Cell]:
+    """Returns the two corners beside the road between two tiles. Corner (r, c) lies north-west of tile (r, c)."""
     return sorted(set.intersection(*({(r, c) for r, c in product((y, y + 1), (x, x + 1))} for y, x in (one, other))))
 
 
-def dual(roads: list[tuple[Tile, Tile]]) -> nx.Graph:
-    """All corners, those of the border included, joined to their neighbours where no road runs between."""
+def dual(roads: list[tuple[Cell, Cell]]) -> nx.Graph:
+    """Joins all corners, those of the border included, to their neighbours where no road runs between."""
     graph = nx.grid_2d_graph(CODES.shape[0] + 1, CODES.shape[1] + 1)
     graph.remove_edges_from(between(*road) for road in roads)
     return graph
 
 
-def faces_of(roads: list[tuple[Tile, Tile]]) -> dict[Tile, int]:
-    """The number of each corner's face, 0 for the outer one."""
+def faces_of(roads: list[tuple[Cell, Cell]]) -> dict[Cell, int]:
+    """Returns the number of each corner's face, 0 for the outer one."""
     found = sorted(nx.connected_components(dual(roads)), key=min)
     return {corner: number for number, face in enumerate(found) for corner in face}
 
@@ -72,7 +72,7 @@ def draw_tiles(ax: Axes) -> None:
     show_all(ax)
 
 
-def draw_corners(ax: Axes, roads: list[tuple[Tile, Tile]], faces: dict[Tile, int]) -> None:
+def draw_corners(ax: Axes, roads: list[tuple[Cell, Cell]], faces: dict[Cell, int]) -> None:
     draw_roads(ax, roads, ["#c3c6c4"] * len(roads))
     for one, other in dual(roads).edges:
         ax.plot(*zip(one[::-1], other[::-1], strict=True), color=colour(faces[one]), linewidth=1.5, alpha=0.6)
@@ -80,8 +80,8 @@ def draw_corners(ax: Axes, roads: list[tuple[Tile, Tile]], faces: dict[Tile, int
         ax.plot(column, row, "o", color=colour(face), markersize=7, clip_on=False)
 
 
-def draw_sides(ax: Axes, roads: list[tuple[Tile, Tile]], faces: dict[Tile, int]) -> int:
-    """Draws which faces lie beside each road; returns how many are bridges."""
+def draw_sides(ax: Axes, roads: list[tuple[Cell, Cell]], faces: dict[Cell, int]) -> int:
+    """Draws the faces beside each road; returns the number of bridges."""
     beside = [[faces[corner] for corner in between(*road)] for road in roads]
     draw_roads(ax, roads, [BRIDGE if one == other else ROAD for one, other in beside])
     for (one, other), around in zip(roads, beside, strict=True):
@@ -92,7 +92,7 @@ def draw_sides(ax: Axes, roads: list[tuple[Tile, Tile]], faces: dict[Tile, int])
     return sum(one == other for one, other in beside)
 
 
-def draw_roads(ax: Axes, roads: list[tuple[Tile, Tile]], colours: list[str]) -> None:
+def draw_roads(ax: Axes, roads: list[tuple[Cell, Cell]], colours: list[str]) -> None:
     road_map(np.zeros_like(CODES), ax=ax)
     show_all(ax)
     for (one, other), shade in zip(roads, colours, strict=True):
@@ -102,7 +102,7 @@ def draw_roads(ax: Axes, roads: list[tuple[Tile, Tile]], colours: list[str]) -> 
 
 
 def show_all(ax: Axes) -> None:
-    """Shows the corners on the border whole."""
+    """Widens the limits, so that no corner on the border is cut off."""
     ax.set(xlim=(-0.15, CODES.shape[1] + 0.15), ylim=(CODES.shape[0] + 0.15, -0.15))
 
 

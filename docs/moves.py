@@ -9,10 +9,9 @@ import jax
 from matplotlib.figure import Figure
 
 from elitelanes_jax import random_grids, repair
-from elitelanes_jax.draws import random_words
-from elitelanes_jax.moves import (
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.moves import (
     clear_block,
-    completed,
     lay_straight,
     mirror_block,
     slide_lines,
@@ -21,14 +20,15 @@ from elitelanes_jax.moves import (
     toggle_outline,
     toggle_street,
     transplant,
-    twinned,
+    with_filling,
+    with_opposite,
 )
+from elitelanes_jax.optimizers.mutations import Move
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.variation import Move
 
 SIDE = 7
 
-# A seed for each, with which it is easily seen what the move does.
+# Each move has a seed that shows its effect well.
 MOVES: dict[str, tuple[Move, int]] = {
     "toggle_link": (toggle_link(), 3),
     "toggle_corner": (toggle_corner(), 3),
@@ -40,17 +40,17 @@ MOVES: dict[str, tuple[Move, int]] = {
     "slide_lines": (slide_lines(), 6),
     "transplant": (transplant(), 5),
     "transplant, displaced": (transplant(displaced=True), 7),
-    "completed toggle_street": (completed(1.0, toggle_street()), 5),
-    "twinned lay_straight": (twinned(1.0, lay_straight()), 4),
+    "toggle_street, with_filling": (with_filling(1.0, toggle_street()), 5),
+    "lay_straight, with_opposite": (with_opposite(1.0, lay_straight()), 4),
 }
 
 
 def main() -> None:
     grid, mate = (repair(codes, fill=True) for codes in random_grids(jax.random.key(4), 2, (SIDE, SIDE)))
     figure = Figure(figsize=(9.2, 14.4), layout="constrained")
-    panels = figure.subplots(len(MOVES) // 2, 4).reshape(-1, 2)
-    for (before, after), (name, (move, seed)) in zip(panels, MOVES.items(), strict=True):
-        varied = move.apply(random_words(jax.random.key(seed), (move.words,)), grid, mate)
+    pairs = figure.subplots(len(MOVES) // 2, 4).reshape(-1, 2)
+    for (before, after), (name, (move, seed)) in zip(pairs, MOVES.items(), strict=True):
+        varied = move.apply(random_bits(jax.random.key(seed), (move.bits,)), grid, mate)
         road_map(grid, width=0.25, lanes=False, ax=before)
         road_map(repair(*varied), width=0.25, lanes=False, marked=varied.dirty, ax=after)
         before.set_title(name, loc="left", fontsize=11)

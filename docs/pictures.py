@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.render import overlay, render
 from elitelanes_jax.selection import choose_maps
-from elitelanes_jax.tilesets import load_tiles
+from elitelanes_jax.tiles.render import overlay, render
+from elitelanes_jax.tiles.tileset import load_tiles
 
 FOLDER = Path(__file__).parent
 
 
 def main() -> None:
     tiles = load_tiles()
-    result = evolve(jax.random.split(jax.random.key(0), 16), fill=True, evaluations=200_000, preset="tuned")
+    result = evolve(jax.random.split(jax.random.key(0), 16), evaluations=200_000)
     maps = sorted(choose_maps(result, 200).maps, key=lambda road_map: road_map.fitness or 0)
     best = {(road_map.metrics or {})["cyclomatic"]: road_map for road_map in reversed(maps)}  # of each number
     picture = render(best[12].codes, tiles, tile_px=64, seed=1)

@@ -10,8 +10,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from elitelanes_jax import Result, evolve, random_grids, repair
-from elitelanes_jax.draws import random_words
-from elitelanes_jax.moves import toggle_outline
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.moves import toggle_outline
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map
 
 HERE = Path(__file__).parent
@@ -19,11 +19,9 @@ HERE = Path(__file__).parent
 
 def main() -> None:
     keys = jax.random.split(jax.random.key(0), 4)
-    found = {
-        preset: evolve(keys, method="ea", preset=preset, evaluations=20_000, fill=True) for preset in ("paper", "tuned")
-    }
+    found = {preset: evolve(keys, method="ea", preset=preset, evaluations=20_000) for preset in ("paper", "tuned")}
     maps(found["tuned"])
-    archive(evolve(keys, evaluations=20_000))
+    archive(evolve(keys, preset="paper", fill=False, evaluations=20_000))
     runs(found)
 
 
@@ -33,7 +31,7 @@ def maps(result: Result) -> None:
     grid = random_grids(jax.random.key(2), 1, (8, 8))[0]
     road_map(grid, ax=left)
     move = toggle_outline()
-    varied = move.apply(random_words(jax.random.key(1), (move.words,)), repair(grid))
+    varied = move.apply(random_bits(jax.random.key(1), (move.bits,)), repair(grid))
     road_map(repair(*varied), marked=varied.dirty, ax=middle)
     road_map(result.best()[0], ax=right)
     save(figure, "maps")

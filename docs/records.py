@@ -1,23 +1,45 @@
-"""Lets the reference show records as they are made: with all their fields, and what these are by default."""
+"""Lets the reference show records as they are made: all their fields, and the plain default of each."""
 
 from typing import Any
 
-from griffe import Class, Extension, Function, Parameter, ParameterKind, Parameters
+from griffe import Class, Expr, ExprCall, ExprLambda, Extension, Function, Parameter, ParameterKind, Parameters
 
 __all__ = ["Records"]
 
+_KIND = ParameterKind.positional_or_keyword
+
 
 class Records(Extension):
-    """Gives each NamedTuple the `__init__` that Python makes for it, as griffe does for dataclasses."""
+    """Gives each NamedTuple the `__init__` that Python makes for it, and each dataclass plain defaults.
 
-    def on_class(self, *, cls: Class, **_: Any) -> None:
-        """Adds it to a class."""
-        if "NamedTuple" not in map(str, cls.bases):
-            return
-        fields = [field for field in cls.attributes.values() if field.annotation and "property" not in field.labels]
-        kind = ParameterKind.positional_or_keyword
-        parameters = Parameters(
-            Parameter("self", kind=kind),
-            *(Parameter(field.name, annotation=field.annotation, kind=kind, default=field.value) for field in fields),
-        )
-        cls.set_member("__init__", Function("__init__", parameters=parameters, returns="None", parent=cls))
+    griffe itself makes the `__init__` of dataclasses, once a package is read.
+    """
+
+    def on_class_members(self, *, cls: Class, **_: Any) -> None:
+        """Changes a class whose members are read."""
+        for field in cls.attributes.values():
+            field.value = _plain_default(field.value)
+        if "NamedTuple" in map(str, cls.bases):
+            _add_init(cls)
+
+
+def _plain_default(value: str | Expr | None) -> str | Expr | None:
+    """Returns the default that a call of `option`, `static`, `swept` or `nested` declares, or the value as it is."""
+    if not isinstance(value, ExprCall):
+        return value
+    declaration, first = str(value.function), next(iter(value.arguments), None)
+    if declaration in ("option", "static", "swept"):
+        return first
+    if declaration == "nested" and isinstance(first, Expr):
+        return first.body if isinstance(first, ExprLambda) else ExprCall(first, [])
+    return value
+
+
+def _add_init(cls: Class) -> None:
+    parameters = (
+        Parameter(field.name, annotation=field.annotation, kind=_KIND, default=field.value)
+        for field in cls.attributes.values()
+        if field.annotation and "property" not in field.labels
+    )
+    own = Parameters(Parameter("self", kind=_KIND), *parameters)
+    cls.set_member("__init__", Function("__init__", parameters=own, returns="None", parent=cls))

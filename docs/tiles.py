@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.masking import propose_masks
-from elitelanes_jax.seams import find_seams, seam_picture
-from elitelanes_jax.tilesets import TileSet, load_tiles
+from elitelanes_jax.tiles.masking import propose_masks
+from elitelanes_jax.tiles.seams import find_seams, seam_picture
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 FOLDER = Path(__file__).parent
 CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph
@@ -31,7 +31,7 @@ def main() -> None:
 
 
 def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """A tile on a table, as a camera sees it that does not look straight down; RGB."""
+    """Draws a tile on a table as a slanted camera sees it; RGB."""
     width, height = PHOTO
     photo = np.full((height, width, 3), TABLE, np.uint8)
     there = cv2.getPerspectiveTransform(_square(tile.shape[0]), np.array(CORNERS, np.float32))
@@ -41,14 +41,14 @@ def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def cropped(photo: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The square that docs/tiles.md crops out of a photograph."""
+    """Returns the square that docs/tiles.md crops out of a photograph."""
     back = cv2.getPerspectiveTransform(np.array(CORNERS, np.float32), _square(4 * SIDE))
     large = cv2.warpPerspective(photo, back, (4 * SIDE, 4 * SIDE), flags=cv2.INTER_CUBIC)
     return np.asarray(cv2.resize(large, (SIDE, SIDE), interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def displaced(tiles: TileSet, place: int, pixels: int) -> TileSet:
-    """A set of which one tile was cropped too far to the left."""
+    """Returns a set of which one tile was cropped too far to the left."""
     tile = tiles.tiles[place]
     layers = {name: np.roll(getattr(tile, name), pixels, axis=1) for name in ("image", "road", "red", "yellow")}
     moved = (*tiles.tiles[:place], tile._replace(**layers), *tiles.tiles[place + 1 :])
@@ -56,7 +56,7 @@ def displaced(tiles: TileSet, place: int, pixels: int) -> TileSet:
 
 
 def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Photograph, square and masks side by side."""
+    """Draws photograph, square and masks side by side."""
     marked = photo.copy()
     for number, corner in enumerate(CORNERS, start=1):
         cv2.circle(marked, corner, 22, MARK, 6, cv2.LINE_AA)
@@ -68,7 +68,7 @@ def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint
     panels = [
         titled("a photograph, and the tile's corners in it", marked, round(PANEL * PHOTO[0] / PHOTO[1])),
         titled("cropped: turn_1/image.png", image, PANEL),
-        titled("what tiles masks proposes", painted, PANEL),
+        titled("proposed masks", painted, PANEL),
     ]
     return np.hstack(panels)
 

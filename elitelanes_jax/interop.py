@@ -1,8 +1,8 @@
-"""The problem as QDax, evosax and pyribs expect it; none of them is imported, or needed, here.
+"""The problem in the interfaces of QDax, evosax and pyribs; none of them is imported here.
 
-Each function takes a `Problem` (see `road_problem`) and returns what the other library's own loop calls. QDax and
-pyribs maximise: there the fitness comes with its sign changed. A fitness is a whole number; float32, in which QDax and
-evosax keep it, holds it exactly up to 2**24 either way.
+Each function takes a `Problem` (see `road_problem`) and returns the functions that the other library's own loop calls.
+QDax and pyribs maximise: they get the fitness with its sign changed. A fitness is a whole number; float32, in which
+QDax and evosax keep it, holds it exactly up to 2**24 either way.
 """
 
 from collections.abc import Callable
@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from chex import Array, Numeric, PRNGKey
+from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
-from elitelanes_jax.archive import Axis, describe, niche_bins
-from elitelanes_jax.draws import random_words
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.moves import Mix, mixed
-from elitelanes_jax.problem import Problem
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.moves import Mix, random_move
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins
+from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = [
     "EvosaxState",
@@ -34,28 +34,28 @@ __all__ = [
 ]
 
 
-def qdax_scoring_fn(problem: Problem) -> Callable[[Array, PRNGKey], tuple[Array, Array, dict[str, Array]]]:
-    """The scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
+def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple[Array, Array, dict[str, Array]]]:
+    """Makes the scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
 
     Args:
-      problem: whose fitness and axes are taken.
+      problem: with a fitness and axes.
 
     Returns:
       (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor float32 ``[B, D]``,
       extra scores). The descriptor is the bin on each axis, a whole number from 0, whose nearest centroid of
-      `qdax_centroids` is our niche. Extra scores are ``{"counts": int32 [B, M]}``, the `counts_of` metrics. The key is
-      not used: there is no noise. Genotypes are taken as they are: those of `Problem.random` and `qdax_moves` are
-      repaired.
+      `qdax_centroids` is our niche. Extra scores are ``{"counts": int32 [B, M]}``, as `stack_counts` orders them. The
+      key is not used, for there is no noise. Genotypes are taken as they are; those of `Problem.random` and
+      `qdax_moves` are repaired.
 
     Raises:
       InputError: from the function, for genotypes of another shape or type.
     """
 
-    def score(genotypes: Array, key: PRNGKey) -> tuple[Array, Array, dict[str, Array]]:
+    def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
-        worth, counts = problem.evaluate(genotypes)
-        bins = niche_bins(describe(counts, problem.axes), problem.axes)
-        return (-worth).astype(jnp.float32), bins.astype(jnp.float32), {"counts": counts}
+        fitness, counts = problem.evaluate(genotypes)
+        bins = niche_bins(compute_descriptor(counts, problem.axes), problem.axes)
+        return (-fitness).astype(jnp.float32), bins.astype(jnp.float32), {"counts": counts}
 
     return score
 
@@ -69,9 +69,9 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 
 
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
-    """The centroids, float32 ``[N, D]``, with which QDax's niches are ours, in the order of `niche_of`.
+    """Returns the centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
 
-    They are whole numbers, so that no distance is rounded and none is as near as the niche's own.
+    They are whole numbers, so that no distance is rounded and the niche's own centroid alone is nearest.
     """
     bins = np.indices([axis.bins for axis in axes], np.float32)
     return jnp.asarray(bins.reshape(len(axes), -1).T)
@@ -79,45 +79,45 @@ def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
 
 def qdax_moves(
     problem: Problem,
-    mix: Mix = Mix(),  # noqa: B008
-) -> tuple[Callable[[Array, PRNGKey], Array], Callable[[Array, Array, PRNGKey], Array]]:
-    """The mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): one move of the mix each, repaired.
+    mix: Mix = Mix(),
+) -> tuple[Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]]:
+    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): one move of the mix each, repaired.
 
     Args:
       problem: that repairs.
       mix: how often each move is made.
 
     Returns:
-      (genotypes, key) -> genotypes, and (genotypes, mates, key) -> genotypes, all int8 ``[B, H, W]``. The second takes
-      the blocks that it transplants from the mates, the first from elsewhere in the same grid. Keys are consumed.
+      (genotypes, key) -> genotypes, and (genotypes, mates, key) -> genotypes, all int8 ``[B, H, W]``. The second
+      transplants blocks of the mates, the first blocks of the same grid. Keys are consumed.
 
     Raises:
       InputError: for a bad mix; from the functions, for genotypes of another shape or type.
     """
-    move = mixed(mix.checked(), fill=problem.fill, kept=problem.kept)
+    move = random_move(mix.checked(), fill=problem.fill, fixed=problem.fixed)
 
-    def varied(words: Array, grid: Array, mate: Array) -> Array:
-        return problem.repair(*move.apply(words, grid, mate))
+    def varied(bits: Array, grid: Array, mate: Array) -> Array:
+        return problem.repair(*move.apply(bits, grid, mate))
 
-    def vary(genotypes: Array, mates: Array, key: PRNGKey) -> Array:
+    def vary(genotypes: Array, mates: Array, key: Key[Array, ""]) -> Array:
         _check_genotypes(problem, genotypes)
         _check_genotypes(problem, mates)
-        return jax.vmap(varied)(random_words(key, (len(genotypes), move.words)), genotypes, mates)
+        return jax.vmap(varied)(random_bits(key, (len(genotypes), move.bits)), genotypes, mates)
 
-    def mutate(genotypes: Array, key: PRNGKey) -> Array:
+    def mutate(genotypes: Array, key: Key[Array, ""]) -> Array:
         return vary(genotypes, genotypes, key)
 
     return mutate, vary
 
 
 class EvosaxState(NamedTuple):
-    """What an `EvosaxTask` carries.
+    """The state that an `EvosaxTask` carries.
 
     Attributes:
-      counter: int32, how many batches have been evaluated.
+      counter: int32, batches evaluated so far.
     """
 
-    counter: Numeric
+    counter: Int32[Array, ""]
 
 
 class EvosaxTask(NamedTuple):
@@ -129,21 +129,21 @@ class EvosaxTask(NamedTuple):
       num_dims: H·W·K.
       init: key -> `EvosaxState`.
       eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics), where metrics
-        are ``{"counts": int32 [B, M]}``, the `counts_of` metrics. The key is not used: there is no noise.
+        are ``{"counts": int32 [B, M]}``, as `stack_counts` orders them. The key is not used: there is no noise.
       sample: key -> a solution float32 ``[num_dims]``, standard normal; every code is as likely as any other.
       decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: in each cell the code of the largest logit,
-        the first among equals, then repaired by `Problem.settle`. NaN counts as larger than all.
+        the first among equals, then repaired by `Problem.repair_raster`. NaN counts as larger than all.
     """
 
     num_dims: int
-    init: Callable[[PRNGKey], EvosaxState]
-    eval: Callable[[PRNGKey, Array, EvosaxState], tuple[Array, EvosaxState, dict[str, Array]]]
-    sample: Callable[[PRNGKey], Array]
+    init: Callable[[Key[Array, ""]], EvosaxState]
+    eval: Callable[[Key[Array, ""], Array, EvosaxState], tuple[Array, EvosaxState, dict[str, Array]]]
+    sample: Callable[[Key[Array, ""]], Array]
     decode: Callable[[Array], Array]
 
 
 def evosax_task(problem: Problem) -> EvosaxTask:
-    """The problem for evosax's strategies.
+    """Makes the problem for evosax's strategies.
 
     Raises:
       InputError: from `eval` and `decode`, for solutions of another length.
@@ -151,26 +151,28 @@ def evosax_task(problem: Problem) -> EvosaxTask:
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (*problem.shape, len(problem.alphabet))
 
-    def init(key: PRNGKey) -> EvosaxState:
+    def init(key: Key[Array, ""]) -> EvosaxState:
         return EvosaxState(jnp.int32(0))
 
-    def sample(key: PRNGKey) -> Array:
+    def sample(key: Key[Array, ""]) -> Array:
         return jax.random.normal(key, (prod(shape),))
 
     def decode(solution: Array) -> Array:
         if solution.shape != (prod(shape),):
             raise InputError(f"solution: expected logits [{prod(shape)}], got shape {solution.shape}")
-        return problem.settle(codes[solution.reshape(shape).argmax(axis=-1)])
+        return problem.repair_raster(codes[solution.reshape(shape).argmax(axis=-1)])
 
-    def evaluate(key: PRNGKey, solutions: Array, state: EvosaxState) -> tuple[Array, EvosaxState, dict[str, Array]]:
-        worth, counts = problem.evaluate(jax.vmap(decode)(solutions))
-        return worth.astype(jnp.float32), EvosaxState(state.counter + 1), {"counts": counts}
+    def evaluate(
+        key: Key[Array, ""], solutions: Array, state: EvosaxState
+    ) -> tuple[Array, EvosaxState, dict[str, Array]]:
+        fitness, counts = problem.evaluate(jax.vmap(decode)(solutions))
+        return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"counts": counts}
 
     return EvosaxTask(prod(shape), init, jax.jit(evaluate), sample, jax.jit(decode))
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Any]:
-    """What pyribs's `GridArchive` (pyribs 0.12) is to be made with, so that its cells are our niches in their order.
+    """Returns the arguments with which pyribs's `GridArchive` (pyribs 0.12) has our niches as cells, in their order.
 
     Returns:
       ``solution_dim`` H·W, and of the problem's axes ``dims``, the bins, and ``ranges``, from where the first bin
@@ -184,12 +186,12 @@ def ribs_archive_space(problem: Problem) -> dict[str, Any]:
 
 
 def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
-    """What solutions of pyribs stand for.
+    """Makes the function from solutions of pyribs to grids.
 
     Returns:
       Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile codes. Real numbers are
-      places in the problem's alphabet of K codes: 0 to under 1 is the first, K - 1 to under K the last, and what lies
-      outside is taken to the nearest.
+      places in the problem's alphabet of K codes: 0 to under 1 is the first, K - 1 to under K the last; others are
+      clipped to these.
 
     Raises:
       InputError: from the function, for solutions of another shape, numbers that are not finite, or codes outside
@@ -197,7 +199,7 @@ def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
     """
     size, last = prod(problem.shape), len(problem.alphabet) - 1
     codes = np.array(problem.alphabet, np.int8)
-    settle = jax.jit(jax.vmap(problem.settle))
+    settle = jax.jit(jax.vmap(problem.repair_raster))
 
     def grids(solutions: Any) -> NDArray[np.int8]:
         try:
@@ -218,7 +220,7 @@ def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
 
 
 def ribs_evaluate(problem: Problem) -> Callable[[Any], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """The evaluation for pyribs's loop (pyribs 0.12), between `ask` and `tell`.
+    """Makes the evaluation for pyribs's loop (pyribs 0.12), between `ask` and `tell`.
 
     Returns:
       Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
@@ -231,8 +233,8 @@ def ribs_evaluate(problem: Problem) -> Callable[[Any], tuple[NDArray[np.float64]
 
     @jax.jit
     def scored(batch: Array) -> tuple[Array, Array]:
-        worth, counts = problem.evaluate(batch)
-        return -worth, describe(counts, problem.axes)
+        fitness, counts = problem.evaluate(batch)
+        return -fitness, compute_descriptor(counts, problem.axes)
 
     def evaluate(solutions: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = scored(grids(solutions))

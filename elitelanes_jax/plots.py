@@ -1,7 +1,6 @@
 """Plots: a map as lines, an archive as a heat map, runs over seeds, metrics side by side.
 
-Each draws on `ax`, or where none is given on a figure of its own, and returns the Axes. All need matplotlib, the extra
-`plots`, and NumPy alone beside it.
+Each draws on `ax`, by default on a new figure, and returns the Axes. All need matplotlib, the extra `plots`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,17 +9,17 @@ from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax.checks import check_grid
-from elitelanes_jax.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH, turned
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.extras import optional
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from elitelanes_jax.archive import Axis
+    from elitelanes_jax.problem.descriptor import Axis
     from elitelanes_jax.search import History
 
 __all__ = ["archive_map", "history", "metric_boxes", "road_map", "seed_band"]
@@ -37,18 +36,18 @@ _ROOM = 50
 
 
 def road_map(
-    grid: Any, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
+    grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
 ) -> "Axes":
-    """A map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
+    """Draws a map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
 
-    Each link is one ribbon from the middle of a tile to the middle of the next. A connection that is not answered is
-    one to the tile's side. Where a road ends, in a tile with a single connection or at such a side, stands a red bar.
+    Each link is one ribbon from the middle of a tile to the middle of the next; an unmatched connection reaches the
+    tile's side. A red bar marks where a road ends: in a tile with a single connection, or at such a side.
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
       width: of the roads, a part of a tile's side, over 0 and at most 0.8.
       lanes: whether to draw the line between the lanes; small pictures are clearer without.
-      marked: bool ``[H, W]``, cells to colour, such as those that a move changed.
+      marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
       ax: to draw on.
 
     Raises:
@@ -97,30 +96,33 @@ def archive_map(
     ax: "Axes | None" = None,
     **image: Any,
 ) -> "Axes":
-    """An archive as a heat map: one axis of the descriptor across, the niches of one or several others down.
+    """Draws an archive as a heat map: one axis of the descriptor across, the niches of one or several others down.
 
-    Each cell shows the lowest fitness of the niches that fall together there: those of the axes that are not named, and
-    of all seeds. A cell of none but vacant niches is hatched.
+    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell with vacant niches
+    alone is hatched.
 
     Args:
-      fitness: numbers ``[..., N]``, lower is better, in the order of `niche_of`: a result's ``elites.fitness``, an
-        `Archive`'s, or a QDax repertoire's with its sign changed and one axis. Vacant is where it is the largest int32
-        or not finite.
+      fitness: numbers ``[..., N]``, lower is better, in the order of `niche_index`: a result's ``elites.fitness``, an
+        `Archive`'s, or a QDax repertoire's with its sign changed and one axis. The largest int32 and numbers
+        that are not finite mean vacant.
       axes: of the descriptor space.
       across: the metric of an axis, by default the first of those with most bins.
-      down: the metrics of one axis or of several, of which the last changes fastest from row to row, by default of all
-        that are left.
-      label: what the colour bar says.
+      down: the metrics of one axis or of several, of which the last changes fastest from row to row; by default all
+        others.
+      label: of the colour bar.
       ax: to draw on.
-      image: what else matplotlib's `imshow` takes, such as ``vmax`` where a few bad niches hide what others differ in.
+      image: further arguments of matplotlib's `imshow`, such as ``vmax`` where a few bad niches hide the differences of
+        others.
 
     Raises:
       InputError: for another number of niches, for names that are none of the axes' or twice there, or without
         matplotlib.
     """
-    from elitelanes_jax.archive import check_axes
+    from elitelanes_jax.problem.descriptor import parse_axes
 
-    axes = check_axes(axes)
+    axes = parse_axes(axes)
+    if not all(axis.width for axis in axes):
+        raise InputError("axes: expected ones with a width, such as Result.axes, got one without")
     names = [axis.metric for axis in axes]
     bins = [axis.bins for axis in axes]
     across = names[int(np.argmax(bins))] if across is None else across
@@ -131,14 +133,14 @@ def archive_map(
     for name in shown:
         if name not in names or shown.count(name) > 1:
             raise InputError(f"axes: expected each of {', '.join(names)} at most once, got {', '.join(shown)}")
-    worth = np.asarray(fitness, float)
-    if not worth.size or worth.shape[-1] != prod(bins):
-        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {worth.shape}")
-    worth = np.where(np.isfinite(worth) & (worth < np.iinfo(np.int32).max), worth, np.inf)
-    worth = worth.reshape(-1, *bins).min(axis=0)
+    values = np.asarray(fitness, float)
+    if not values.size or values.shape[-1] != prod(bins):
+        raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {values.shape}")
+    values = np.where(np.isfinite(values) & (values < np.iinfo(np.int32).max), values, np.inf)
+    values = values.reshape(-1, *bins).min(axis=0)
     hidden = tuple(place for place, name in enumerate(names) if name not in shown)
     left = [name for name in names if name in shown]
-    table = worth.min(axis=hidden).transpose([left.index(name) for name in shown])
+    table = values.min(axis=hidden).transpose([left.index(name) for name in shown])
     rows, columns = [axes[names.index(name)] for name in down], axes[names.index(across)]
     table = table.reshape(-1, columns.bins)
 
@@ -155,7 +157,7 @@ def archive_map(
         " · ".join(_bin_name(axis, place) for axis, place in zip(rows, places, strict=True))
         for places in np.ndindex(*(axis.bins for axis in rows))
     ]
-    # As many as can be read, and where there are groups, the same of each.
+    # As many labels as can be read, the same ones in each group.
     group = rows[-1].bins
     every = next(n for n in range(-(-len(heads) // 32), len(heads) + 1) if group % n == 0 or n % group == 0)
     ax.set_yticks(range(0, len(heads), every), heads[::every])
@@ -173,14 +175,14 @@ def history(
     quantiles: tuple[float, float] = (0.25, 0.75),
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """A run against the grids that a seed has evaluated: the median over its seeds, and a band about it.
+    """Draws a run against the evaluations of a seed: the median over its seeds, and a band about it.
 
     Args:
       record: a result's `History`, of one seed or of many.
       name: ``best_fitness`` or ``elite_count``.
       label: of the line in the legend.
-      quantiles: where the band begins and ends, 0 to 1.
-      ax: to draw on; several runs on the same one take turns of colour.
+      quantiles: the limits of the band, 0 to 1.
+      ax: to draw on; several runs on the same one have different colours.
 
     Raises:
       InputError: for another name, bad quantiles, or without matplotlib.
@@ -202,15 +204,15 @@ def seed_band(
     ax: "Axes | None" = None,
     **line: Any,
 ) -> "Axes":
-    """The median over seeds as a line, and a band from one quantile to another.
+    """Draws the median over seeds as a line, and a band from one quantile to another.
 
     Args:
       x: numbers ``[X]``.
       values: numbers ``[X]``, or ``[S, X]`` of S seeds.
       label: of the line in the legend.
-      quantiles: where the band begins and ends, 0 to 1.
+      quantiles: the limits of the band, 0 to 1.
       ax: to draw on.
-      line: what else matplotlib's `plot` takes for the line.
+      line: further arguments of matplotlib's `plot` for the line.
 
     Raises:
       InputError: for values of another shape, bad quantiles, or without matplotlib.
@@ -231,12 +233,12 @@ def seed_band(
 
 
 def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = None) -> "Axes":
-    """One metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, all beyond as dots.
+    """Draws one metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, outliers.
 
     Args:
-      groups: by name, each a result's ``elites``, of which vacant places are left out; or a `Metrics` record, or a
-        mapping from names of metrics to numbers ``[N]``, all of which count.
-      metric: the name of one.
+      groups: by name, each a result's ``elites`` (vacant places are left out), a `Metrics` record, or a mapping from
+        names of metrics to numbers ``[N]``.
+      metric: its name.
       ax: to draw on; for several metrics give each one its own.
 
     Raises:
@@ -272,7 +274,7 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
 def _axes(ax: "Axes | None") -> "Axes":
     if ax is not None:
         return ax
-    _, ax = optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib").subplots(layout="constrained")
+    _, ax = import_optional("matplotlib.pyplot", "plots need matplotlib", "matplotlib").subplots(layout="constrained")
     return ax
 
 
@@ -281,40 +283,40 @@ def _in_words(name: str) -> str:
 
 
 def _bin_name(axis: "Axis", place: int) -> str:
-    """The values in a bin, of shares in per cent."""
-    from elitelanes_jax.features import SHARES, WHOLE
+    """Names the values in a bin, shares in per cent."""
+    from elitelanes_jax.problem.features import SHARE_UNIT, SHARES
 
     first, last = axis.start + place * axis.width, axis.start + (place + 1) * axis.width - 1
     if axis.metric in SHARES:
-        more = "+" if place == axis.bins - 1 and last < WHOLE - 1 else ""
-        return f"{100 * first / WHOLE:g}%{more}"
+        more = "+" if place == axis.bins - 1 and last < SHARE_UNIT - 1 else ""
+        return f"{100 * first / SHARE_UNIT:g}%{more}"
     if place == axis.bins - 1:
         return f"{first}+"
     return f"{first}" if first == last else f"{first}–{last}"
 
 
-# Where the sides of a tile are, from its middle, x to the east and y to the south.
+# The places of a tile's sides from its middle, x to the east and y to the south.
 _TO_SIDE = {side.bit: (side.right / 2, side.down / 2) for side in SIDES}
 
 
 def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """The lines ``[P, 2]`` of x and y of all links and unanswered connections; and those that end, from their ends."""
+    """Returns the lines ``[P, 2]``, x and y, of all links and unmatched connections; and those that end, from there."""
     height, width = codes.shape
     lines, ends = [], []
     for row, column in np.ndindex(height, width):
         code = int(codes[row, column])
-        for side, (right, down) in _TO_SIDE.items():
-            if not code & side:
+        for side in SIDES:
+            if not code & side.bit:
                 continue
-            here = _half(code, side, (row, column))
-            beyond = row + int(2 * down), column + int(2 * right)
+            here = _half(code, side.bit, (row, column))
+            beyond = row + side.down, column + side.right
             inside = 0 <= beyond[0] < height and 0 <= beyond[1] < width
-            other, opposite = int(codes[beyond]) if inside else 0, turned(side, 2)
-            if not other & opposite:
+            other = int(codes[beyond]) if inside else 0
+            if not other & side.opposite:
                 lines.append(here)
                 ends.append(here[::-1])
-            elif side in (EAST, SOUTH):
-                there = _half(other, opposite, beyond)
+            elif side.bit in (EAST, SOUTH):
+                there = _half(other, side.opposite, beyond)
                 lines.append(np.concatenate([here, there[-2::-1]]))
             if CONNECTIONS[code] == 1:
                 ends.append(here)
@@ -322,7 +324,7 @@ def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDA
 
 
 def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
-    """From where a tile's roads meet to one side of it: in a turn from the middle of its arc."""
+    """Returns the line from the junction of a tile's roads to one side; in a turn from the middle of its arc."""
     middle, to = np.array(tile[::-1]) + 0.5, np.array(_TO_SIDE[side])
     if code not in KINDS["turn"]:
         return middle + np.array([[0.0], [0.5], [1.0]]) * to
@@ -333,19 +335,19 @@ def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
 
 
 def _directions(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors along a line at each of its points; true at its ends, where ribbons meet."""
+    """Returns unit vectors along a line at each of its points, exact at its ends, where ribbons meet."""
     step = np.gradient(line, axis=0, edge_order=2)
     return step / np.linalg.norm(step, axis=1, keepdims=True)
 
 
 def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """The outline of a ribbon of a width about a line."""
+    """Returns the outline of a ribbon of a width about a line."""
     aside = _directions(line)[:, ::-1] * (-width / 2, width / 2)
     return np.concatenate([line + aside, (line - aside)[::-1]])
 
 
 def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """The outline of the bar across the first point of a line."""
+    """Returns the outline of the bar across the first point of a line."""
     return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
 
 

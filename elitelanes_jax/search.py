@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, NamedTuple
@@ -10,88 +10,38 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from chex import Array, ArrayTree, PRNGKey
+from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Key, UInt32
 
-from elitelanes_jax.archive import Axis, check_axes, describe, paper_axes, tuned_axes
-from elitelanes_jax.checks import check_grid, check_shape
-from elitelanes_jax.codes import ROAD_ALPHABET, alphabet_of
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.metrics import Metrics, metrics_of
-from elitelanes_jax.objective import Weights, check_weights
-from elitelanes_jax.optimizers import (
-    AimedMapElitesConfig,
-    AnnealingConfig,
-    DiscreteGwoConfig,
-    DiscretePsoConfig,
-    EvolutionConfig,
-    GwoConfig,
-    Info,
-    MapElitesConfig,
-    Optimizer,
-    PsoConfig,
-    aimed_map_elites,
-    annealed_ea,
-    discrete_gwo,
-    discrete_pso,
-    ea,
-    gwo,
-    map_elites,
-    pso,
-)
-from elitelanes_jax.problem import Problem, road_problem
-from elitelanes_jax.progress import Progress
-from elitelanes_jax.requests import Range, Ranges, meets, ranges_of, read_ranges
-from elitelanes_jax.rules import rules_named
-from elitelanes_jax.run import advance, start
-from elitelanes_jax.templates import Template, template_of
+from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.config import Config
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.network.metrics import unstack_counts
+from elitelanes_jax.network.weights import Weights, check_weights
+from elitelanes_jax.optimizers.base import Info, Optimizer
+from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
+from elitelanes_jax.optimizers.pso import PsoConfig
+from elitelanes_jax.optimizers.run import advance, start
+from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.constraints import Bounds, bounds_of, satisfies
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.road_problem import Problem, road_problem
+from elitelanes_jax.problem.template import Template
+from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve", "preset_config", "seed_keys"]
+__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve"]
 
-
-Config = (
-    EvolutionConfig
-    | MapElitesConfig
-    | PsoConfig
-    | GwoConfig
-    | AnnealingConfig
-    | AimedMapElitesConfig
-    | DiscretePsoConfig
-    | DiscreteGwoConfig
-)
-
-_PRESETS: dict[str, dict[str, Config]] = {
-    "ea": {"paper": EvolutionConfig(), "tuned": AnnealingConfig()},
-    "map-elites": {
-        "paper": MapElitesConfig(),
-        "standard": MapElitesConfig(parents="archive"),
-        "tuned": AimedMapElitesConfig(),
-    },
-    "pso": {"paper": PsoConfig(), "tuned": DiscretePsoConfig()},
-    "gwo": {"paper": GwoConfig(), "tuned": DiscreteGwoConfig()},
-}
-
-# What kind of settings makes what optimiser.
-_FACTORIES: dict[type, Callable[..., Optimizer]] = {
-    EvolutionConfig: ea,
-    MapElitesConfig: map_elites,
-    PsoConfig: pso,
-    GwoConfig: gwo,
-    AnnealingConfig: annealed_ea,
-    AimedMapElitesConfig: aimed_map_elites,
-    DiscretePsoConfig: discrete_pso,
-    DiscreteGwoConfig: discrete_gwo,
-}
-
-_GENERATIONS = 200
-
-# Between two compiled calls the progress is shown and a run can be interrupted: so long one is meant to take, and so
-# many generations it has at most.
+# Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
+# and the most generations that it has.
 _SECONDS_A_CALL = 0.2
 _MOST = 256
 
 
 class MeasuredElites(NamedTuple):
-    """What a run has found, in N places, some of which may be vacant.
+    """The grids that a run has found, in N places, some of which may be vacant.
 
     Attributes:
       grids: int8 ``[N, H, W]``.
@@ -101,10 +51,10 @@ class MeasuredElites(NamedTuple):
       metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
     """
 
-    grids: Array
-    fitness: Array
-    descriptor: Array
-    valid: Array
+    grids: Int8[Array, "*S N H W"]
+    fitness: Int32[Array, "*S N"]
+    descriptor: Int32[Array, "*S N D"]
+    valid: Bool[Array, "*S N"]
     metrics: Metrics
 
 
@@ -115,85 +65,72 @@ class History(NamedTuple):
       generation: int ``[G]``, counted from 1.
       evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
       best_fitness: int32 ``[G]``, the lowest among the elites.
-      elite_count: int32 ``[G]``, how many there are: niches filled, or how many the method keeps.
-      evaluations_per_second: float ``[G]``, of all seeds together, as the clock had it.
+      elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method keeps.
+      evaluations_per_second: float ``[G]``, of all seeds together, measured.
     """
 
-    generation: np.ndarray
-    evaluations: np.ndarray
-    best_fitness: np.ndarray
-    elite_count: np.ndarray
-    evaluations_per_second: np.ndarray
+    generation: Int[np.ndarray, " G"]
+    evaluations: Int[np.ndarray, " G"]
+    best_fitness: Int32[np.ndarray, "*S G"]
+    elite_count: Int32[np.ndarray, "*S G"]
+    evaluations_per_second: Float[np.ndarray, " G"]
 
 
 class RunState(NamedTuple):
-    """What a run goes on from, beside its key and settings.
+    """The state that a run continues from, beside its key and settings; arrays only.
 
     Attributes:
-      generation: int, how many are done.
+      generation: int32, generations done.
       inner: the optimiser's own state.
-      fingerprint: int, of the key and the settings, so that a run is not gone on with by mistake with others.
+      fingerprint: uint32, of the key and the settings, against continuing with others by mistake.
     """
 
-    generation: int
-    inner: ArrayTree
-    fingerprint: int
+    generation: Int32[Array | np.ndarray, ""]
+    inner: Any
+    fingerprint: UInt32[Array | np.ndarray, ""]
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class Result:
-    """What `evolve` returns; a pytree.
+    """The result of `evolve`; a pytree.
 
     Attributes:
-      elites: what was found, with its metrics.
+      elites: the grids found, with their metrics.
       history: of the generations of this call.
-      state: to go on from.
+      state: to continue from.
+      spec: of the search.
       axes: of the descriptor.
-      where: the ranges that were asked for.
-      rules: the rules' name, if there were any.
-      fix: the cells that were given, if there were any.
     """
 
     elites: MeasuredElites
     history: History
     state: RunState
+    spec: SearchSpec = field(metadata={"static": True})
     axes: tuple[Axis, ...] = field(metadata={"static": True})
-    where: tuple[Range, ...] = field(default=(), metadata={"static": True})
-    rules: str | None = field(default=None, metadata={"static": True})
-    fix: Template | None = field(default=None, metadata={"static": True})
 
-    def best(self) -> Array:
-        """The grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
-        worth = jnp.where(self.elites.valid, self.elites.fitness, np.iinfo(np.int32).max)
-        place = jnp.argmin(worth, axis=-1)[..., None, None, None]
+    def best(self) -> Int8[Array, "*S H W"]:
+        """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
+        ranked = jnp.where(self.elites.valid, self.elites.fitness, VACANT)
+        place = jnp.argmin(ranked, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
 
-    def meets(self) -> np.ndarray:
-        """Bool, of the shape of `elites.valid`: which elites meet all the ranges that were asked for, exactly."""
+    def satisfies(self) -> Bool[np.ndarray, "*S N"]:
+        """Tells which elites are in all the ranges of the specification, exactly."""
         metrics = {name: np.asarray(values) for name, values in self.elites.metrics._asdict().items()}
-        return np.asarray(self.elites.valid) & meets(metrics, self.where)
+        return np.asarray(self.elites.valid) & satisfies(metrics, self.spec.where)
 
 
 def evolve(
-    key: PRNGKey,
+    key: Key[Array, "*S"] | UInt32[Array, "*S 2"],
     shape: tuple[int, int] = (12, 12),
     *,
-    method: str = "map-elites",
-    preset: str = "paper",
+    spec: SearchSpec = SearchSpec(),
     config: Config | None = None,
-    generations: int | None = None,
-    evaluations: int | None = None,
-    alphabet: Iterable[int] | None = None,
-    weights: Weights | None = None,
-    axes: Iterable[Axis] | None = None,
-    fill: bool = False,
-    where: Any = None,
-    fix: Any = None,
-    rules: str | None = None,
-    initial: Any = None,
+    optimizer: Callable[[Problem], Optimizer] | None = None,
     state: RunState | None = None,
     progress: bool | None = None,
+    **options: Any,
 ) -> Result:
     """Evolves road networks.
 
@@ -202,198 +139,74 @@ def evolve(
         ``[S, ...]`` in everything that is returned, but for the counts and the speed in the history. With JAX's default
         kind of key a seed gives the same result alone and among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
-      method: "map-elites", "ea", "pso" or "gwo".
-      preset: "paper"; "tuned", which reaches farther and sooner; for "map-elites" also "standard", the paper's with
-        parents from the archive.
-      config: of the method, to be taken in place of the preset's.
-      generations: how many to run now, at least 0; by default 200.
-      evaluations: how many grids a seed evaluates now, given in place of generations, which are rounded up.
-      alphabet: the tile codes to draw from, by default all with two or more connections.
-      weights: of the fitness, by default the paper's, or those of the rules.
-      axes: of the descriptor space, by default the paper's (see `paper_axes`), for "tuned" `tuned_axes`.
-      fill: whether repair also gives every tile at least two connections, so that all have a picture.
-      where: ranges of features to steer into, such as ``["crossings=6..10", "straight_share=0.3.."]`` (see
-        `read_ranges`). What a grid lacks adds to its fitness; `Result.meets` says which elites meet them.
-      fix: rows of given tile codes, None for free cells (see `template_of`); all grids keep them.
-      rules: "duckietown": crossings beside no turn or crossing, all neighbours linked, cells may stay empty.
-      initial: grids ``[N, H, W]`` that every seed begins with, beside random ones; repaired as all grids are, and
-        filled where `fill` says so. None for the paper's PSO, whose particles are no grids.
-      state: of an earlier result, to go on from. 100 generations and 100 more are 200, bit for bit.
+      spec: the search.
+      config: settings of a method in place of a preset's; its type says which method.
+      optimizer: a factory of your own, `Problem` -> `Optimizer`, in place of a method's.
+      state: of an earlier result, to continue from. 100 generations and 100 more are 200, bit for bit.
       progress: whether to show a progress bar; by default in a terminal or notebook, when a run takes over a second.
-
-    Returns:
-      A `Result`.
+      **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
       InputError: for an argument out of its range, or a state of a run with another key or other settings.
     """
-    keys, single = _keys(key)
+    keys, single = _check_keys(key)
     shape = check_shape(shape)
-    config = preset_config(method, preset) if config is None else _checked(config, method, preset)
-    leaves, tree = jax.tree.flatten(config)
-    law = None if rules is None else rules_named(rules)
-    if law and fill:
-        raise InputError(f"fill: expected none with the rules of {rules}, which leave cells empty, got fill={fill!r}")
-    ranges = read_ranges(() if where is None else where)
-    usual_axes = tuned_axes if preset == "tuned" else paper_axes
-    setup = _Setup(
-        method=method,
-        shape=shape,
-        alphabet=ROAD_ALPHABET if alphabet is None else alphabet_of(alphabet),
-        fill=bool(fill),
-        axes=usual_axes(shape) if axes is None else check_axes(axes),
-        fix=None if fix is None else template_of(fix, shape),
-        steered=bool(ranges),
-        config=tuple(None if isinstance(leaf, float) else leaf for leaf in leaves),
-        config_tree=tree,
-    )
-    if weights is None:
-        weights = law.weights if law else Weights()
-    weights = check_weights(weights, shape)
-    reals = tuple(np.float32(leaf) for leaf in leaves if isinstance(leaf, float))
-    begun = None if initial is None else _checked_initial(initial, shape, config)
-    numbers = _Numbers(Weights(*map(np.int32, weights)), ranges_of(ranges), reals, begun)
-    fingerprint = _fingerprint(setup, numbers, keys)
+    spec, config = _resolve_config(spec.but(options), config, "method" in options)
+    program, numbers = _prepare(spec, shape, config, optimizer)
+    fingerprint = _fingerprint(program, numbers, keys)
     if state is None:
-        done, inner = 0, _start(setup, numbers, keys)
+        done, inner = 0, _start(program, numbers, keys)
     else:
-        done, inner = _resumed(setup, numbers, keys, state, fingerprint, single)
-
-    per_step = setup.optimizer(numbers).evaluations_per_step
-    first, last = done + 1, done + _generations(generations, evaluations, per_step)
-    rows: list[Info] = []
-    speeds: list[float] = []
-    stretch = _MOST // 2
-    if done < last:
-        jax.block_until_ready(_advance(setup, numbers, keys, inner, first, done))  # nothing to do but compile
-    with Progress(f"{method} {shape[0]}x{shape[1]}", done, last, shown=progress) as bar:
-        while done < last:
-            count = min(stretch, last - done)
-            began = time.perf_counter()
-            inner, info = _advance(setup, numbers, keys, inner, done + 1, done + count)
-            rows.append(jax.tree.map(lambda field, count=count: np.asarray(field)[:count], info))
-            seconds = time.perf_counter() - began
-            done += count
-            speeds += [count * per_step * keys.size / seconds] * count
-            bar.show(done, rows[-1].best_fitness[-1].min(), rows[-1].elite_count[-1].mean(), speeds[-1])
-            wanted = count * _SECONDS_A_CALL / seconds
-            stretch = int(min(max(wanted, 1), 2 * stretch, _MOST))
-
-    generation = np.arange(first, last + 1)
-    info = jax.tree.map(lambda *parts: np.concatenate(parts).T, *rows) if rows else _no_rows(keys.size)
-    found, inner = _found(setup, numbers, inner, single)
+        done, inner = _restore(state, program, numbers, keys, fingerprint, single)
+    per_step = program.optimizer(numbers).evaluations_per_step
+    last = done + (-(-spec.evaluations // per_step) if spec.generations is None else spec.generations)
+    with Progress(f"{spec.method} {shape[0]}x{shape[1]}", done, last, shown=progress) as bar:
+        inner, history = _run(program, numbers, keys, inner, done, last, per_step, bar)
+    elites, inner = _collect(program, numbers, inner, single)
     if single:
-        info = jax.tree.map(lambda row: row[0], info)
-    history = History(
-        generation=generation,
-        evaluations=generation * per_step,
-        best_fitness=info.best_fitness,
-        elite_count=info.elite_count,
-        evaluations_per_second=np.array(speeds),
-    )
-    return Result(found, history, RunState(last, inner, fingerprint), setup.axes, ranges, rules, setup.fix)
-
-
-def _generations(generations: Any, evaluations: Any, per_step: int) -> int:
-    """How many generations to run now."""
-    for name, value in (("generations", generations), ("evaluations", evaluations)):
-        if value is not None and (not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 0):
-            raise InputError(f"{name}: expected a whole number, 0 or more, got {value!r}")
-    if evaluations is None:
-        return _GENERATIONS if generations is None else int(generations)
-    if generations is not None:
-        raise InputError(f"evaluations: expected them or generations, got both, {evaluations} and {generations}")
-    return -(-int(evaluations) // per_step)
-
-
-def seed_keys(seed: int, count: int) -> PRNGKey:
-    """Keys ``[count]`` that follow from a whole number, each the same however many there are."""
-    key = jax.random.key(seed)
-    return jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(count))
-
-
-def preset_config(method: str, preset: str) -> Config:
-    """The settings of a method under a name.
-
-    Raises:
-      InputError: if there is no such method, or it has no such preset.
-    """
-    if method not in _PRESETS:
-        raise InputError(f"method: expected one of {', '.join(_PRESETS)}, got {method!r}")
-    presets = _PRESETS[method]
-    if preset not in presets:
-        raise InputError(f"preset: expected one of {', '.join(presets)} for {method}, got {preset!r}")
-    return presets[preset]
-
-
-def _checked(config: Any, method: str, preset: str) -> Config:
-    preset_config(method, preset)
-    kinds = list(dict.fromkeys(type(known) for known in _PRESETS[method].values()))
-    if type(config) not in kinds:
-        names = " or ".join(kind.__name__ for kind in kinds)
-        raise InputError(f"config: expected {names} for {method}, got {type(config).__name__}")
-    config = config.checked()
-    for leaf in jax.tree.leaves(config):
-        if isinstance(leaf, jax.Array | np.ndarray):
-            raise InputError(f"config: expected plain numbers, got an array of shape {leaf.shape}")
-    return config
-
-
-def _checked_initial(initial: Any, shape: tuple[int, int], config: Config) -> np.ndarray:
-    if isinstance(config, PsoConfig):
-        raise InputError("initial: expected none with the paper's PSO, whose particles are no grids; tuned would do")
-    grids = [np.asarray(check_grid(grid)) for grid in initial]
-    for grid in grids:
-        if grid.shape != shape:
-            raise InputError(
-                f"initial: expected grids of {shape[0]} x {shape[1]}, got {grid.shape[0]} x {grid.shape[1]}"
-            )
-    return np.array(grids, np.int8).reshape(-1, *shape)
+        history = history._replace(best_fitness=history.best_fitness[0], elite_count=history.elite_count[0])
+    return Result(elites, history, RunState(np.array(last, np.int32), inner, fingerprint), spec, program.axes)
 
 
 class _Numbers(NamedTuple):
-    """Settings that may change without a second compilation: weights, ranges, real numbers, grids to begin with."""
+    """The settings that may change without a second compilation."""
 
     weights: Weights
-    ranges: Ranges
-    config: tuple[np.float32, ...]
-    initial: np.ndarray | None
+    bounds: Bounds
+    config: tuple[Any, ...]  # the leaves that are traced
+    initial: Int8[np.ndarray, "N H W"] | None
 
 
-class _Setup(NamedTuple):
-    """Settings that a compiled run is made for; hashable."""
+class _Program(NamedTuple):
+    """The settings that a compiled run is made for; hashable."""
 
-    method: str
     shape: tuple[int, int]
+    axes: tuple[Axis, ...]
     alphabet: tuple[int, ...]
     fill: bool
-    axes: tuple[Axis, ...]
     fix: Template | None
-    steered: bool
-    config: tuple[Any, ...]  # its leaves, None for the real numbers
-    config_tree: Any
+    bounded: bool
+    config: Any  # the tree of the configuration; None for an optimiser of the user's
+    factory: Callable[[Problem], Optimizer] | None
 
-    def problem(self, numbers: _Numbers) -> Problem:
-        return road_problem(
+    def optimizer(self, numbers: _Numbers) -> Optimizer:
+        problem = road_problem(
             self.shape,
             self.axes,
             alphabet=self.alphabet,
             weights=numbers.weights,
             fill=self.fill,
-            where=numbers.ranges if self.steered else None,
+            bounds=numbers.bounds if self.bounded else None,
             fix=self.fix,
             initial=numbers.initial,
         )
-
-    def optimizer(self, numbers: _Numbers) -> Optimizer:
-        reals = iter(numbers.config)
-        leaves = [next(reals) if leaf is None else leaf for leaf in self.config]
-        config = jax.tree.unflatten(self.config_tree, leaves)
-        return _FACTORIES[type(config)](self.problem(numbers), config)
+        if self.factory is not None:
+            return self.factory(problem)
+        return make_optimizer(problem, jax.tree.unflatten(self.config, numbers.config))
 
 
-def _keys(key: Any) -> tuple[PRNGKey, bool]:
-    """The keys as an array ``[S]``, and whether there was one key alone."""
+def _check_keys(key: Any) -> tuple[Key[Array, " S"], bool]:
+    """Returns the keys as an array ``[S]``, and whether there was one key alone."""
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
@@ -403,56 +216,135 @@ def _keys(key: Any) -> tuple[PRNGKey, bool]:
     return jnp.atleast_1d(key), key.ndim == 0
 
 
-def _fingerprint(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> int:
-    said = repr((setup, [leaf.tolist() for leaf in jax.tree.leaves(numbers)], str(keys.dtype)))
-    return zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes())
+def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
+    """Returns the specification and the configuration, each after the other: a configuration says which method."""
+    if config is None:
+        return spec, PRESETS[spec.method, spec.preset]
+    method, preset = find_preset(config)
+    if named and method != spec.method:
+        raise InputError(f"config: expected settings of {spec.method}, got {type(config).__name__}")
+    config = config.checked()
+    for leaf in jax.tree.leaves(config):
+        if isinstance(leaf, jax.Array | np.ndarray):
+            raise InputError(f"config: expected plain numbers, got an array of shape {leaf.shape}")
+    return spec.but({"method": method, "preset": preset}), config
 
 
-def _resumed(
-    setup: _Setup, numbers: _Numbers, keys: PRNGKey, state: Any, fingerprint: int, single: bool
-) -> tuple[int, ArrayTree]:
+def _prepare(
+    spec: SearchSpec, shape: tuple[int, int], config: Config, factory: Callable[[Problem], Optimizer] | None
+) -> tuple[_Program, _Numbers]:
+    """Parts a search's settings into those that a program is compiled for and those that it takes."""
+    height, width = shape
+    if spec.fix is not None and spec.fix.shape != shape:
+        rows, columns = spec.fix.shape
+        raise InputError(f"fix: expected the maps' {height} rows of {width} cells, got {rows} rows of {columns}")
+    if spec.initial and factory is None and isinstance(config, PsoConfig):
+        raise InputError("initial: expected none with the paper's PSO, whose particles are no grids; tuned would do")
+    for grid in spec.initial:
+        if (len(grid), len(grid[0])) != shape:
+            raise InputError(f"initial: expected grids of {height} x {width}, got {len(grid)} x {len(grid[0])}")
+    leaves, tree = jax.tree.flatten(config)
+    program = _Program(
+        shape=shape,
+        axes=spec.axes_on(shape),
+        alphabet=spec.alphabet or ROAD_ALPHABET,
+        fill=spec.fills,
+        fix=spec.fix,
+        bounded=bool(spec.where),
+        config=tree if factory is None else None,
+        factory=factory,
+    )
+    numbers = _Numbers(
+        weights=Weights(*(np.asarray(weight, np.int32) for weight in check_weights(spec.all_weights, shape))),
+        bounds=bounds_of(spec.where),
+        config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
+        initial=np.array(spec.initial, np.int8) if spec.initial else None,
+    )
+    return program, numbers
+
+
+def _fingerprint(program: _Program, numbers: _Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
+    factory = getattr(program.factory, "__qualname__", type(program.factory).__name__)
+    said = repr(
+        (program._replace(factory=None), factory, [leaf.tolist() for leaf in jax.tree.leaves(numbers)], str(keys.dtype))
+    )
+    return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
+
+
+def _restore(
+    state: Any, program: _Program, numbers: _Numbers, keys: Key[Array, " S"], fingerprint: Any, single: bool
+) -> tuple[int, Any]:
+    """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     inner = jax.tree.map(lambda array: jnp.asarray(array)[None], state.inner) if single else state.inner
-    expected = _start.eval_shape(setup, numbers, keys)
+    expected = _start.eval_shape(program, numbers, keys)
     kinds = [
         [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)] + [jax.tree.structure(tree)]
         for tree in (inner, expected)
     ]
-    if state.fingerprint != fingerprint or kinds[0] != kinds[1]:
+    if int(state.fingerprint) != int(fingerprint) or kinds[0] != kinds[1]:
         raise InputError(
-            f"state: expected one of the run to go on with ({setup.method} on {setup.shape[0]} x {setup.shape[1]}, "
-            f"seeds: {keys.size}), got one of a run with another key or other settings"
+            f"state: expected one of this run ({program.shape[0]} x {program.shape[1]}, seeds: {keys.size}), "
+            "got one of a run with another key or other settings"
         )
     return int(state.generation), inner
 
 
-def _no_rows(seeds: int) -> Info:
-    return Info(*(np.zeros((seeds, 0), np.int32) for _ in Info._fields))
+def _run(
+    program: _Program,
+    numbers: _Numbers,
+    keys: Key[Array, " S"],
+    states: Any,
+    done: int,
+    last: int,
+    per_step: int,
+    bar: Progress,
+) -> tuple[Any, History]:
+    """Runs the generations after `done` call by call; returns the states and the history with the seeds in front."""
+    generation = np.arange(done + 1, last + 1)
+    best, counts = [np.zeros((0, keys.size), np.int32)], [np.zeros((0, keys.size), np.int32)]
+    speeds: list[float] = []
+    stretch = _MOST // 2
+    if done < last:
+        jax.block_until_ready(_advance(program, numbers, keys, states, done + 1, done))  # compiles, and runs nothing
+    while done < last:
+        count = min(stretch, last - done)
+        began = time.perf_counter()
+        states, info = _advance(program, numbers, keys, states, done + 1, done + count)
+        best.append(np.asarray(info.best_fitness)[:count])
+        counts.append(np.asarray(info.elite_count)[:count])
+        seconds = time.perf_counter() - began
+        done += count
+        speeds += [count * per_step * keys.size / seconds] * count
+        bar.show(done, float(best[-1][-1].min()), float(counts[-1][-1].mean()), speeds[-1])
+        stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
+    evaluations = generation * per_step
+    return states, History(generation, evaluations, np.concatenate(best).T, np.concatenate(counts).T, np.array(speeds))
 
 
 # The first populations are made once: to compile that twice as fast is worth more than to run it.
-@partial(jax.jit, static_argnames="setup", compiler_options={"xla_backend_optimization_level": 0})
-def _start(setup: _Setup, numbers: _Numbers, keys: PRNGKey) -> ArrayTree:
-    return start(setup.optimizer(numbers), keys)
+@partial(jax.jit, static_argnames="program", compiler_options={"xla_backend_optimization_level": 0})
+def _start(program: _Program, numbers: _Numbers, keys: Array) -> Any:
+    return start(program.optimizer(numbers), keys)
 
 
-@partial(jax.jit, static_argnames="setup")
+@partial(jax.jit, static_argnames="program")
 def _advance(
-    setup: _Setup, numbers: _Numbers, keys: PRNGKey, states: ArrayTree, first: int, last: int
-) -> tuple[ArrayTree, Info]:
-    return advance(setup.optimizer(numbers), keys, states, first, last, most=_MOST)
+    program: _Program, numbers: _Numbers, keys: Array, states: Any, first: int | Array, last: int | Array
+) -> tuple[Any, Info]:
+    return advance(program.optimizer(numbers), keys, states, first, last, most=_MOST)
 
 
-@partial(jax.jit, static_argnames=("setup", "single"))
-def _found(setup: _Setup, numbers: _Numbers, states: ArrayTree, single: bool) -> tuple[MeasuredElites, ArrayTree]:
-    """What was found, and the states; where there was one key alone, both without the axis of seeds."""
-    elites = jax.vmap(setup.optimizer(numbers).elites)(states)
-    found = MeasuredElites(
+@partial(jax.jit, static_argnames=("program", "single"))
+def _collect(program: _Program, numbers: _Numbers, states: Any, single: bool) -> tuple[MeasuredElites, Any]:
+    """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
+    elites = jax.vmap(program.optimizer(numbers).elites)(states)
+    measured = MeasuredElites(
         grids=elites.grids,
         fitness=elites.fitness,
-        descriptor=describe(elites.counts, setup.axes),
+        descriptor=compute_descriptor(elites.counts, program.axes),
         valid=elites.valid,
-        metrics=metrics_of(elites.counts, setup.shape[0] * setup.shape[1]),
+        metrics=unstack_counts(elites.counts, program.shape[0] * program.shape[1]),
     )
-    return jax.tree.map(lambda array: array[0], (found, states)) if single else (found, states)
+    return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)

@@ -1,29 +1,29 @@
-"""Choosing maps among what runs have found: valid, different, spread over the niches."""
+"""Choosing maps among the elites of a run: valid, different, spread over the niches."""
 
 from collections import Counter
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.archive import niche_bins
-from elitelanes_jax.codes import KINDS
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.features import FEATURES, SHARES, WHOLE, features_of
-from elitelanes_jax.metrics import COUNTED, measure
-from elitelanes_jax.requests import Range, ranges_of, shortfall
-from elitelanes_jax.roadmap import RoadMap
-from elitelanes_jax.rules import rules_named
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
+from elitelanes_jax.problem.constraints import bounds_of, violation
+from elitelanes_jax.problem.descriptor import niche_bins
+from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, compute_features
+from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search import Result
-from elitelanes_jax.symmetry import canonical, mirror, rotate
-from elitelanes_jax.templates import Template
+from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["LEAST_DIFFERENT", "Choice", "check_possible", "choose_maps", "shortage"]
+__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "describe_shortage", "refuse_impossible"]
 
-# What makes a map useless: the metric, the one value that it should have, and words for when it has not. A map is
-# counted with the first flaw that it has.
+# The flaws of a map: the metric, the one value that it should have, and words for others. A map is counted with the
+# first flaw that it has.
 _FLAWS = (
     ("components", 1, "not in one piece"),
     ("dead_ends", 0, "with dead ends"),
@@ -32,21 +32,21 @@ _FLAWS = (
     ("off_alphabet", 0, "with tiles that the tile set lacks"),
 )
 _HOLES = ("empty_cells", 0, "with empty cells")
-_UNLAWFUL, _UNASKED = "against the rules", "outside the ranges"
+_AGAINST_RULES, _OUTSIDE = "against the rules", "outside the ranges"
 
 LEAST_DIFFERENT = (0.15, 0.05, 0.0)
 """Shares of tiles in which a map should differ from others, the first if there are enough."""
 
 
 class Choice(NamedTuple):
-    """What was chosen, and what became of all the elites.
+    """The chosen maps, and the reasons against all other elites.
 
     Attributes:
       maps: the chosen ones, sorted by niche, within one by fitness.
-      found: how many elites there were.
-      rejected: how many of them were useless, by reason.
-      alike: how many were another one, or a known one, turned or mirrored.
-      nearest: where no map meets the ranges, the values of what was asked for of the elite nearest to them: of those
+      found: the number of elites.
+      rejected: the number of elites with a flaw, by reason.
+      alike: the number of elites that were another one, or a known one, rotated or mirrored.
+      nearest: where no map is in all ranges, the values of these features of the elite nearest to them: of those
         without a flaw, or of all where there is none; None without elites.
     """
 
@@ -57,17 +57,17 @@ class Choice(NamedTuple):
     nearest: dict[str, float] | None = None
 
 
-def check_possible(where: Sequence[Range], fix: Template | None, rules: str | None) -> None:
-    """Checks what is asked of maps against what all maps have that `choose_maps` takes.
+def refuse_impossible(spec: SearchSpec) -> None:
+    """Checks a search's constraints against the properties of all maps that `choose_maps` takes.
 
     Raises:
       InputError: for a range that none of them is in, or given cells that none of them has.
     """
-    unlawful = () if rules is None else rules_named(rules).none_of
-    certain = {name: right for name, right, _ in _FLAWS} | dict.fromkeys(unlawful, 0)
-    if rules is None and fix is None:
-        certain |= {_HOLES[0]: _HOLES[1], "coverage": 1}
-    for item in where:
+    fix = spec.fix
+    certain = {name: right for name, right, _ in _flaws(spec)}
+    if _HOLES[0] in certain:
+        certain["coverage"] = 1
+    for item in spec.where:
         right = certain.get(item.name)
         if right is not None and not (item.low or 0) <= right <= (right if item.high is None else item.high):
             raise InputError(f"where {str(item)!r}: expected a range with {right}, which all maps have that are kept")
@@ -78,11 +78,12 @@ def check_possible(where: Sequence[Range], fix: Template | None, rules: str | No
         row, column = stubs[0]
         code = int(fix.grid[row, column])
         raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
-    given = measure(fix.grid)
-    for name in unlawful:
-        count = int(getattr(given, name))
-        if count:
-            raise InputError(f"fix: expected cells that keep the rules of {rules}, got {name} {count}")
+    if spec.rules is not None:
+        given = measure(fix.grid)
+        for name in RULES[spec.rules].forbidden:
+            count = int(getattr(given, name))
+            if count:
+                raise InputError(f"fix: expected cells that keep the rules of {spec.rules}, got {name} {count}")
 
 
 def choose_maps(
@@ -96,67 +97,47 @@ def choose_maps(
     """Chooses up to `count` maps of a run with an array of keys.
 
     A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
-    alphabet, but for empty ones where rules or given cells call for them. It meets the ranges and keeps the rules that
-    the run was asked for. Of maps that are the same but for turning and mirroring, the fittest is taken. Maps that
+    alphabet, but for empty ones where rules or given cells ask for them. It is in the ranges and keeps the rules of the
+    run's specification. Of maps that are the same but for rotation and mirroring, the fittest is taken. Maps that
     hardly differ are taken only where there are too few others; among the others every niche gives one before any gives
-    a second, and all seeds as equally many as can be. Niches that axes aim at come before all others.
+    a second, and all seeds as equally many as can be. Niches in the axes' target bins come before all others.
 
     Args:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
       count: how many maps are wanted.
       seed: of the run, to be noted in the maps.
       known: grids ``[H, W]`` that were chosen before; others are to differ from them too.
-      least: in what share of its tiles a map differs from all chosen before, however they are turned or mirrored, at
-        least; where there are too few such maps, the next share holds.
+      least: the share of its tiles in which a map differs from all chosen before, however they are rotated or mirrored,
+        at least; where there are too few such maps, the next share holds.
 
     Raises:
       InputError: for the result of one key alone.
     """
     elites = result.elites
-    fitness, valid = np.asarray(elites.fitness), np.asarray(elites.valid)
+    valid = np.asarray(elites.valid)
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
     metrics = {name: np.asarray(values) for name, values in elites.metrics._asdict().items()}
-    rejected: Counter[str] = Counter()
-    useful = valid.copy()
-    flaws = list(_FLAWS)
-    if result.rules is None and result.fix is None:
-        flaws.append(_HOLES)
-    if result.rules is not None:
-        flaws += [(name, 0, _UNLAWFUL) for name in rules_named(result.rules).none_of]
-    for name, right, words in flaws:
-        flawed = useful & (metrics[name] != right)
-        rejected[words] += int(flawed.sum())
-        useful &= ~flawed
-
-    asked = result.meets()
+    useful, rejected = _without_flaws(valid, metrics, result.spec)
+    satisfied = result.satisfies()
     nearest = None
-    if not (useful & asked).any():
+    if not (useful & satisfied).any():
         nearest = _nearest(metrics, useful if useful.any() else valid, result)
-    rejected[_UNASKED] = int((useful & ~asked).sum())
-    useful &= asked
+    rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
+    useful &= satisfied
 
-    places = np.argwhere(useful)
-    places = places[np.argsort(fitness[useful], kind="stable")]
-    grids = np.asarray(elites.grids)
-    forms = {canonical(grid) for grid in known}
-    distinct: dict[bytes, NDArray[np.int_]] = {}
-    for place in places:
-        form = canonical(grids[tuple(place)])
-        if form not in forms:
-            distinct.setdefault(form, place)
-
-    kept = np.array(list(distinct.values()), int).reshape(-1, 2)
+    fitness, grids = np.asarray(elites.fitness), np.asarray(elites.grids)
+    kept = _distinct(grids, fitness, useful, known)
     descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]
     bins = np.asarray(niche_bins(descriptor, result.axes))
     extent = np.array([max(1, axis.bins - 1) for axis in result.axes])
-    # Niches off an axis' aim were steps for the search; they give maps where the others have too few.
-    aimed = np.ones(len(kept), bool)
+    # Niches outside the target bins were stepping stones for the search; they give maps where the others have too few.
+    targeted = np.ones(len(kept), bool)
     for number, axis in enumerate(result.axes):
-        if axis.aim is not None:
-            aimed &= bins[:, number] == axis.aim
+        if axis.target is not None:
+            targeted &= bins[:, number] == axis.target
     chosen: list[int] = []
-    for group in (np.flatnonzero(aimed), np.flatnonzero(~aimed)):
+    for group in (np.flatnonzero(targeted), np.flatnonzero(~targeted)):
         before = [*known, *(grids[tuple(kept[number])] for number in chosen)]
         candidates = grids[tuple(kept[group].T)]
         part = _spread((bins / extent)[group], kept[group, 0], candidates, count - len(chosen), before, least)
@@ -174,28 +155,69 @@ def choose_maps(
         for number in chosen
     ]
     reasons = {words: number for words, number in rejected.items() if number}
-    return Choice(maps, int(valid.sum()), reasons, len(places) - len(kept), nearest)
+    return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept), nearest)
 
 
-def shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> str:
-    """Says that a choice has too few maps, what became of the rest, and what finds more.
+def describe_shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> str:
+    """Describes a choice with too few maps: the reasons against the others, and what finds more.
 
     Args:
-      choice: what was chosen.
+      choice: the choice.
       maps: how many were wanted.
       method: of the search.
       shape: (height, width) of the maps.
     """
     rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
-    flawed = "" if _UNASKED in choice.rejected else ", with other flaws"
+    flawed = "" if _OUTSIDE in choice.rejected else ", with other flaws"
     if choice.alike:
-        rejected.append(f"{choice.alike} like another when turned or mirrored")
+        rejected.append(f"{choice.alike} like another when rotated or mirrored")
     return (
         f"found {len(choice.maps)} of {maps} maps among {choice.found} elites"
         + (f" ({', '.join(rejected)})" if rejected else "")
         + (f"; nearest found{flawed}: {_values(choice.nearest)}" if choice.nearest else "")
         + f"; {_remedy(choice, method, shape)} find more"
     )
+
+
+def _flaws(spec: SearchSpec) -> list[tuple[str, int, str]]:
+    """Returns the flaws that count for a specification, as `_FLAWS` has them."""
+    flaws = list(_FLAWS)
+    if spec.rules is not None:
+        flaws += [(name, 0, _AGAINST_RULES) for name in RULES[spec.rules].forbidden]
+    elif spec.fix is None and spec.fills:
+        flaws.append(_HOLES)
+    return flaws
+
+
+def _without_flaws(
+    valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], spec: SearchSpec
+) -> tuple[NDArray[np.bool_], Counter[str]]:
+    """Returns which elites have no flaw, and the number of the others by reason."""
+    rejected: Counter[str] = Counter()
+    useful = valid.copy()
+    for name, right, words in _flaws(spec):
+        flawed = useful & (metrics[name] != right)
+        rejected[words] += int(flawed.sum())
+        useful &= ~flawed
+    return useful, rejected
+
+
+def _distinct(
+    grids: NDArray[np.int8],
+    fitness: NDArray[np.int32],
+    useful: NDArray[np.bool_],
+    known: Sequence[NDArray[np.int8]],
+) -> NDArray[np.int_]:
+    """Returns the (seed, place) of useful elites, fittest first, each unlike all before and all known ones."""
+    places = np.argwhere(useful)
+    places = places[np.argsort(fitness[useful], kind="stable")]
+    seen = {canonical_form(grid) for grid in known}
+    distinct: dict[bytes, NDArray[np.int_]] = {}
+    for place in places:
+        form = canonical_form(grids[tuple(place)])
+        if form not in seen:
+            distinct.setdefault(form, place)
+    return np.array(list(distinct.values()), int).reshape(-1, 2)
 
 
 def _values(features: dict[str, float]) -> str:
@@ -216,14 +238,14 @@ def _remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
 def _nearest(
     metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], result: Result
 ) -> dict[str, float] | None:
-    """What was asked for, of the elite that is nearest to it; among equals of the first."""
+    """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
     if not among.any():
         return None
-    features = np.asarray(features_of(jnp.stack([metrics[name][among] for name in COUNTED], axis=-1)))
+    features = compute_features(np.stack([metrics[name][among] for name in COUNT_NAMES], axis=-1).astype(np.int32))
     shape = (result.elites.grids.shape[-2], result.elites.grids.shape[-1])
-    place = int(np.argmin(shortfall(features, ranges_of(result.where), shape)))
+    place = int(np.argmin(violation(features, bounds_of(result.spec.where), shape)))
     values = dict(zip(FEATURES, features[place].tolist(), strict=True))
-    return {item.name: values[item.name] / (WHOLE if item.name in SHARES else 1) for item in result.where}
+    return {item.name: values[item.name] / (SHARE_UNIT if item.name in SHARES else 1) for item in result.spec.where}
 
 
 def _spread(
@@ -234,12 +256,12 @@ def _spread(
     before: Sequence[NDArray[np.int8]],
     shares: Sequence[float],
 ) -> list[int]:
-    """Up to `count` of the maps `grids` ``[M, H, W]`` at `points` ``[M, D]``, found by `seeds` ``[M]``, fittest first.
+    """Chooses up to `count` of the maps `grids` ``[M, H, W]`` at `points` ``[M, D]``, found by `seeds` ``[M]``.
 
-    Every point gives one before any gives a second. Where the round is the last and not all have a turn, the next is
-    always the point farthest from those that had one. A point gives a map of the seed that has given fewest so far:
-    what one seed has found is akin. Each differs from those before and from each other in the first of the shares of
-    its tiles, then in the next.
+    Maps come fittest first. Every point gives one before any gives a second. Where the round is the last and not all
+    have a turn, the next is always the point farthest from those that had one. A point gives a map of the seed that has
+    given fewest so far, as maps of one seed are related. Each differs from those before and from each other in the
+    first of the shares of its tiles, then in the next.
     """
     difference = np.ones(len(grids))  # from the nearest chosen map; under 0 for the chosen ones
     for grid in before if len(grids) else ():
@@ -265,13 +287,13 @@ def _spread(
 
 
 def _difference(grids: NDArray[np.int8], grid: NDArray[np.int8]) -> NDArray[np.float64]:
-    """The share of tiles in which each of ``[M, H, W]`` differs from one map, turned or mirrored to be most alike."""
+    """Returns the share of tiles in which each of ``[M, H, W]`` differs from the most similar image of a map."""
     images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
     return np.min([(grids != image).mean(axis=(1, 2)) for image in images if image.shape == grid.shape], axis=0)
 
 
 def _farthest(points: NDArray[np.float64], count: int) -> list[int]:
-    """Places of up to `count` points: the first, then always the one farthest from all before; of equals the first."""
+    """Returns up to `count` places: the first, then always the one farthest from all before; of equals the first."""
     places: list[int] = []
     distance = np.full(len(points), np.inf)
     for _ in range(min(count, len(points))):

@@ -1,8 +1,8 @@
-"""What the paper's tables would look like under other readings of its text (see `readings.py`).
+"""The paper's tables under other readings of its text (see `readings.py`).
 
     python experiments/ambiguities.py [--seeds N] [--generations N]
 
-One reading at a time is changed; a table says how far each lies from the paper. A single one in full:
+Each reading changes one thing; a table shows how far its results are from the paper's. All results of a single reading:
 `python experiments/compare.py --reading NAME --out results/NAME`.
 """
 
@@ -18,12 +18,13 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
-from elitelanes_jax.command import Parser, guarded, leave, say
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.folders import write_whole
 
-# The metrics that tell readings apart: those that the paper has other than 0 and 1.
+# The metrics that distinguish readings: those whose values in the paper are neither 0 nor 1.
 _TELLING = ("cyclomatic", "adjacent_crossing_score", "crossings", "straight_score", "adjacent_turns")
 
 
@@ -32,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="ambiguities", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_settings(parser, sizes=[(12, 12)], seeds=32, out="results/ambiguities")
     options = parser.parse_args(arguments)
-    return guarded("ambiguities", lambda: _read(options), interrupted="what is done is kept; start again to go on")
+    return guarded("ambiguities", lambda: _read(options), interrupted="what is done is kept; start again to continue")
 
 
 def _read(options: argparse.Namespace) -> int:
@@ -57,13 +58,13 @@ def _read(options: argparse.Namespace) -> int:
         say(f"{name}: {reading.about}")
     title = f"{shape[0]} x {shape[1]} tiles, {options.seeds} seeds, {options.generations} generations of 40"
     text = f"# {title}\n\n" + table(["reading", "", *METRICS.values(), "off the paper by"], lines)
-    write_whole(options.out / "ambiguities.md", text.encode())
+    write_atomic(options.out / "ambiguities.md", text.encode())
     say(f"{len(lines)} rows in {options.out / 'ambiguities.md'}")
     return 0
 
 
 def _cells(rows: Sequence[dict[str, Any]]) -> list[str]:
-    """Means, and how far they are from the paper's: the mean of |ours / the paper's - 1| over the telling metrics."""
+    """Returns the means, and their distance from the paper's: the mean of |ours / paper - 1| over `_TELLING`."""
     means = {metric: float(np.mean([row[metric] for row in rows])) for metric in METRICS}
     papers = TABLE[rows[0]["method"]]
     off = np.mean([abs(means[metric] / papers[metric].mean - 1) for metric in _TELLING])

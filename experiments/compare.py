@@ -1,9 +1,9 @@
-"""The paper's study: all methods side by side, with the paper's figures beside ours.
+"""The paper's study: all methods side by side, and the paper's figures beside ours.
 
     python experiments/compare.py [--methods ...] [--sizes 12 9x14 ...] [--seeds N | --paper] [--reading NAME]
 
-Each search gets 200 generations of 40 grids, all seeds of a method in one compiled call; WFC makes one grid a seed.
-What is done is kept in the folder of results: started again after an interruption with the same settings, it goes on.
+Each search has 200 generations of 40 grids, and all seeds of a method run in one compiled call. WFC makes one grid for
+each seed. The folder of results keeps every finished run: after an interruption, the same command continues from there.
 """
 
 import argparse
@@ -19,14 +19,15 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
-from elitelanes_jax.command import Parser, guarded, leave, say
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.exports.table import to_csv
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.metrics import Metrics
-from elitelanes_jax.render import render, write_picture
-from elitelanes_jax.roadmap import RoadMap, to_json
-from elitelanes_jax.tilesets import load_tiles
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.formats.table import table_to_csv
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.tiles.render import render, write_picture
+from elitelanes_jax.tiles.tileset import load_tiles
 
 _PICTURED = (14, 14)
 
@@ -37,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add_settings(parser, sizes=[(12, 12)], seeds=32, out="results/compare")
     parser.add_argument("--no-maps", action="store_true", help="leave out the pictures of 14 x 14 tiles")
     options = parser.parse_args(arguments)
-    return guarded("compare", lambda: _compare(options), interrupted="what is done is kept; start again to go on")
+    return guarded("compare", lambda: _compare(options), interrupted="what is done is kept; start again to continue")
 
 
 def _compare(options: argparse.Namespace) -> int:
@@ -63,9 +64,9 @@ def _compare(options: argparse.Namespace) -> int:
         texts.append(tables(here, title))
         times.append(timing_tables(timings, title, options.seeds))
         rows += here
-    write_whole(options.out / "results.csv", to_csv(rows).encode())
-    write_whole(options.out / "tables.md", "\n".join(texts).encode())
-    write_whole(options.out / "timing.md", "\n".join(times).encode())
+    write_atomic(options.out / "results.csv", table_to_csv(rows).encode())
+    write_atomic(options.out / "tables.md", "\n".join(texts).encode())
+    write_atomic(options.out / "timing.md", "\n".join(times).encode())
     if not options.no_maps:
         _draw_maps(options)
     say(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
@@ -73,7 +74,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _draw_maps(options: argparse.Namespace) -> None:
-    """The best map of each method at 14 x 14. Searches repair with filling: there is no picture of a dead end."""
+    """Draws the best map of each method at 14 x 14. Repair fills, because no tile picture shows a dead end."""
     tiles, reading = load_tiles(), READINGS[options.reading]._replace(fill=True)
     for method in options.methods:
         runs = kept_runs(options.out / "runs" / f"{method}-pictured.json", method, _PICTURED, options, reading)
@@ -87,7 +88,7 @@ def _draw_maps(options: argparse.Namespace) -> None:
         place.mkdir(parents=True, exist_ok=True)
         write_picture(place, render(codes, tiles, tile_px=64, seed=options.seed))
         road_map = RoadMap(codes, figures, round(row["fitness"]), seed=(options.seed, row["seed"]))
-        write_whole(place / "map.json", to_json(road_map).encode())
+        write_atomic(place / "map.json", map_to_json(road_map).encode())
 
 
 if __name__ == "__main__":

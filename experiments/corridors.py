@@ -1,4 +1,4 @@
-"""Grids that are hard on labelling: one corridor of corner points that winds through the whole grid."""
+"""Worst cases for labelling: grids with one corridor of corner points that winds through the whole grid."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -12,7 +12,7 @@ Corner = tuple[int, int]
 
 
 def serpentine(shape: tuple[int, int]) -> NDArray[np.int8]:
-    """A single corridor of corners through the whole grid, to and fro."""
+    """Makes a single corridor of corners that runs to and fro through the whole grid."""
     height, width = shape[0] - 1, shape[1] - 1
     path: list[Corner] = []
     for row in range(0, height, 2):
@@ -24,7 +24,7 @@ def serpentine(shape: tuple[int, int]) -> NDArray[np.int8]:
 
 
 def spiral(shape: tuple[int, int]) -> NDArray[np.int8]:
-    """A single corridor of corners, inwards."""
+    """Makes a single corridor of corners that winds inwards."""
     height, width = shape[0] - 1, shape[1] - 1
     steps, heading = [(0, 1), (1, 0), (0, -1), (-1, 0)], 0
     path = [(0, 0)]
@@ -45,7 +45,7 @@ def spiral(shape: tuple[int, int]) -> NDArray[np.int8]:
 
 
 def _corridor(path: Sequence[Corner], shape: tuple[int, int]) -> NDArray[np.int8]:
-    """All links there are, but for those that part successive corners of a path."""
+    """Makes a grid with all links, without those that separate successive corners of a path."""
     grid = np.zeros(shape, np.int8)
     grid[:, :-1] |= 4
     grid[:, 1:] |= 1

@@ -1,13 +1,13 @@
-"""Draws the default tile pictures, those in tiles/, to Duckietown's appearance specification.
+"""Draws the default tile pictures, those in tiles/, after Duckietown's appearance specification.
 
     python experiments/draw_tiles.py [FOLDER]
 
 Every tile is a square of 60 cm: within the specification's 58.5 to 61 cm, and exactly eight dashes and gaps of
 yellow tape long. All lengths here are centimetres.
 
-Seams fit by construction. What a road looks like where it leaves a tile (tapes, lanes, light) is the same for all
-tiles, and symmetric about the middle of the side; everything that makes a picture individual (light, wear, crooked
-tape) fades out towards the border. Dashes stop half a gap short of it.
+Seams fit by construction. Where a road leaves a tile, it looks the same in all tiles (tapes, lanes, light) and is
+symmetric about the middle of the side. Everything that makes a picture individual (light, wear, crooked tape) fades out
+towards the border. Dashes end half a gap before it.
 """
 
 import sys
@@ -30,8 +30,8 @@ DASH, GAP = 5.0, 2.5
 # From the side of a tile to the outer and the inner edge of the white tape.
 TAPE_OUT = TILE / 2 - YELLOW / 2 - LANE - WHITE
 TAPE_IN = TAPE_OUT + WHITE
-# The specification's curve: yellow tape from radius 27.25, which on a tile of its own pitch is centred on the corner.
-# Here the centre lies so much inside the tile that the tape ends in the middle of the sides.
+# The specification's curve has yellow tape from radius 27.25 around the corner, on a tile of the specification's size.
+# Here the centre lies inside the tile, so that the tape ends in the middle of the sides.
 YELLOW_RADIUS = 27.25 + YELLOW / 2
 CENTRE = TILE / 2 - YELLOW_RADIUS
 
@@ -60,7 +60,7 @@ class Rail(NamedTuple):
 
 
 def draw(opens: str, rng: np.random.Generator) -> Picture:
-    """One tile that opens the given sides."""
+    """Draws a tile whose road reaches the given sides."""
     x, y = _places()
     inside = _window(x, y)
     rails = _rails(opens, x, y)
@@ -84,14 +84,14 @@ def draw(opens: str, rng: np.random.Generator) -> Picture:
 
 
 def _places() -> tuple[Field, Field]:
-    """The centre of each pixel: east of the western side, south of the northern side."""
+    """Returns the centre of each pixel: its distance from the western and from the northern side."""
     centres = (np.arange(PIXELS) + 0.5) * TILE / PIXELS
     x, y = np.meshgrid(centres, centres)
     return x, y
 
 
 def _beyond(field: Field, edge: float) -> Field:
-    """How much of each pixel lies where the field is over the edge: 0 to 1, smooth over one pixel."""
+    """Returns the share of each pixel in which the field is over the edge: 0 to 1, smooth over one pixel."""
     return np.clip((field - edge) * PIXELS / TILE + 0.5, 0, 1)
 
 
@@ -100,7 +100,7 @@ def _between(field: Field, low: float, high: float) -> Field:
 
 
 def _window(x: Field, y: Field, margin: float = 9.0) -> Field:
-    """0 on the tile's border, 1 further than a margin inside."""
+    """Returns 0 on the tile's border, rising to 1 at a margin inside."""
     border = np.minimum(np.minimum(x, TILE - x), np.minimum(y, TILE - y))
     return _smooth(border / margin)
 
@@ -111,7 +111,7 @@ def _smooth(t: Field) -> Field:
 
 
 def _noise(rng: np.random.Generator, scale: float) -> Field:
-    """Smooth noise of unit variance, its grains about `scale` pixels wide, the same beyond every border."""
+    """Makes smooth, periodic noise of unit variance, with grains about `scale` pixels wide."""
     white = rng.standard_normal((PIXELS, PIXELS))
     frequencies = np.fft.fftfreq(PIXELS)
     square = frequencies[:, None] ** 2 + frequencies**2
@@ -120,14 +120,14 @@ def _noise(rng: np.random.Generator, scale: float) -> Field:
 
 
 def _grain(inside: Field, rng: np.random.Generator) -> Field:
-    """Asphalt: fine grains everywhere, coarser ones and speckles of this tile's own."""
+    """Makes asphalt: fine grains everywhere; coarser ones and speckles differ from tile to tile."""
     coarse, speckled = rng.uniform(1, 3.5), rng.uniform(0.5, 3)
     speckles = np.clip(_noise(rng, 2) - 2, 0, None)
     return 3 * _noise(rng, 0.8) + inside * (coarse * _noise(rng, 4) + 8 * speckled * speckles)
 
 
 def _light(x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """A lamp somewhere: a slope and a broad spot."""
+    """Makes the light of a lamp at a random place: a slope and a broad spot."""
     angle = rng.uniform(0, 2 * np.pi)
     slope = (np.cos(angle) * (x - TILE / 2) + np.sin(angle) * (y - TILE / 2)) / TILE
     spot_x, spot_y = rng.uniform(0.2 * TILE, 0.8 * TILE, 2)
@@ -136,14 +136,14 @@ def _light(x: Field, y: Field, rng: np.random.Generator) -> Field:
 
 
 def _wear(rng: np.random.Generator) -> Field:
-    """How far a tape is rubbed off: spots that let the ground through."""
+    """Makes the wear of a tape: spots through which the ground shows."""
     return np.clip(0.35 * (_noise(rng, 9) + 0.6 * _noise(rng, 3)) - rng.uniform(0.45, 0.8), 0, 0.55)
 
 
 def _from_corner(x: Field, y: Field) -> tuple[Field, Field]:
-    """Distance from the south-western corner across a road that turns around it, and along it from the west.
+    """Returns positions on a road around the south-western corner: the distance from it, and along it from the west.
 
-    A quarter circle around the centre, with short straights from there to the two sides.
+    The road is a quarter circle around the centre, with short straights from there to the two sides.
     """
     u, v = np.maximum(x - CENTRE, 0), np.maximum(TILE - y - CENTRE, 0)
     angle = np.arctan2(u, v)
@@ -169,7 +169,7 @@ def _rails(opens: str, x: Field, y: Field) -> list[Rail]:
 
 
 def _crooked(rail: Rail, rng: np.random.Generator) -> Field:
-    """How far a tape lies off its place: laid in two or three pieces, each a little off and turned, and torn."""
+    """Makes the displacement of a tape: two or three pieces, each a little displaced and turned, with torn edges."""
     count = int(rng.integers(2, 4))
     cuts = (np.arange(1, count) + rng.uniform(-0.25, 0.25, count - 1)) * rail.length / count
     middles = (np.arange(count) + 0.5) * rail.length / count
@@ -182,7 +182,7 @@ def _crooked(rail: Rail, rng: np.random.Generator) -> Field:
 
 
 def _dashes(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """The yellow tape along the middle, dash by dash, each a little off, turned and torn."""
+    """Draws the yellow tape along the middle: dashes, each a little displaced, turned and torn."""
     if opens == "SW":
         across, along = _from_corner(x, y)
         length, count = _ARC, 6
@@ -203,7 +203,7 @@ def _dashes(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Field:
 
 
 def _stop_lines(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """A stop line on each open side, across the lane of those who come in: they keep to the right."""
+    """Draws a stop line on each open side, across the incoming lane: traffic keeps to the right."""
     middle = TILE / 2
     incoming: dict[str, tuple[Field, Field]] = {  # depth into the tile, distance to the driver's right
         "N": (y, middle - x),

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from report import selections
 
-from elitelanes_jax.folders import write_whole
+from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.plots import metric_boxes
 
 __all__ = ["comparison", "save", "scaling"]
@@ -33,7 +33,7 @@ _WORDS = {
 
 
 def comparison(rows: Sequence[dict[str, Any]], title: str) -> Figure:
-    """Box plots of the paper's metrics by method, with the paper's means marked."""
+    """Draws box plots of the paper's metrics by method, with the paper's means marked."""
     groups = selections(rows)
     samples = {name.replace(", ", ",\n"): held for name, (_, held) in groups.items()}
     figure, axes = plt.subplots(3, 3, figsize=(13, 10.5), layout="constrained")
@@ -53,7 +53,7 @@ def comparison(rows: Sequence[dict[str, Any]], title: str) -> Figure:
 
 
 def scaling(rows: Sequence[dict[str, Any]], title: str) -> Figure:
-    """Quality a tile and time a run against the number of tiles: medians, with the middle half of the seeds."""
+    """Plots quality a tile and time a run by number of tiles: medians, with the middle half of the seeds."""
     panels = {
         "fitness": "fitness a tile",
         "dead_ends": "dead ends a tile",
@@ -88,10 +88,10 @@ def _quartiles(rows: Sequence[dict[str, Any]], method: str, cells: int, name: st
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Writes a figure, whole or not at all, the same bytes every time, and closes it."""
+    """Writes a figure and closes it. Equal figures give equal files, and a file is written whole or not at all."""
     content = io.BytesIO()
     kind = file.suffix.removeprefix(".")
     metadata: dict[str, Any] = {"CreationDate": None} if kind == "pdf" else {}
     figure.savefig(content, format=kind, dpi=110, metadata=metadata)
     plt.close(figure)
-    write_whole(file, content.getvalue())
+    write_atomic(file, content.getvalue())

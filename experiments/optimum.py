@@ -1,10 +1,10 @@
-"""How far searches reach, how soon, and whether they do what they are asked.
+"""Searches compared with proven optima, and with constraints that some network is known to meet.
 
 python experiments/optimum.py [--out DIR] [--quick]
 
-Compares the presets with the proven optima, fills the niches of the cyclomatic number, meets random requests, and makes
-maps after Duckietown's rules. Nothing that is known is given to a search: optima, floors and the comb are what its
-results are compared with.
+Compares the presets with the proven optima, fills the niches of the cyclomatic number, searches under random
+constraints, and makes maps after Duckietown's rules. A search is given nothing that is known: optima, floors and the
+comb are only compared with its results.
 """
 
 import argparse
@@ -21,24 +21,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, fitness, measure
-from elitelanes_jax.archive import read_axis
-from elitelanes_jax.command import Parser, folder_name, guarded, leave, say
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.checks import path
+from elitelanes_jax.cli.arguments import Parser, checked_by
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.exports.boxes import LINES
-from elitelanes_jax.features import SHARES
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.illumination import coverage, gaps, qd_score
-from elitelanes_jax.search import Result, seed_keys
+from elitelanes_jax.formats.text import LINES
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.problem.features import SHARES
+from elitelanes_jax.problem.qd_metrics import coverage, gaps, qd_score
+from elitelanes_jax.search import Result
 from elitelanes_jax.selection import choose_maps
-from elitelanes_jax.symmetry import canonical
 
-# Proven by integer programming; a grid's cells all filled (A), or some left empty (B).
+# The proven optima by side, from integer programming: of grids with all cells filled (A), or some left empty (B).
 OPTIMA = {
     True: {3: -10, 4: -18, 5: -56, 6: -158, 8: -438, 12: -1898},
     False: {3: -10, 4: -34, 5: -82, 6: -158, 8: -466, 12: -2034},
 }
 
-# The best fitness known before of a flawless network of 12 x 12 filled cells, by its cyclomatic number from 3 on.
+# The best known fitness of a flawless network of 12 x 12 filled cells, by its cyclomatic number from 3 on.
 FLOORS = [-1734, -1752, -1810, -1858, -1898, -1696, -1604, -1548, -1444, -1312, -1150, -1076, -950, -846, -764, -636]
 FLOORS += [-540, -496, -342]
 FLAWS = ("dead_ends", "adjacent_crossings", "adjacent_turns")
@@ -60,7 +62,7 @@ COLUMNS = [
 
 LINES_OF = {"tuned": "-", "standard": "--", "paper": ":"}
 
-# Side, whether every cell is filled, method, preset, evaluations of a run.
+# The runs: side, whether every cell is filled, method, preset, evaluations.
 RUNS = [
     *[(side, fill, one, "tuned", 100_000) for side in (3, 4, 5, 6, 8) for fill in (True, False) for one in METHODS],
     *[(8, True, one, "paper", 100_000) for one in METHODS],
@@ -77,14 +79,14 @@ _COMB = ("┌─ ┬─── ┬┐", "├┐ │┌┬┐ ││", "││ │
 
 
 def comb(side: int) -> NDArray[np.int8]:
-    """The densest way to lay long streets side by side, for sides that are a multiple of 4: at 12 it is an optimum."""
+    """Makes the densest grid of long streets side by side, for sides of multiples of 4; at 12 it is an optimum."""
     lines = [left + middle * (side // 4 - 1) + right for left, middle, right in (line.split(" ") for line in _COMB)]
     lines = [*lines[:2], *[lines[2]] * (side - 4), *lines[3:]]
     return np.array([[LINES.index(sign) for sign in line] for line in lines], np.int8)
 
 
 def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:
-    """Runs of several seeds on a square, and their seconds without compilation."""
+    """Runs several seeds on a square; returns the result and the seconds without compilation."""
     keys, shape = seed_keys(0, seeds), (side, side)
     evolve(keys, shape, evaluations=1, **setting)
     began = time.perf_counter()
@@ -93,7 +95,7 @@ def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Resu
 
 
 def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]]) -> list[str]:
-    """Rows of the table of optima; fills in the curves of the gap at 12 x 12."""
+    """Makes the rows of the table of optima, and adds the curves of the gap at 12 x 12 to `curves`."""
     rows = []
     for side, fill, method, preset, budget in RUNS:
         seeds = 2 if quick else 4 if side > 16 else 16
@@ -122,7 +124,7 @@ def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.floa
 
 
 def niches(quick: bool) -> list[str]:
-    """What runs fill of the flawless niches of the cyclomatic number that can be filled, and how well."""
+    """Measures how many of the feasible flawless niches of the cyclomatic number runs fill, and their fitness."""
     rows = []
     for fill, budget in ((True, 5_000_000), (False, 2_000_000)):
         result, seconds = timed(1 if quick else 8, 12, budget // 100 if quick else budget, preset="tuned", fill=fill)
@@ -142,14 +144,14 @@ def niches(quick: bool) -> list[str]:
         row += f"QD score {qd_score(best, filled, 0).mean():,.0f} in the mean (an elite of fitness 0 counts nothing)."
         if fill:
             as_good = (best <= np.array(FLOORS)).sum(axis=1)
-            row += f" At least as good as the best known before: {sorted(as_good.tolist())}."
+            row += f" At least as good as the best known: {sorted(as_good.tolist())}."
         rows += [row, niche_table(best, least, FLOORS if fill else None)]
         print(*rows[-2:], sep="\n", flush=True)
     return rows
 
 
 def niche_table(best: NDArray[np.float64], least: int, known: list[int] | None) -> str:
-    """A table of the elites of runs ``[R, N]``, vacant niches infinite, and of how far they are from the best known."""
+    """Makes a table of the elites of runs ``[R, N]``, vacant niches infinite, and of their gaps to the best known."""
     lines = ["| cyclomatic number | filled | best | median |", "|---:|---:|---:|---:|"]
     if known is not None:
         lines = [lines[0] + " best against the best known | median |", lines[1] + "---:|---:|"]
@@ -164,8 +166,8 @@ def niche_table(best: NDArray[np.float64], least: int, known: list[int] | None) 
     return "\n".join(lines)
 
 
-def requests(quick: bool) -> str:
-    """Random requests that some map is known to meet, each run alone for at most ten seconds."""
+def constraints(quick: bool) -> str:
+    """Searches under random constraints that a known map meets, each for at most ten seconds."""
     archive = evolve(seed_keys(7, 4), (12, 12), preset="tuned", fill=True, evaluations=10_000 if quick else 200_000)
     usable = np.argwhere(np.asarray(archive.elites.valid & (archive.elites.metrics.components == 1)))
     rng = np.random.default_rng(0)
@@ -188,30 +190,29 @@ def requests(quick: bool) -> str:
             began = time.perf_counter()
         while not done and time.perf_counter() - began < 10:
             result = evolve(seed_keys(number, 4), (12, 12), evaluations=8000, state=state, **setting)
-            state, done = result.state, bool(result.meets().any())
+            state, done = result.state, bool(result.satisfies().any())
         met += done
         times.append(time.perf_counter() - began)
-    text = f"{met} of {count} random requests of three ranges met; "
+    text = f"{met} of {count} random sets of three ranges met; "
     text += f"median {np.median(times):.1f} s, longest {max(times):.1f} s."
     print(text, flush=True)
     return text
 
 
 def duckietown(quick: bool) -> str:
-    """A thousand maps of 9 x 9 after Duckietown's rules."""
+    """Makes a thousand maps of 9 x 9 after Duckietown's rules."""
     wanted, began = 20 if quick else 1000, time.perf_counter()
-    axes = [read_axis(text, (9, 9)) for text in ("cyclomatic:16", "tiles:27:3")]
     result = evolve(
         seed_keys(0, 2 if quick else 32),
         (9, 9),
         preset="tuned",
         rules="duckietown",
-        axes=axes,
+        axes=("cyclomatic:16", "tiles:27:3"),
         evaluations=10_000 if quick else 100_000,
     )
     maps = choose_maps(result, wanted).maps
     seconds = time.perf_counter() - began
-    distinct = len({canonical(road_map.codes) for road_map in maps})
+    distinct = len({canonical_form(road_map.codes) for road_map in maps})
     text = (
         f"{distinct} distinct 9 x 9 maps after Duckietown's rules in {seconds:.0f} s, compilation and choice included."
     )
@@ -220,7 +221,7 @@ def duckietown(quick: bool) -> str:
 
 
 def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: Path) -> None:
-    """The median gap to the optimum against evaluations."""
+    """Plots the median gap to the optimum against evaluations."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     colours = dict(zip(METHODS, ("#1b6ca8", "#66a182", "#edae49", "#d1495b"), strict=True))
     for name, (evaluations, gap) in curves.items():
@@ -236,7 +237,7 @@ def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: 
 
 def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="optimum.py", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--out", type=folder_name, default=Path("results/optimum"), help="folder to write to")
+    parser.add_argument("--out", type=checked_by(path), default=Path("results/optimum"), help="folder to write to")
     parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
     options = parser.parse_args(arguments)
     return guarded("optimum.py", lambda: _run(options), interrupted="nothing was written")
@@ -253,11 +254,11 @@ def _run(options: argparse.Namespace) -> int:
             *rows,
             "",
             *(line + "\n" for line in niches(options.quick)),
-            requests(options.quick) + "\n",
+            constraints(options.quick) + "\n",
             duckietown(options.quick),
         ]
     )
-    write_whole(options.out / "optimum.md", (text + "\n").encode())
+    write_atomic(options.out / "optimum.md", (text + "\n").encode())
     draw(curves, options.out / "optimum.png")
     say(f"written to {options.out}")
     return 0

@@ -1,4 +1,4 @@
-"""What the paper reports: its tables 1 to 3, 12 x 12 tiles, 4 runs a method."""
+"""The paper's results: its tables 1 to 3, 12 x 12 tiles, 4 runs of each method."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ METRICS = {
 
 
 def is_of_the_papers_size(row: Mapping[str, Any]) -> bool:
-    """Whether a row of results is about a grid of the size that the tables are of."""
+    """Tells whether a row of results describes a grid of the size in the paper's tables."""
     return (row["height"], row["width"]) == (12, 12)
 
 
@@ -45,4 +45,4 @@ _TABLE = {
 TABLE: dict[str, dict[str, Spread]] = {
     method: {metric: Spread(*cell) for metric, cell in zip(METRICS, row, strict=True)} for method, row in _TABLE.items()
 }
-"""Method -> metric -> what the paper reports."""
+"""The paper's figures by method and metric."""

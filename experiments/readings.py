@@ -1,11 +1,13 @@
-"""The places where the paper can be read in more ways than one, as settings."""
+"""Readings of the paper, as settings: its text is ambiguous in several places."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from elitelanes_jax import Weights
-from elitelanes_jax.optimizers import EvolutionConfig, GwoConfig, MapElitesConfig
+from elitelanes_jax.optimizers.gwo import GwoConfig
+from elitelanes_jax.optimizers.map_elites import MapElitesConfig
+from elitelanes_jax.optimizers.population import EvolutionConfig
 
 __all__ = ["READINGS", "Reading"]
 
@@ -16,7 +18,7 @@ class Reading(NamedTuple):
     """One way to read the paper.
 
     Attributes:
-      about: what is read so, in a line.
+      about: the interpretation, in a line.
       weights: of the fitness.
       configs: settings by method, in place of the preset `paper`.
       fill: whether repair fills.
@@ -48,4 +50,4 @@ READINGS = {
     ),
     "fill": Reading("repair fills, so that no tile has fewer than two connections", fill=True),
 }
-"""By name; "ours" is the one that fits the paper's tables best."""
+"""The readings by name; "ours" fits the paper's tables best."""

@@ -17,7 +17,7 @@ _BESIDE = """\
 Mean (standard deviation); at the paper's size its own below ours, with ✓ where it lies within two standard deviations
 of our mean. CO components, DE dead ends, CY cyclomatic number, BV boundary violations, ACV adjacent crossing score, CV
 coverage, CR crossings, SR straight score, AT adjacent turns. The paper does not say which elite of MAP-Elites it
-tabulates: here are the best one and one drawn at random, both beside the same row.
+tabulates: the tables have the best one and one drawn at random, both beside the same row.
 """
 _INTERVALS = """\
 ## 95 % intervals of the means
@@ -35,20 +35,20 @@ _DIFFERENCES = """\
 
 Rank-biserial correlation: 1 where every run of the first method lies over every run of the second, -1 where below, 0
 where neither. In bold where Mann-Whitney's U, two-sided, is significant at 5 % after Holm's correction for all pairs of
-a metric. MAP-Elites is there with a random elite of each run. It shares keys and loop with the EA, so that these two
-are not independent, as the test supposes.
+a metric. MAP-Elites is represented by a random elite of each run. It shares keys and loop with the EA, so these two
+are not independent, although the test assumes it.
 """
 
 
 def label(method: str, elite: str = "best") -> str:
-    """How a group of rows is called in tables and plots."""
+    """Returns the name of a group of rows in tables and plots."""
     if method != "map-elites":
         return METHODS[method]
     return "MAP-Elites, random elite" if elite == "random" else "MAP-Elites, best elite"
 
 
 def selections(rows: Sequence[Row]) -> dict[str, tuple[str, list[Row]]]:
-    """The rows by label, each with its method: the best of each run, and a random elite of MAP-Elites."""
+    """Groups rows by label, with their method: the best of each run, and a random elite of MAP-Elites."""
     found: dict[str, tuple[str, list[Row]]] = {}
     for row in rows:
         if row["elite"] != "archive":
@@ -57,13 +57,13 @@ def selections(rows: Sequence[Row]) -> dict[str, tuple[str, list[Row]]]:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table, all columns but the first to the right."""
+    """Makes a Markdown table; all columns but the first are aligned to the right."""
     lines = [head, ["---", *("---:" for _ in head[1:])], *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
 
 
 def tables(rows: Sequence[Row], title: str) -> str:
-    """All about the runs of one size."""
+    """Makes all tables of the runs of one size."""
     groups = selections(rows)
     parts = [f"# {title}\n"]
     for about, content in (
@@ -110,7 +110,7 @@ def _archives(rows: Sequence[Row]) -> str:
 
 
 def _differences(groups: dict[str, tuple[str, list[Row]]]) -> str:
-    # The best elite of MAP-Elites is the EA's best grid; to count it would correct for comparisons that are none.
+    # The best elite of MAP-Elites is the EA's best grid: counting it would correct for comparisons of equal samples.
     groups = {name: group for name, group in groups.items() if len(group[1]) > 1 and name != label("map-elites")}
     if len(groups) < 2:
         return "Too few runs to compare.\n"
@@ -129,7 +129,7 @@ def _differences(groups: dict[str, tuple[str, list[Row]]]) -> str:
 
 
 def timing_tables(timings: dict[str, dict[str, float]], title: str, seeds: int) -> str:
-    """Seconds of each method, and how many times WFC's."""
+    """Makes a table of the seconds of each method, and their ratio to WFC's."""
     unit = timings.get("wfc", {}).get("a seed alone")
     lines = []
     for method, timing in sorted(timings.items(), key=lambda item: item[1]["a seed alone"]):

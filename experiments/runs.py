@@ -1,4 +1,4 @@
-"""Runs of one method with many seeds, and what each came to."""
+"""Runs of one method with many seeds, and their results."""
 
 import argparse
 import time
@@ -12,29 +12,32 @@ from readings import Reading
 from results_folder import kept
 from tqdm import tqdm
 
-from elitelanes_jax import evolve, fitness, measure
-from elitelanes_jax.metrics import COUNTED
-from elitelanes_jax.search import Result, preset_config, seed_keys
-from elitelanes_jax.wfc import generate
+from elitelanes_jax import SearchSpec, evolve, fitness, measure
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.wfc import generate
+from elitelanes_jax.optimizers.presets import PRESETS
+from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.search import Result
 
 __all__ = ["METHODS", "OFFSPRING", "Runs", "kept_runs", "run_method"]
 
 METHODS = ("ea", "map-elites", "pso", "gwo", "wfc")
 
-# All methods of a search evaluate so many grids a generation.
+# Every search evaluates this number of grids a generation.
 OFFSPRING = 40
 
 Row = dict[str, Any]
 
 
 class Runs(NamedTuple):
-    """What one method came to.
+    """The results of one method.
 
     Attributes:
-      rows: a table by column names. `elite` says which grid of a run a row is about: "best", for MAP-Elites also
-        "random" (an elite drawn at random) and "archive" (means over all elites, with niches and QD score).
+      rows: a table by column names. The column `elite` says which grid of a run the row describes: "best", for
+        MAP-Elites also "random" (an elite drawn at random) and "archive" (means over all elites, with the number of
+        filled niches and the QD score).
       best: codes ``[S][H][W]``, the best grid of each seed.
-      timing: seconds by what was timed.
+      timing: seconds, by the name of the measurement.
     """
 
     rows: list[Row]
@@ -52,40 +55,40 @@ def run_method(
     *,
     alone: bool = True,
 ) -> Runs:
-    """Runs a method with seeds 0, 1, ... of `seed`, each the same however many there are.
+    """Runs a method with seeds 0, 1, ... of `seed`; a run does not depend on their number.
 
     Args:
-      method: one of `METHODS`. WFC makes one grid a seed, and takes of the reading the weights alone; a seed whose
+      method: one of `METHODS`. WFC makes one grid for each seed and uses only the weights of the reading; a seed whose
         attempts all fail has no row.
       shape: (height, width).
-      seeds: how many runs.
-      seed: what they all follow from.
+      seeds: the number of runs.
+      seed: the seed that all runs follow from.
       generations: of a search, 40 grids each.
       reading: of the paper.
-      alone: whether to time one seed alone as well, compiled apart.
+      alone: whether to time one seed alone as well, which is compiled separately.
     """
     if method == "wfc":
         return _collapse(shape, seeds, seed, reading)
     keys = seed_keys(seed, seeds)
-    config = reading.configs.get(method, preset_config(method, "paper"))
-    settings: dict[str, Any] = {"method": method, "config": config, "weights": reading.weights, "fill": reading.fill}
+    config = reading.configs.get(method, PRESETS[method, "paper"])
+    spec = SearchSpec(method=method, preset="paper", fill=reading.fill, generations=generations)
+    spec = spec.but({"weights": reading.weights})
 
     began = time.perf_counter()
-    result = evolve(keys, shape, generations=generations, **settings)
+    result = evolve(keys, shape, spec=spec, config=config)
     best = np.asarray(result.best())
     total = time.perf_counter() - began
     working = _working_seconds(result)
     timing = {"all seeds": working, "a seed among them": working / seeds, "first call, compiling": total}
     if alone:
-        evolve(keys[0], shape, generations=1, **settings)
-        timing["a seed alone"] = float(
-            np.median([_working_seconds(evolve(one, shape, generations=generations, **settings)) for one in keys[:5]])
-        )
+        evolve(keys[0], shape, spec=spec.but({"generations": 1}), config=config)  # compiles
+        singles = [_working_seconds(evolve(one, shape, spec=spec, config=config)) for one in keys[:5]]
+        timing["a seed alone"] = float(np.median(singles))
     rows = []
     for number in range(seeds):
         mine = jax.tree.map(lambda array, number=number: np.asarray(array[number]), result.elites)
         held = np.flatnonzero(mine.valid)
-        figures = {name: getattr(mine.metrics, name) for name in (*COUNTED, "coverage")} | {"fitness": mine.fitness}
+        figures = {name: getattr(mine.metrics, name) for name in (*COUNT_NAMES, "coverage")} | {"fitness": mine.fitness}
         first = held[np.argmin(mine.fitness[held])]
         chosen: dict[str, Any] = {"best": first}
         if method == "map-elites":
@@ -95,7 +98,7 @@ def run_method(
             row = {"method": method, "elite": elite, "height": shape[0], "width": shape[1], "seed": number}
             row |= {name: float(values[places].mean()) for name, values in figures.items()}
             if elite == "archive":
-                # Each elite counts by how far it lies below a grid of dead ends: larger is better.
+                # An elite's score is its distance below the fitness of a grid of dead ends: larger is better.
                 row |= {
                     "niches": int(held.size),
                     "qd_score": int((480 * shape[0] * shape[1] - mine.fitness[held]).sum()),
@@ -113,13 +116,13 @@ def kept_runs(
     *,
     alone: bool = False,
 ) -> dict[str, Any]:
-    """The fields of `Runs` that a file holds, or, where there is none yet, of runs made now and kept in it."""
+    """Returns the fields of `Runs` from a file. If it does not exist, the method is run and the file written."""
     numbers = options.seeds, options.seed, options.generations
     return kept(file, lambda: run_method(method, shape, *numbers, reading, alone=alone)._asdict())
 
 
 def _working_seconds(result: Result) -> float:
-    """What the generations took by the clock, compilation aside."""
+    """Returns the seconds that the generations took, without compilation."""
     history = result.history
     seeds = 1 if history.best_fitness.ndim == 1 else len(history.best_fitness)
     return float((OFFSPRING * seeds / history.evaluations_per_second).sum())
@@ -127,7 +130,7 @@ def _working_seconds(result: Result) -> float:
 
 def _collapse(shape: tuple[int, int], seeds: int, seed: int, reading: Reading) -> Runs:
     grids, seconds, succeeded = [], [], []
-    generate(np.random.default_rng(seed), (2, 2))  # its tables are made once
+    generate(np.random.default_rng(seed), (2, 2))  # makes its tables, once
     for number in tqdm(range(seeds), desc=f"wfc {shape[0]}x{shape[1]}", delay=1, disable=None):
         began = time.perf_counter()
         collapsed = generate(np.random.default_rng([seed, number]), shape)

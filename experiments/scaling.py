@@ -1,8 +1,8 @@
-"""How all methods fare on larger maps with the same budget: quality a tile, and time.
+"""All methods on larger maps with the same budget: quality a tile, and time.
 
     python experiments/scaling.py [--methods ...] [--sizes 8 12 ...] [--seeds N] [--generations N]
 
-Kept and gone on with like `compare.py`.
+Finished runs are kept as `compare.py` keeps them.
 """
 
 import argparse
@@ -18,10 +18,11 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
-from elitelanes_jax.command import Parser, guarded, leave, say
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.exports.table import to_csv
-from elitelanes_jax.folders import write_whole
+from elitelanes_jax.formats.table import table_to_csv
 
 _SIZES = [(side, side) for side in (8, 12, 16, 24, 32, 48, 64)]
 
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="scaling", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_settings(parser, sizes=_SIZES, seeds=8, out="results/scaling")
     options = parser.parse_args(arguments)
-    return guarded("scaling", lambda: _scale(options), interrupted="what is done is kept; start again to go on")
+    return guarded("scaling", lambda: _scale(options), interrupted="what is done is kept; start again to continue")
 
 
 def _scale(options: argparse.Namespace) -> int:
@@ -45,10 +46,10 @@ def _scale(options: argparse.Namespace) -> int:
             found = kept_runs(file, method, shape, options, READINGS[options.reading])
             rows += [row for row in found["rows"] if row["elite"] == "best"]
             say(f"{name}: {options.seeds} runs, {found['timing']['all seeds']:.2f} s")
-    write_whole(options.out / "scaling.csv", to_csv(rows).encode())
+    write_atomic(options.out / "scaling.csv", table_to_csv(rows).encode())
     title = f"{options.seeds} seeds, {options.generations} generations of 40"
     save(scaling(rows, title), options.out / "scaling.png")
-    write_whole(options.out / "scaling.md", _table(rows, title).encode())
+    write_atomic(options.out / "scaling.md", _table(rows, title).encode())
     say(f"{len(rows)} rows in {options.out / 'scaling.csv'}")
     return 0
 

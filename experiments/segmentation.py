@@ -1,11 +1,11 @@
-"""Do generated maps teach a network to see roads, and do diverse maps teach it better?
+"""Segmentation with generated maps: whether a network learns to see roads from them, and more from diverse ones.
 
     python experiments/segmentation.py [--conditions ...] [--seeds N] [--steps N] [--photographs DIR] [--quick]
 
-A small U-Net is trained on datasets that differ in their maps alone: how many there are, and where they come from. All
-get as many steps on as many crops, from the same tile pictures, in views of the same kind. The test has maps that no
-dataset has, drawn with the pictures that were trained on, with pictures that were held out, and with photographs.
-What is done is kept in the folder of results: started again after an interruption with the same settings, it goes on.
+A small U-Net is trained on datasets that differ only in the number and the source of their maps. All have the same
+number of steps and crops, the same tile pictures, and views of the same kind. The tests have maps that are in no
+dataset, drawn with the pictures of the training, with pictures that were held out, and with photographs. The folder of
+results keeps every finished run: after an interruption, the same command continues from there.
 """
 
 import argparse
@@ -20,17 +20,19 @@ import numpy as np
 from figures import save
 from results_folder import kept, open_results
 from segmentation_report import figure, tables
-from training_sets import CONDITIONS, SOURCES, Pictures, drawn, make_maps, patterns, split_tiles, training_set
+from training_sets import CONDITIONS, SOURCES, Pictures, draw_maps, make_maps, patterns, split_tiles, training_set
 
-from elitelanes_jax.command import Parser, folder_name, guarded, leave, say, whole
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.errors import InputError, MissingPackageError
+from elitelanes_jax._util.version import __version__
+from elitelanes_jax.cli.arguments import Parser, checked_by
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.errors import InputError, MissingPackageError
-from elitelanes_jax.exports.table import to_csv
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.render import LABELS
-from elitelanes_jax.symmetry import canonical
-from elitelanes_jax.tilesets import load_tiles
-from elitelanes_jax.version import __version__
+from elitelanes_jax.formats.table import table_to_csv
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.tiles.render import LABELS
+from elitelanes_jax.tiles.tileset import load_tiles
 
 Row = dict[str, Any]
 
@@ -38,14 +40,14 @@ _PHOTOGRAPHS = Path(__file__).parents[2] / "shared" / "real_tiles"
 
 
 class Budget(NamedTuple):
-    """How much work goes into it.
+    """The amount of work.
 
     Attributes:
-      steps: of training, each on `batch` crops.
+      steps: steps of a training, each on `batch` crops.
       batch: crops a step.
-      most: maps and drawings that a condition gets at most.
+      most: the largest number of maps and of drawings of a condition.
       evaluations: of each run that makes maps.
-      test_maps: of each source.
+      test_maps: maps of each source in the tests.
     """
 
     steps: int = 500
@@ -63,14 +65,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="segmentation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     names = ", ".join(CONDITIONS)
     parser.add_argument("--conditions", nargs="+", default=list(CONDITIONS), metavar="NAME", help=f"of {names}")
-    parser.add_argument("--seeds", type=whole(1, 1000), default=3, metavar="N", help="runs of each, by default 3")
-    parser.add_argument("--steps", type=whole(1), metavar="N", help=f"of training, by default {_FULL.steps}")
-    parser.add_argument("--photographs", type=folder_name, metavar="DIR", help="a tile set to test on as well")
+    parser.add_argument(
+        "--seeds", type=checked_by(whole(1, 1000)), default=3, metavar="N", help="runs of each; by default 3"
+    )
+    parser.add_argument(
+        "--steps", type=checked_by(whole(1)), metavar="N", help=f"of training; by default {_FULL.steps}"
+    )
+    parser.add_argument("--photographs", type=checked_by(path), metavar="DIR", help="a tile set to test on as well")
     out = "results/segmentation"
-    parser.add_argument("--out", type=folder_name, default=Path(out), metavar="DIR", help=f"by default {out}")
+    parser.add_argument("--out", type=checked_by(path), default=Path(out), metavar="DIR", help=f"by default {out}")
     parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
     options = parser.parse_args(arguments)
-    return guarded("segmentation", lambda: _run(options), interrupted="what is done is kept; start again to go on")
+    return guarded("segmentation", lambda: _run(options), interrupted="what is done is kept; start again to continue")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -99,24 +105,25 @@ def _run(options: argparse.Namespace) -> int:
         }
         if photographed is not None:
             tests["photographs"] = (maps["test"], photographed)
-        pictures = {test: drawn(grids, tiles, 1000 + seed) for test, (grids, tiles) in tests.items()}
+        pictures = {test: draw_maps(grids, tiles, 1000 + seed) for test, (grids, tiles) in tests.items()}
         for name in conditions:
             file = options.out / "runs" / f"{name}-{seed}.json"
             run = kept(file, partial(_train, name, seed, maps, pictures, budget))
             rows += run
             say(f"{name}, seed {seed}: mean IoU " + ", ".join(f"{row['test']} {row['mean']:.3f}" for row in run))
-    write_whole(options.out / "segmentation.csv", to_csv(rows).encode())
-    write_whole(options.out / "segmentation.md", tables(rows, f"{budget.steps} steps of {budget.batch} crops").encode())
+    write_atomic(options.out / "segmentation.csv", table_to_csv(rows).encode())
+    training = f"{budget.steps} steps of {budget.batch} crops"
+    write_atomic(options.out / "segmentation.md", tables(rows, training).encode())
     save(figure(rows), options.out / "segmentation.png")
     say(f"{len(rows)} rows in {options.out / 'segmentation.csv'}, {time.perf_counter() - began:.0f} s")
     return 0
 
 
 def _maps(seed: int, budget: Budget) -> dict[str, Any]:
-    """Maps to train on, by source, and those of the tests, which are none of them.
+    """Makes the maps to train on, by source, and the maps of the tests, which differ from all of these.
 
-    In "test" there are as many of each source, all such as the held-out tiles can draw; in "four-way" those with a
-    four-way crossing, which these cannot draw and the best networks lack.
+    The maps of "test" come from all sources in equal numbers and can be drawn with the held-out tiles. Those of
+    "four-way" have a four-way crossing, which the held-out tiles cannot draw and the best networks lack.
     """
     seen, held_out = split_tiles(seed)
     maps: dict[str, Any] = {}
@@ -124,18 +131,18 @@ def _maps(seed: int, budget: Budget) -> dict[str, Any]:
     for source in SOURCES:
         wanted = max(condition.maps for condition in CONDITIONS.values() if condition.source == source)
         maps[source] = make_maps(source, min(wanted, budget.most), 2 * seed, seen.alphabet, budget.evaluations)
-        # Runs of the EA that end early: those that go on come to the few best networks that there are.
+        # The EA's runs end early: longer ones would all find the same few best networks.
         evaluations = budget.evaluations // (10 if source == "ea" else 1)
         test += [*make_maps(source, budget.test_maps, 2 * seed + 1, held_out.alphabet, evaluations)]
         crossed += [*make_maps(source, 2 * budget.test_maps, 2 * seed + 1, seen.alphabet, evaluations)]
-    trained_on = {canonical(grid) for grids in maps.values() for grid in grids}
-    maps["test"] = [grid for grid in test if canonical(grid) not in trained_on]
-    maps["four-way"] = [grid for grid in crossed if (grid == 15).any() and canonical(grid) not in trained_on]
+    trained_on = {canonical_form(grid) for grids in maps.values() for grid in grids}
+    maps["test"] = [grid for grid in test if canonical_form(grid) not in trained_on]
+    maps["four-way"] = [grid for grid in crossed if (grid == 15).any() and canonical_form(grid) not in trained_on]
     return {name: np.array(grids).tolist() for name, grids in maps.items()}
 
 
 def _train(name: str, seed: int, maps: dict[str, Any], tests: dict[str, Pictures], budget: Budget) -> list[Row]:
-    """Trains on one condition; a row for each test."""
+    """Trains on one condition; returns a row for each test."""
     from unet import confusion, ious, predict, train
 
     condition = CONDITIONS[name]
@@ -143,17 +150,17 @@ def _train(name: str, seed: int, maps: dict[str, Any], tests: dict[str, Pictures
     grids = maps[condition.source][: condition.maps]
     images, labels = training_set(condition, grids, seed)
     weights = train(images, labels, len(LABELS), seed, steps=budget.steps, batch=budget.batch)
-    met, asked = patterns(grids), patterns(maps["test"])
+    known, wanted = patterns(grids), patterns(maps["test"])
     about = {
         "condition": name,
         "seed": seed,
-        "different": len({canonical(grid) for grid in grids}),
-        "patterns": len(met),
-        "met": len(met & asked) / len(asked),
+        "different": len({canonical_form(grid) for grid in grids}),
+        "patterns": len(known),
+        "met": len(known & wanted) / len(wanted),
     }
     rows = []
-    for test, (shown, wanted) in tests.items():
-        found = ious(confusion(wanted, predict(weights, shown, len(LABELS)), len(LABELS)))
+    for test, (shown, labelled) in tests.items():
+        found = ious(confusion(labelled, predict(weights, shown, len(LABELS)), len(LABELS)))
         rows.append(
             about | {"test": test} | dict(zip(LABELS, found.tolist(), strict=True)) | {"mean": float(found.mean())}
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from report import table
 from training_sets import CONDITIONS
 
-from elitelanes_jax.render import LABELS
+from elitelanes_jax.tiles.render import LABELS
 
 __all__ = ["TESTS", "figure", "tables"]
 
@@ -25,23 +25,22 @@ TESTS = {
     "four-way": "Pictures trained on, four-way crossings",
     "photographs": "Photographs",
 }
-"""Whose pictures the test maps are drawn with, by name."""
+"""The tests by name, with words for the tile pictures that their maps are drawn with."""
 
 _REFERENCE = "maps-1000"
 
 
 def tables(rows: Sequence[Row], training: str) -> str:
-    """All figures, as Markdown.
+    """Makes all tables, as Markdown.
 
     Args:
-      rows: of each its condition, seed and test, an IoU by label, their mean, and what its maps show.
-      training: in words, how long.
+      rows: each with condition, seed and test, the IoU of each label, their mean, and figures about its maps.
+      training: the length of the training, in words.
     """
     parts = [
         f"# Trained for {training}, {len({row['seed'] for row in rows})} seeds",
-        "Intersection over union, means of the seeds. Of the mean of the classes also the lowest and the highest seed, "
-        f"and how far it is from that of {CONDITIONS[_REFERENCE].words}: the mean, lowest and highest difference of "
-        "runs with the same seed.",
+        "Intersection over union, means of the seeds. The mean of the classes also has its lowest and highest seed and "
+        f"its difference from {CONDITIONS[_REFERENCE].words}: the mean, lowest and highest of runs with the same seed.",
     ]
     for test in _tests(rows):
         head = ["trained on", "drawings", *LABELS, "mean", "lowest, highest", "difference"]
@@ -56,7 +55,7 @@ def tables(rows: Sequence[Row], training: str) -> str:
         ]
         for name in _conditions(rows)
     ]
-    parts += ["## What the maps show", "What is the same when turned counts once; of maps also when mirrored."]
+    parts += ["## The maps", "Neighbourhoods that are equal when rotated count once; maps also when mirrored."]
     return "\n\n".join(part.rstrip() for part in (*parts, table(head, shown))) + "\n"
 
 
@@ -73,7 +72,7 @@ def _judged(rows: Sequence[Row], test: str, name: str) -> list[str]:
 
 
 def figure(rows: Sequence[Row]) -> Figure:
-    """The mean IoU of every run, by condition, with the mean of the seeds."""
+    """Plots the mean IoU of every run, by condition, with the mean of the seeds."""
     names, tests = _conditions(rows), _tests(rows)
     size = (2 + 3.2 * len(tests), 1.2 + 0.34 * len(names))
     plot, axes = plt.subplots(1, len(tests), figsize=size, layout="constrained", sharey=True, squeeze=False)
@@ -93,7 +92,7 @@ def figure(rows: Sequence[Row]) -> Figure:
 
 
 def _of(rows: Sequence[Row], test: str, name: str, key: str) -> NDArray[np.float64]:
-    """A column of one condition and test, by seed."""
+    """Returns a column of one condition and test, by seed."""
     held = [row for row in rows if (row["test"], row["condition"]) == (test, name)]
     return np.array([row[key] for row in sorted(held, key=lambda row: row["seed"])], float)
 

@@ -7,27 +7,38 @@ from typing import Any
 from readings import READINGS
 from runs import METHODS
 
-from elitelanes_jax.checks import check_shape
-from elitelanes_jax.command import folder_name, whole
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.version import __version__
+from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.version import __version__
+from elitelanes_jax.cli.arguments import checked_by
+from elitelanes_jax.network.checks import check_shape
 
 __all__ = ["add_settings", "checked_settings"]
 
 
 def add_settings(parser: argparse.ArgumentParser, *, sizes: list[tuple[int, int]], seeds: int, out: str) -> None:
-    """Adds methods, sizes, seeds, generations, reading, folder, with these defaults."""
+    """Adds the options for methods, sizes, seeds, generations, reading and folder, with these defaults."""
     parser.add_argument("--methods", nargs="+", default=list(METHODS), metavar="NAME", help=f"of {', '.join(METHODS)}")
     parser.add_argument("--sizes", nargs="+", type=_size, default=sizes, metavar="SIZE", help="12, or 9x14 tiles")
     number = parser.add_mutually_exclusive_group()
     number.add_argument(
-        "--seeds", type=whole(1, 2**20), default=seeds, metavar="N", help=f"runs a method, by default {seeds}"
+        "--seeds",
+        type=checked_by(whole(1, 2**20)),
+        default=seeds,
+        metavar="N",
+        help=f"runs of each method; by default {seeds}",
     )
-    number.add_argument("--paper", action="store_const", dest="seeds", const=4, help="4 runs a method, as in the paper")
-    parser.add_argument("--seed", type=whole(0, 2**32 - 1), default=0, metavar="N", help="of everything random")
-    parser.add_argument("--generations", type=whole(1), default=200, metavar="N", help="of 40 grids, by default 200")
+    number.add_argument(
+        "--paper", action="store_const", dest="seeds", const=4, help="4 runs of each method, as in the paper"
+    )
+    parser.add_argument(
+        "--seed", type=checked_by(whole(0, 2**32 - 1)), default=0, metavar="N", help="seed of everything random"
+    )
+    parser.add_argument(
+        "--generations", type=checked_by(whole(1)), default=200, metavar="N", help="of 40 grids; by default 200"
+    )
     parser.add_argument("--reading", default="ours", metavar="NAME", help=f"of the paper: {', '.join(READINGS)}")
-    parser.add_argument("--out", type=folder_name, default=Path(out), metavar="DIR", help=f"by default {out}")
+    parser.add_argument("--out", type=checked_by(path), default=Path(out), metavar="DIR", help=f"by default {out}")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -39,7 +50,7 @@ def _size(text: str) -> tuple[int, int]:
 
 
 def checked_settings(program: str, options: argparse.Namespace) -> dict[str, Any]:
-    """The settings that results belong to.
+    """Checks the options; returns the settings that the results belong to.
 
     Raises:
       InputError: for an unknown method or reading.

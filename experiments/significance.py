@@ -1,4 +1,4 @@
-"""How sure a difference is: Mann-Whitney's U with its effect size, Holm's correction, bootstrap intervals (SciPy)."""
+"""Statistics of differences: Mann-Whitney's U with its effect size, Holm's correction, bootstrap intervals (SciPy)."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -11,11 +11,11 @@ __all__ = ["Comparison", "bootstrap_interval", "compare_all", "holm"]
 
 
 class Comparison(NamedTuple):
-    """Two samples compared.
+    """A comparison of two samples.
 
     Attributes:
       effect: rank-biserial correlation, -1 to 1: 1 where all of the first lie over all of the second.
-      p: of Mann-Whitney's U, two-sided, corrected by Holm for all pairs compared.
+      p: of Mann-Whitney's U, two-sided, with Holm's correction for all pairs compared.
     """
 
     effect: float
@@ -23,7 +23,7 @@ class Comparison(NamedTuple):
 
 
 def compare_all(samples: Mapping[str, Sequence[float]]) -> dict[tuple[str, str], Comparison]:
-    """All pairs of samples, in their order."""
+    """Compares all pairs of samples, in their order."""
     pairs = list(combinations(samples, 2))
     effects, chances = [], []
     for one, other in pairs:
@@ -36,7 +36,10 @@ def compare_all(samples: Mapping[str, Sequence[float]]) -> dict[tuple[str, str],
 
 
 def holm(chances: Sequence[float]) -> list[float]:
-    """P-values corrected for their number (Holm, 1979): the k-th lowest of m times m - k + 1, rising, 1 at most."""
+    """Corrects p-values for their number (Holm, 1979).
+
+    The k-th lowest of m is multiplied by m - k + 1; it is at least the one before, and at most 1.
+    """
     order = np.argsort(chances, kind="stable")
     steps = np.asarray(chances)[order] * np.arange(len(chances), 0, -1)
     corrected = np.empty(len(chances))
@@ -45,7 +48,7 @@ def holm(chances: Sequence[float]) -> list[float]:
 
 
 def bootstrap_interval(sample: Sequence[float], seed: int = 0) -> tuple[float, float]:
-    """The 95 % interval of the mean, bias-corrected and accelerated; of a constant sample its value."""
+    """Returns the 95 % interval of the mean, bias-corrected and accelerated; of a constant sample its value."""
     values = np.asarray(sample, float)
     if np.ptp(values) == 0:
         return float(values[0]), float(values[0])

@@ -1,9 +1,9 @@
-"""How fast datasets are drawn, and what of the time is warping and packing pictures.
+"""The speed at which datasets are drawn, and the shares of its steps.
 
 python experiments/throughput.py [--maps N] [--tile-px N]
 
-One thread draws maps of 12 x 12 tiles step by step, its own processor time taken; then all processors draw as
-`elitelanes dataset` does, and pack the same pictures with nothing else: no dataset can be made faster than that.
+One thread draws maps of 12 x 12 tiles, and the processor time of each step is measured. Then all processors draw as
+`elitelanes dataset` does, and only pack the same pictures: no dataset can be made faster than that.
 """
 
 import argparse
@@ -20,24 +20,27 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from elitelanes_jax.command import Parser, guarded, leave, say, whole
-from elitelanes_jax.dataset import Settings, make_dataset
+from elitelanes_jax._util.checks import whole
+from elitelanes_jax.cli.arguments import Parser, checked_by
+from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.dataset import samples as drawing
 from elitelanes_jax.dataset.formats import FORMATS
-from elitelanes_jax.render import png_of
-from elitelanes_jax.roadmap import RoadMap
-from elitelanes_jax.tilesets import load_tiles
-from elitelanes_jax.transforms import STANDARD
-from elitelanes_jax.wfc import generate_batch
+from elitelanes_jax.dataset.make import make_dataset
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.transforms import STANDARD
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.wfc import generate_batch
+from elitelanes_jax.tiles.render import png_of
+from elitelanes_jax.tiles.tileset import load_tiles
 
 __all__ = ["main"]
 
-# What a sample is made by, in words.
+# The functions that make a sample, with words for them.
 _STEPS = {
     "png_of": "pack pictures and labels as PNG",
     "warp": "warp",
     "photograph": "light, blur, noise",
-    "write_whole": "write files",
+    "write_atomic": "write files",
     "render": "lay out tiles",
 }
 
@@ -45,8 +48,16 @@ _STEPS = {
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser(prog="throughput.py", description="Measures how fast datasets are drawn.")
-    parser.add_argument("--maps", type=whole(8), default=1000, metavar="N", help="how many maps; by default 1000")
-    parser.add_argument("--tile-px", type=whole(16, 512), default=64, metavar="N", help="by default 64")
+    parser.add_argument(
+        "--maps", type=checked_by(whole(8)), default=1000, metavar="N", help="number of maps; by default 1000"
+    )
+    parser.add_argument(
+        "--tile-px",
+        type=checked_by(whole(16, 512)),
+        default=64,
+        metavar="N",
+        help="side of a tile in pixels; by default 64",
+    )
     options = parser.parse_args(arguments)
     return guarded("throughput", lambda: _measure(options), interrupted="nothing was measured")
 
@@ -57,8 +68,8 @@ def _measure(options: argparse.Namespace) -> int:
     say(_one_thread(maps[:100], options.tile_px))
     with TemporaryDirectory() as folder:
         began = time.perf_counter()
-        settings = Settings(maps=len(maps), size=(12, 12), tile_px=options.tile_px)
-        make_dataset(settings, Path(folder) / "dataset", maps=maps)
+        spec = DatasetSpec(maps=len(maps), size=((12, 12),), tile_px=options.tile_px)
+        make_dataset(spec, Path(folder) / "dataset", maps=maps)
         drawn = time.perf_counter() - began
     images = [_sample(road_map, number, options.tile_px).layers for number, road_map in enumerate(maps[:32])]
     cv2.setNumThreads(1)
@@ -77,7 +88,7 @@ def _sample(road_map: RoadMap, number: int, tile_px: int) -> drawing.Sample:
 
 
 def _one_thread(maps: Sequence[RoadMap], tile_px: int) -> str:
-    """A table of milliseconds of processor time for each step of a map."""
+    """Makes a table of the milliseconds of processor time of each step of a map."""
     spent = dict.fromkeys(_STEPS, 0.0)
 
     def timed(name: str) -> Callable[..., Any]:
@@ -95,7 +106,8 @@ def _one_thread(maps: Sequence[RoadMap], tile_px: int) -> str:
     tiles = load_tiles()
     cv2.setNumThreads(1)
     with TemporaryDirectory() as folder:
-        drawing.draw_sample(maps[0], tiles, 0, tile_px=tile_px, transforms=STANDARD, layers=())  # tiles are scaled once
+        # The first sample scales the tiles, once.
+        drawing.draw_sample(maps[0], tiles, 0, tile_px=tile_px, transforms=STANDARD, layers=())
         steps: dict[str, Any] = {name: timed(name) for name in _STEPS}
         began = time.thread_time()
         with patch.multiple(drawing, **steps):

@@ -1,7 +1,8 @@
-"""Maps to train and to test on, and the datasets drawn from them."""
+"""Maps for training and tests, and the datasets drawn from them."""
 
 import shutil
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -10,24 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.dataset import Settings, make_dataset
+from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.samples import draw_sample
-from elitelanes_jax.dataset.settings import tiles_by_split
-from elitelanes_jax.roadmap import RoadMap
-from elitelanes_jax.search import seed_keys
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.tile_splits import tiles_by_split
+from elitelanes_jax.dataset.transforms import STANDARD, Transforms
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.network.wfc import generate_batch
+from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.selection import choose_maps
-from elitelanes_jax.symmetry import rotate
-from elitelanes_jax.tile_files import read_picture
-from elitelanes_jax.tilesets import TileSet, default_tiles, load_tiles
-from elitelanes_jax.transforms import STANDARD, Transforms
-from elitelanes_jax.wfc import generate_batch
+from elitelanes_jax.tiles.files import read_picture
+from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
 
 __all__ = [
     "CONDITIONS",
     "SOURCES",
     "Condition",
     "Pictures",
-    "drawn",
+    "draw_maps",
     "make_maps",
     "patterns",
     "split_tiles",
@@ -35,20 +37,20 @@ __all__ = [
 ]
 
 SOURCES = ("map-elites", "ea", "wfc")
-"""Where maps come from."""
+"""The sources of maps."""
 
 SIDE, TILE_PX = 8, 32
 
 
 class Condition(NamedTuple):
-    """What a network is trained on.
+    """A dataset that a network is trained on.
 
     Attributes:
-      words: what it is, for tables.
+      words: its description in tables.
       source: of the maps, one of `SOURCES`.
-      maps: how many.
-      drawings: how many pictures there are, each map drawn as often as the others.
-      transforms: how views of the drawings vary.
+      maps: number of maps.
+      drawings: number of pictures; all maps are drawn equally often.
+      transforms: the variation of views.
       one_picture: whether each kind of tile has one picture only.
     """
 
@@ -73,7 +75,7 @@ CONDITIONS = {
     "one-picture": Condition("1000 maps, one picture a kind", "map-elites", 1000, 1000, one_picture=True),
     "no-views": Condition("1000 maps, plain views", "map-elites", 1000, 1000, Transforms()),
 }
-"""What is trained on, by name; where the words name no source, maps are of MAP-Elites."""
+"""The conditions by name; maps are of MAP-Elites unless the words name another source."""
 
 
 class Pictures(NamedTuple):
@@ -89,14 +91,14 @@ class Pictures(NamedTuple):
 
 
 def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evaluations: int) -> NDArray[np.int8]:
-    """Maps of 8 x 8 tiles without empty cells, int8 ``[count, 8, 8]``, in random order.
+    """Makes maps of 8 x 8 tiles without empty cells, int8 ``[count, 8, 8]``, in random order.
 
     Args:
-      source: "map-elites", elites of many runs, spread over the niches, no two alike when turned or mirrored; "ea", the
-        best map of each of so many runs; "wfc", by Wave Function Collapse with closed borders.
-      count: how many.
+      source: "map-elites", elites of many runs, spread over the niches, no two equal when rotated or mirrored; "ea",
+        the best map of each of `count` runs; "wfc", by Wave Function Collapse with closed borders.
+      count: number of maps.
       seed: of everything random.
-      alphabet: codes that they are made of.
+      alphabet: the tile codes to use.
       evaluations: of each run.
 
     Raises:
@@ -117,30 +119,30 @@ def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evalu
 
 
 def split_tiles(seed: int) -> tuple[TileSet, TileSet]:
-    """The drawn tiles that are trained on, and those held out: one of every kind that has several."""
-    seen, _, held_out = tiles_by_split(load_tiles(), _settings(seed))
+    """Splits the drawn tiles into those for training and those held out: one of every kind that has several."""
+    seen, _, held_out = tiles_by_split(load_tiles(), _spec(seed))
     return seen, held_out
 
 
 def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pictures:
-    """The dataset of a condition, made as anyone would make it, and read back.
+    """Makes the dataset of a condition with `make_dataset`, and reads it.
 
     Args:
-      condition: which.
-      grids: codes ``[N, H, W]``, of which it takes the first.
-      seed: of the drawings, and of what is held out.
+      condition: the condition.
+      grids: codes ``[N, H, W]``, of which the first ones are used.
+      seed: of the drawings, and of the held-out tiles.
     """
     maps = [RoadMap(grids[number % condition.maps]) for number in range(condition.drawings)]
-    settings = _settings(seed)._replace(maps=condition.drawings, transforms=condition.transforms)
+    spec = replace(_spec(seed), maps=condition.drawings, transforms=condition.transforms)
     with TemporaryDirectory() as folder:
         if condition.one_picture:
-            settings = settings._replace(tiles=_one_of_each(split_tiles(seed)[0], Path(folder)), hold_out_tiles=False)
-        make_dataset(settings, Path(folder) / "dataset", maps=maps)
+            spec = replace(spec, tiles=_one_of_each(split_tiles(seed)[0], Path(folder)), hold_out_tiles=False)
+        make_dataset(spec, Path(folder) / "dataset", maps=maps)
         return Pictures(*(_read_all(Path(folder) / "dataset" / "train" / name) for name in Pictures._fields))
 
 
-def drawn(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
-    """Maps as a set of tiles shows them, each once and in its own view."""
+def draw_maps(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
+    """Draws each map once with a set of tiles, each in its own view."""
     samples = [
         draw_sample(RoadMap(grid), tiles, number, seed=seed, tile_px=TILE_PX, transforms=STANDARD, layers=()).layers
         for number, grid in enumerate(grids)
@@ -149,19 +151,19 @@ def drawn(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
 
 
 def patterns(grids: ArrayLike) -> set[bytes]:
-    """All neighbourhoods of 2 x 2 tiles in maps ``[N, H, W]``; those that are the same when turned count as one."""
+    """Returns the neighbourhoods of 2 x 2 tiles in maps ``[N, H, W]``; those that are equal when rotated are one."""
     windows = np.lib.stride_tricks.sliding_window_view(np.asarray(grids, np.int8), (2, 2), axis=(1, 2)).reshape(
         -1, 2, 2
     )
     return {min(rotate(window, turns).tobytes() for turns in range(4)) for window in np.unique(windows, axis=0)}
 
 
-def _settings(seed: int) -> Settings:
-    return Settings(size=(SIDE, SIDE), tile_px=TILE_PX, split=(1.0, 0.0, 0.0), seed=seed, hold_out_tiles=True)
+def _spec(seed: int) -> DatasetSpec:
+    return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(1.0, 0.0, 0.0), seed=seed, hold_out_tiles=True)
 
 
 def _one_of_each(tiles: TileSet, folder: Path) -> Path:
-    """A folder of tiles with the first of each kind."""
+    """Makes a folder of tiles with the first of each kind."""
     for tile in {tile.name.rpartition("_")[0]: tile for tile in reversed(tiles.tiles)}.values():
         shutil.copytree(default_tiles() / tile.name, folder / "tiles" / tile.name)
     shutil.copy(default_tiles() / "tileset.toml", folder / "tiles")
@@ -169,7 +171,7 @@ def _one_of_each(tiles: TileSet, folder: Path) -> Path:
 
 
 def _read_all(folder: Path) -> NDArray[np.uint8]:
-    """All pictures of a folder, by name."""
+    """Reads all pictures of a folder, in the order of their names."""
     problems: list[str] = []
     pictures = [read_picture(file, problems) for file in sorted(folder.iterdir())]
     if problems:

@@ -1,4 +1,4 @@
-"""A small U-Net that labels pictures, its training, and how its labels are judged (Ronneberger, Fischer, Brox 2015)."""
+"""A small U-Net that labels pictures, its training and its evaluation (Ronneberger, Fischer, Brox 2015)."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -11,16 +11,16 @@ import optax
 from flax import linen as nn
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["UNet", "confusion", "ious", "predict", "train"]
+__all__ = ["UNet", "confusion", "depth_to_space", "ious", "predict", "random_crop", "space_to_depth", "train"]
 
 _LEARNING_RATE, _WARM_UP = 5e-3, 0.15
 
 
 class UNet(nn.Module):
-    """Pictures to logits; pixels go in and out in packs of 2 x 2, at a quarter of the cost.
+    """A network from pictures to logits. It works on packs of 2 x 2 pixels, at a quarter of the cost.
 
     Attributes:
-      classes: how many.
+      classes: number of classes.
       channels: of each level from fine to coarse, multiples of 4; each has half the resolution of the one before.
     """
 
@@ -29,9 +29,9 @@ class UNet(nn.Module):
 
     @nn.compact
     def __call__(self, images: jax.Array) -> jax.Array:
-        """uint8 ``[B, H, W, 3]``, sides multiples of 8, to float32 ``[B, H, W, classes]``."""
+        """Maps uint8 ``[B, H, W, 3]``, sides multiples of 8, to float32 ``[B, H, W, classes]``."""
         *finer, coarsest = self.channels
-        x, skipped = _pack(images.astype(jnp.float32) / 128 - 1), []
+        x, skipped = space_to_depth(images.astype(jnp.float32) / 128 - 1), []
         for channels in finer:
             skipped.append(_block(x, channels))
             batch, height, width, _ = skipped[-1].shape
@@ -39,7 +39,7 @@ class UNet(nn.Module):
         x = _block(x, coarsest)
         for channels, skip in zip(reversed(finer), reversed(skipped), strict=True):
             x = _block(jnp.concatenate([x.repeat(2, axis=1).repeat(2, axis=2), skip], axis=-1), channels)
-        return _unpack(nn.Conv(4 * self.classes, (1, 1))(x))
+        return depth_to_space(nn.Conv(4 * self.classes, (1, 1))(x))
 
 
 def _block(x: jax.Array, channels: int) -> jax.Array:
@@ -48,13 +48,15 @@ def _block(x: jax.Array, channels: int) -> jax.Array:
     return x
 
 
-def _pack(x: jax.Array) -> jax.Array:
+def space_to_depth(x: jax.Array) -> jax.Array:
+    """Packs 2 x 2 pixels into one with four times the channels."""
     batch, height, width, channels = x.shape
     x = x.reshape(batch, height // 2, 2, width // 2, 2, channels).transpose(0, 1, 3, 2, 4, 5)
     return x.reshape(batch, height // 2, width // 2, 4 * channels)
 
 
-def _unpack(x: jax.Array) -> jax.Array:
+def depth_to_space(x: jax.Array) -> jax.Array:
+    """Unpacks what `space_to_depth` packs."""
     batch, height, width, channels = x.shape
     x = x.reshape(batch, height, width, 2, 2, channels // 4).transpose(0, 1, 3, 2, 4, 5)
     return x.reshape(batch, 2 * height, 2 * width, channels // 4)
@@ -63,14 +65,14 @@ def _unpack(x: jax.Array) -> jax.Array:
 def train(
     images: ArrayLike, labels: ArrayLike, classes: int, seed: int, *, steps: int, batch: int = 8, crop: int = 96
 ) -> Any:
-    """Trains a network on crops, each at a random place of a random picture, turned by random quarters.
+    """Trains a network on crops, each from a random place of a random picture, rotated by random quarter-turns.
 
     Args:
       images: uint8 ``[N, H, W, 3]``.
       labels: uint8 ``[N, H, W]``, each below ``classes``.
-      classes: how many.
+      classes: number of classes.
       seed: of the first weights and of the crops.
-      steps: of Adam on the cross-entropy, where a class counts by one over the root of its share of all pixels; the
+      steps: of Adam on the cross-entropy. The weight of a class is one over the root of its share of all pixels; the
         step size rises, then falls to 0.
       batch: crops a step.
       crop: their side in pixels, a multiple of 8.
@@ -107,7 +109,7 @@ def _step(
     batch: int,
     crop: int,
 ) -> tuple[Any, Any]:
-    shown, wanted = jax.vmap(partial(_crop, images, labels, crop))(jax.random.split(key, batch))
+    shown, wanted = jax.vmap(partial(random_crop, images, labels, crop))(jax.random.split(key, batch))
 
     def loss(weights: Any) -> jax.Array:
         logits = UNet(balance.size).apply(weights, shown)
@@ -117,7 +119,8 @@ def _step(
     return optax.apply_updates(weights, updates), state
 
 
-def _crop(images: jax.Array, labels: jax.Array, side: int, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+def random_crop(images: jax.Array, labels: jax.Array, side: int, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Cuts a square out of a random picture and its labels, at a random place, rotated by random quarter-turns."""
     limits = jnp.array([*labels.shape, 4]) - jnp.array([0, side - 1, side - 1, 0])
     number, row, column, turns = jax.random.randint(key, (4,), 0, limits)
     image = jax.lax.dynamic_slice(images, (number, row, column, 0), (1, side, side, 3))[0]
@@ -127,7 +130,7 @@ def _crop(images: jax.Array, labels: jax.Array, side: int, key: jax.Array) -> tu
 
 
 def predict(weights: Any, images: NDArray[np.uint8], classes: int, *, batch: int = 8) -> NDArray[np.uint8]:
-    """Labels uint8 ``[N, H, W]`` of pictures uint8 ``[N, H, W, 3]``, the sides multiples of 8."""
+    """Returns labels uint8 ``[N, H, W]`` of pictures uint8 ``[N, H, W, 3]``, whose sides are multiples of 8."""
     parts = [_labels(weights, images[start : start + batch], classes) for start in range(0, len(images), batch)]
     return np.concatenate([np.asarray(part, np.uint8) for part in parts])
 
@@ -139,12 +142,12 @@ def _labels(weights: Any, images: jax.Array, classes: int) -> jax.Array:
 
 
 def confusion(wanted: NDArray[np.uint8], found: NDArray[np.uint8], classes: int) -> NDArray[np.int_]:
-    """How many pixels of each class, by row, were given each label, by column: int ``[classes, classes]``."""
+    """Counts the pixels of each class, by row, that have each label, by column: int ``[classes, classes]``."""
     return np.bincount(classes * wanted.ravel().astype(int) + found.ravel(), minlength=classes**2).reshape(classes, -1)
 
 
 def ious(counts: ArrayLike) -> NDArray[np.float64]:
-    """Intersection over union of each class, float64 ``[classes]``, from a `confusion`; NaN for one that is nowhere."""
+    """Computes each class's intersection over union from a `confusion`, float64 ``[classes]``; NaN without pixels."""
     counts = np.asarray(counts, float)
     both = np.diag(counts)
     union = counts.sum(axis=0) + counts.sum(axis=1) - both

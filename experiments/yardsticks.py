@@ -1,8 +1,8 @@
-"""What the kernels are measured against: the same metrics and the same search, written the usual ways.
+"""Baselines for the kernels: the same metrics and the same search, written in the usual ways.
 
-`networkx_fitness` is what most people would write: NumPy for the tiles, NetworkX for the graph. `tarjan_fitness` is
-what one writes who wants speed: loops compiled by Numba, components and bridges by Tarjan's depth-first search.
-`tarjan_map_elites` is the paper's whole MAP-Elites around it, compiled too.
+`networkx_fitness` uses NumPy for the tiles and NetworkX for the graph. `tarjan_fitness` is written for speed: loops
+compiled by Numba, components and bridges by Tarjan's depth-first search. `tarjan_map_elites` is the paper's whole
+MAP-Elites with that fitness, compiled too.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ _VACANT = 2**31 - 1
 
 
 def networkx_fitness(grids: NDArray[np.int8]) -> NDArray[np.int64]:
-    """The paper's fitness of grids ``[B, H, W]``, one after another."""
+    """Computes the paper's fitness of grids ``[B, H, W]``, one after another."""
     return np.array([_networkx_fitness(grid) for grid in grids])
 
 
@@ -67,14 +67,14 @@ def _networkx_fitness(grid: NDArray[np.int8]) -> int:
 
 
 def _squares(marks: NDArray[np.bool_]) -> int:
-    """Sum of the squares of the lengths of all runs of marks."""
+    """Returns the sum of the squares of the lengths of all runs of marks."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]])))
     return int(((edges[1::2] - edges[::2]) ** 2).sum())
 
 
 @numba.njit(cache=True)
 def tarjan_fitness(grids: NDArray[np.int8]) -> NDArray[np.int32]:
-    """The paper's fitness of grids ``[B, H, W]``, one after another."""
+    """Computes the paper's fitness of grids ``[B, H, W]``, one after another."""
     result = np.empty(len(grids), np.int32)
     scratch = np.empty((5, grids.shape[1] * grids.shape[2]), np.int32)
     for number in range(len(grids)):
@@ -84,7 +84,7 @@ def tarjan_fitness(grids: NDArray[np.int8]) -> NDArray[np.int32]:
 
 @numba.njit(cache=True)
 def _tarjan(grid: NDArray[np.int8], scratch: NDArray[np.int32]) -> Any:
-    """Fitness, cyclomatic number, components, dead ends, adjacent crossings, adjacent turns."""
+    """Returns fitness, cyclomatic number, components, dead ends, adjacent crossings, adjacent turns."""
     height, width = grid.shape
     found, low, parent, side, stack = scratch
     down, right = (-1, 0, 1, 0), (0, 1, 0, -1)
@@ -194,7 +194,7 @@ def _tarjan(grid: NDArray[np.int8], scratch: NDArray[np.int32]) -> Any:
 
 @numba.njit(cache=True)
 def _settle(grid: NDArray[np.int8], row: int, column: int) -> None:
-    """One tile dictates to its neighbours and keeps nothing that leaves the grid."""
+    """Matches the neighbours of a tile to it, and removes its connections that leave the grid."""
     height, width = grid.shape
     down, right = (-1, 0, 1, 0), (0, 1, 0, -1)
     for k in range(4):
@@ -210,7 +210,7 @@ def _settle(grid: NDArray[np.int8], row: int, column: int) -> None:
 
 @numba.njit(cache=True)
 def tarjan_map_elites(seed: int, height: int, width: int, generations: int) -> Any:
-    """The paper's MAP-Elites: 20 parents, 40 offspring, 400 niches. Returns the archive's fitness ``[400]``."""
+    """Runs the paper's MAP-Elites: 20 parents, 40 offspring, 400 niches. Returns the archive's fitness ``[400]``."""
     np.random.seed(seed)
     parents, offspring, most = 20, 40, _VACANT
     scratch = np.empty((5, height * width), np.int32)

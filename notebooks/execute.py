@@ -1,7 +1,7 @@
-"""Executes notebooks in full and writes them with what they show, all that differs between machines taken off.
+"""Executes notebooks in full and writes them with their outputs, without anything that differs between machines.
 
-python notebooks/execute.py                      # all of them; needs what [dev,experiments,sumo] brings
-python notebooks/execute.py 02_fitness_kernel    # or some, by their names
+python notebooks/execute.py                      # all of them; needs the extras [dev,experiments,sumo]
+python notebooks/execute.py 02_fitness_kernel    # some, by their names
 """
 
 import base64
@@ -9,7 +9,7 @@ import hashlib
 import io
 import os
 import sys
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -21,7 +21,9 @@ from nbformat import NotebookNode
 from PIL import Image
 from traitlets.config import Config
 
-from elitelanes_jax import evolve
+from elitelanes_jax import road_problem, run
+from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
+from elitelanes_jax.optimizers.run import seed_keys
 
 __all__ = ["NOTEBOOKS", "execute", "normalised"]
 
@@ -48,31 +50,31 @@ def main(names: list[str]) -> None:
 
 
 def execute(file: Path, folder: Path, *, quick: bool = False) -> NotebookNode:
-    """The notebook after a run of all its cells in a fresh process.
+    """Runs all cells of a notebook in a fresh process, and returns it with their outputs.
 
     Args:
-      file: of the notebook; it stays as it is.
-      folder: where the notebook's own files go.
-      quick: whether with few steps.
+      file: of the notebook, which is not changed.
+      folder: for the files that the notebook writes.
+      quick: whether to take few steps.
 
     Raises:
       CellExecutionError: if a cell fails.
     """
     notebook = nbformat.read(file, as_version=4)
-    # Sockets in the folder: a port might be taken, by another kernel that is just starting.
+    # Sockets in the folder: another kernel that starts at the same time might take a port.
     own = Config(KernelManager={"transport": "ipc", "ip": str(folder / "kernel")})
     client = NotebookClient(notebook, timeout=600, kernel_name="python3", record_timing=False, config=own)
-    environment = {**os.environ, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}  # no debugger, no word about it
+    environment = {**os.environ, "PYDEVD_DISABLE_FILE_VALIDATION": "1"}  # no warning about a debugger
     environment.pop("ELITELANES_QUICK", None)
     client.resources["metadata"] = {"path": str(folder)}
     return client.execute(env=environment | ({"ELITELANES_QUICK": "1"} if quick else {}))
 
 
 def normalised(notebook: NotebookNode) -> NotebookNode:
-    """The notebook as it is kept: no progress bars, no metadata of a machine.
+    """Returns the notebook as it is kept: without progress bars and metadata of a machine.
 
-    The id of a cell is a digest of its source and all before it. Who changes a source and does not execute leaves ids
-    that do not fit, which the tests see; who changes what searches find, and does not, leaves another digest of that.
+    The id of a cell is a digest of its source and of all sources before it. So tests see a changed source that was not
+    executed. They see changed searches by the digest of what these find.
     """
     digest = hashlib.sha256()
     for cell in notebook.cells:
@@ -87,11 +89,17 @@ def normalised(notebook: NotebookNode) -> NotebookNode:
 
 @cache
 def _searches() -> str:
-    """A digest of what small searches find: all that notebooks show depends on what this does."""
+    """Returns a digest of the grids that small searches find; when it changes, so may the outputs of notebooks."""
     digest = hashlib.sha256()
-    for method, preset in (("map-elites", "tuned"), ("map-elites", "paper"), ("ea", "tuned")):
-        result = evolve(jax.random.key(0), (6, 6), method=method, preset=preset, evaluations=2000, progress=False)
-        digest.update(np.asarray(result.elites.grids).tobytes())
+    keys = seed_keys(0, 1)
+    for method in ("map-elites", "ea"):
+        optimizer = make_optimizer(road_problem((6, 6)), PRESETS[method, "tuned"])
+        # Results do not depend on how well a program is compiled.
+        search = jax.jit(
+            partial(run, optimizer, generations=60), compiler_options={"xla_backend_optimization_level": 0}
+        )
+        states, _ = search(keys)
+        digest.update(np.asarray(jax.vmap(optimizer.elites)(states).grids).tobytes())
     return digest.hexdigest()[:8]
 
 
@@ -101,7 +109,7 @@ def _is_bar(output: NotebookNode) -> bool:
 
 
 def _smaller(png: str) -> str:
-    """A picture in 256 colours: photographs take a third of the place, and look the same at this size."""
+    """Reduces a picture to 256 colours: photographs take a third of the space, and look the same at this size."""
     picture, small = Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB"), io.BytesIO()
     picture.quantize(256, dither=Image.Dither.NONE).save(small, "PNG", optimize=True)
     return base64.b64encode(small.getvalue()).decode()

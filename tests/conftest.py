@@ -1,17 +1,35 @@
-"""What several tests share."""
+"""Fixtures and helpers that several tests share."""
 
+import os
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import jax
+import jaxtyping
+
+# The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
+# one has compiled another only loads. A test runs a program a few times: to compile sooner is worth more than speed.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    folder = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
+    os.environ["XDG_CACHE_HOME"] = folder.name
+    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=1"
+jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
+jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
+
+# Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
+ROOMS = ["network", "problem", "optimizers", "search", "interop"]
+jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
+
 import numpy as np
 import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax.tilesets import TileSet, load_tiles
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 # Examples are few enough for CI and the same every time; compilation of a new shape may take its time.
 settings.register_profile("ci", max_examples=100, deadline=None, derandomize=True)
@@ -26,6 +44,14 @@ def grids():
     return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
 
 
+@pytest.fixture
+def any_types() -> Iterator[None]:
+    """Turns the check of types off: for tests of wrong arguments, and for tests that call Python functions often."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 @pytest.fixture(scope="session")
 def drawn_tiles() -> TileSet:
     return load_tiles()
@@ -38,13 +64,17 @@ def real_tiles() -> TileSet:
     return load_tiles(REAL_TILES)
 
 
-@pytest.fixture(scope="module")
-def own_compile_cache(tmp_path_factory) -> Iterator[None]:
-    """Programs that commands compile go to a folder of the tests' own."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
-        yield
-    jax.config.update("jax_compilation_cache_dir", None)
+@pytest.fixture
+def small_files_only():
+    """The system refuses files over a limit as it refuses those that a full disk has no room for."""
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+
+    def limit(size):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+
+    yield limit
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,4 +1,4 @@
-"""The problem in other libraries' loops: the same niches, the same worth, and their searches get somewhere."""
+"""The problem in other libraries' loops: the same niches and fitness, and their searches make progress."""
 
 import re
 import runpy
@@ -14,8 +14,6 @@ from hypothesis import strategies as st
 from oracle import measure as oracle
 
 from elitelanes_jax import InputError, repair
-from elitelanes_jax.archive import Axis, describe, niche_of, paper_axes, tuned_axes
-from elitelanes_jax.grids import random_grids
 from elitelanes_jax.interop import (
     evosax_task,
     qdax_centroids,
@@ -25,9 +23,11 @@ from elitelanes_jax.interop import (
     ribs_evaluate,
     ribs_grids,
 )
-from elitelanes_jax.moves import Mix
-from elitelanes_jax.problem import road_problem
-from elitelanes_jax.templates import template_of
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.optimizers.moves import Mix
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, tuned_axes
+from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.template import parse_template
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -40,7 +40,7 @@ AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis(
 @pytest.fixture(scope="module")
 def problem():
     park = [[0 if (row, column) == PARK else None for column in range(6)] for row in range(5)]
-    return road_problem(SHAPE, AXES, fix=template_of(park, SHAPE))
+    return road_problem(SHAPE, AXES, fix=parse_template(park))
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +61,12 @@ def nearest(centroids, points):
 def test_qdax_scores_are_ours(problem, grids, evaluate):
     score = qdax_scoring_fn(problem)
     fitness, descriptor, extras = jax.jit(score)(grids, jax.random.key(0))
-    worth, counts = evaluate(grids)
+    scored, counts = evaluate(grids)
     assert fitness.dtype == descriptor.dtype == jnp.float32
     assert descriptor.shape == (COUNT, 3)
-    np.testing.assert_array_equal(-fitness, worth)
+    np.testing.assert_array_equal(-fitness, scored)
     np.testing.assert_array_equal(extras["counts"], counts)
-    expected = niche_of(describe(counts, AXES), AXES)
+    expected = niche_index(compute_descriptor(counts, AXES), AXES)
     assert len(set(np.asarray(expected).tolist())) > 5
     np.testing.assert_array_equal(nearest(qdax_centroids(AXES), descriptor), expected)
     with pytest.raises(InputError, match=rf"genotypes: expected int8 grids \[B, 5, 6\], got int8 \({COUNT}, 6, 5\)"):
@@ -84,7 +84,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     assert not children[:, *PARK].any()
     np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
-    with pytest.raises(InputError, match="moves"):
+    with pytest.raises(InputError, match=r"corner: expected a whole number, 0 or more, got -1"):
         qdax_moves(problem, Mix(corner=-1))
     for wrong in (grids[:, :4], grids.astype(jnp.int32)):
         with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
@@ -96,7 +96,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
 def test_only_the_variation_takes_parts_of_the_mate():
     """With blocks alone, in a grid without any road: what comes is the mate's."""
     problem = road_problem((4, 4), AXES, alphabet=range(16))
-    only_blocks = Mix(*[0] * 8, transplant=1, displaced=0, completed=0)
+    only_blocks = Mix(*[0] * 8, transplant=1, displaced=0, filling=0)
     mutate, vary = map(jax.jit, qdax_moves(problem, only_blocks))
     nothing, all_roads = jnp.zeros((16, 4, 4), jnp.int8), jax.vmap(repair)(jnp.full((16, 4, 4), 15))
     assert not mutate(nothing, jax.random.key(0)).any()
@@ -114,12 +114,14 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
     largest = np.vectorize(lambda *logits: problem.alphabet[max(range(11), key=logits.__getitem__)])
     codes = largest(*np.moveaxis(np.asarray(solutions).reshape(COUNT, *SHAPE, 11), -1, 0)).astype(np.int8)
     grids = np.stack([task.decode(solution) for solution in solutions])
-    np.testing.assert_array_equal(grids, jax.jit(jax.vmap(problem.settle))(codes))
-    worth, counts = evaluate(grids)
-    np.testing.assert_array_equal(fitness, worth)
+    np.testing.assert_array_equal(grids, jax.jit(jax.vmap(problem.repair_raster))(codes))
+    scored, counts = evaluate(grids)
+    np.testing.assert_array_equal(fitness, scored)
     np.testing.assert_array_equal(metrics["counts"], counts)
     assert [row[0] for row in counts.tolist()] == [oracle(grid)["components"] for grid in grids]
-    np.testing.assert_array_equal(task.decode(np.zeros(330, np.float32)), problem.settle(np.full(SHAPE, 3, np.int8)))
+    np.testing.assert_array_equal(
+        task.decode(np.zeros(330, np.float32)), problem.repair_raster(jnp.full(SHAPE, 3, jnp.int8))
+    )
     with pytest.raises(InputError, match=r"solution: expected logits \[330\], got shape \(329,\)"):
         task.eval(jax.random.key(0), solutions[:, 1:], state)
 
@@ -137,10 +139,10 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     np.testing.assert_array_equal(decode(np.full((COUNT, 30), -7.5)), decode(np.full((COUNT, 30), alphabet[0])))
     np.testing.assert_array_equal(decode(np.full((COUNT, 30), 99.0)), decode(np.full((COUNT, 30), 15)))
     objective, measures = score(flat)
-    worth, counts = evaluate(grids)
+    scored, counts = evaluate(grids)
     assert objective.dtype == measures.dtype == np.float64
-    np.testing.assert_array_equal(-objective, worth)
-    np.testing.assert_array_equal(measures, describe(counts, AXES))
+    np.testing.assert_array_equal(-objective, scored)
+    np.testing.assert_array_equal(measures, compute_descriptor(counts, AXES))
     for solutions, message in (
         (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
         (flat[0], r"got int8 \(30,\)"),
@@ -170,7 +172,7 @@ def test_qdax_niches_are_ours_everywhere(drawn):
         [[min(max((p - a.start) // a.width, 0), a.bins - 1) for a, p in zip(axes, q, strict=True)] for q in drawn[1]]
     )
     found = nearest(np.asarray(qdax_centroids(axes)), bins.astype(np.float32))
-    np.testing.assert_array_equal(found, niche_of(points, axes))
+    np.testing.assert_array_equal(found, niche_index(points, axes))
 
 
 @given(axes_and_points())
@@ -178,7 +180,7 @@ def test_ribs_niches_are_ours_everywhere(drawn):
     archives = pytest.importorskip("ribs.archives")
     axes, points = drawn[0], np.array(drawn[1], np.int32)
     archive = archives.GridArchive(**ribs_archive_space(road_problem((2, 2), axes)))
-    np.testing.assert_array_equal(archive.index_of(points), niche_of(points, axes))
+    np.testing.assert_array_equal(archive.index_of(points), niche_index(points, axes))
 
 
 def test_qdax_map_elites_improves_and_keeps_our_niches():
@@ -198,9 +200,11 @@ def test_qdax_map_elites_improves_and_keeps_our_niches():
     (repertoire, *_), _ = jax.lax.scan(search.scan_update, (repertoire, state, run), length=60)
     occupied = np.isfinite(np.asarray(repertoire.fitnesses[:, 0]))
     assert occupied.sum() > filled and repertoire.fitnesses.max() > best + 100
-    worth, counts = problem.evaluate(repertoire.genotypes)
-    np.testing.assert_array_equal(-worth[occupied], repertoire.fitnesses[occupied, 0])
-    np.testing.assert_array_equal(niche_of(describe(counts, axes), axes)[occupied], np.flatnonzero(occupied))
+    scored, counts = problem.evaluate(repertoire.genotypes)
+    np.testing.assert_array_equal(-scored[occupied], repertoire.fitnesses[occupied, 0])
+    np.testing.assert_array_equal(
+        niche_index(compute_descriptor(counts, axes), axes)[occupied], np.flatnonzero(occupied)
+    )
 
 
 def test_evosax_strategy_improves():
@@ -247,9 +251,9 @@ def test_ribs_archive_improves_and_holds_our_niches():
         best.append(archive.stats.obj_max)
     assert best[-1] > best[0] + 100 and archive.stats.num_elites > 5
     found = archive.data(return_type="dict")
-    worth, counts = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
-    np.testing.assert_array_equal(-worth, found["objective"])
-    np.testing.assert_array_equal(niche_of(describe(counts, AXES), AXES), found["index"])
+    scored, counts = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
+    np.testing.assert_array_equal(-scored, found["objective"])
+    np.testing.assert_array_equal(niche_index(compute_descriptor(counts, AXES), AXES), found["index"])
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from oracle import measure as oracle
 
 from elitelanes_jax import InputError, evolve, repair
-from elitelanes_jax.archive import Axis, niche_of, paper_axes
-from elitelanes_jax.metrics import Metrics
+from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
+from elitelanes_jax.problem.descriptor import Axis, niche_index, paper_axes
 from elitelanes_jax.search import History
 
 mpl.use("Agg")
@@ -105,7 +105,7 @@ def test_thumbnails_have_no_lanes_and_marks_are_the_cells():
         road_map([[16, 0], [0, 0]])
 
 
-AXES = (Axis("cyclomatic", 3, 2), Axis("components", 2, start=1), Axis("straight_share", 4, 250))
+AXES = (Axis("cyclomatic", 3, 2), Axis("components", 2, 1, start=1), Axis("straight_share", 4, 250))
 
 
 def test_a_heat_map_is_the_archive_reduced_by_the_best():
@@ -129,7 +129,7 @@ def test_a_heat_map_is_the_archive_reduced_by_the_best():
             for bins in product(*(range(axis.bins) for axis in AXES)):
                 if all(bins[AXES.index(by_name[name])] == place for name, place in wanted.items()):
                     values = np.array([axis.start + place * axis.width for axis, place in zip(AXES, bins, strict=True)])
-                    best = min(best, *fitness[:, niche_of(values, AXES)])
+                    best = min(best, *fitness[:, niche_index(values, AXES)])
             assert np.ma.is_masked(shown[row, column]) == (best == VACANT)
             assert best == VACANT or shown[row, column] == best
     assert ax.patch.get_hatch()
@@ -155,7 +155,7 @@ def test_a_heat_map_shows_the_papers_space_whole_and_names_its_bins():
     assert across[0] == "0–1" and across[24] == "48+"
     shares = archive_map(np.zeros(24), AXES, across="straight_share", down="cyclomatic")
     assert [label.get_text() for label in shares.get_xticklabels()] == ["0%", "25%", "50%", "75%"]
-    fine = (Axis("straight_share", 8, 100), Axis("turn_share", 10, 100), Axis("crossings", 4))
+    fine = (Axis("straight_share", 8, 100), Axis("turn_share", 10, 100), Axis("crossings", 4, 1))
     many = archive_map(np.zeros(320), fine, across="crossings")
     heads = [label.get_text() for label in many.get_yticklabels()]
     assert heads[:3] == ["0% · 0%", "0% · 50%", "10% · 0%"] and heads[-1] == "70%+ · 50%"
@@ -168,6 +168,8 @@ def test_a_heat_map_of_something_else_is_refused():
         archive_map(np.zeros((0, 24)), AXES)
     with pytest.raises(InputError, match="axes: expected at least one axis, got none"):
         archive_map(np.zeros(24), ())
+    with pytest.raises(InputError, match="axes: expected ones with a width, such as Result.axes, got one without"):
+        archive_map(np.zeros(4), ["crossings:4"])
     with pytest.raises(InputError, match="axes: expected each metric once, got components 2 times"):
         archive_map(np.zeros(4), (Axis("components", 2), Axis("components", 2)))
     for names in ({"across": "bridges"}, {"across": "components", "down": "components"}):
@@ -211,7 +213,7 @@ def test_boxes_are_the_quartiles_of_each_group():
         assert [heights.min(), heights.max()] == np.quantile(group["bridges"], [0.25, 0.75]).tolist()
     record = Metrics(*[np.arange(5)] * len(Metrics._fields))
     assert len(metric_boxes({"a": record}, "coverage", ax=ax).patches) == 3
-    result = evolve(jax.random.key(0), (5, 5), preset="tuned", evaluations=500, progress=False)
+    result = evolve(jax.random.key(0), (5, 5), preset="paper", generations=9, progress=False)
     counted = np.asarray(result.elites.metrics.cyclomatic)[np.asarray(result.elites.valid)]
     assert 0 < len(counted) < result.elites.valid.size
     (line,) = metric_boxes({"elites": result.elites}, "cyclomatic").lines[4:5]

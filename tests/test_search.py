@@ -1,25 +1,29 @@
 """`evolve`: one call from a key to road networks."""
 
-import io
 from dataclasses import replace
+from functools import partial
 
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from conftest import compilations
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, Weights, evolve, fitness
-from elitelanes_jax.archive import Axis
-from elitelanes_jax.codes import ROAD_ALPHABET
-from elitelanes_jax.optimizers import EvolutionConfig, MapElitesConfig
-from elitelanes_jax.search import RunState, preset_config
+from elitelanes_jax import Axis, InputError, Optimizer, SearchSpec, Weights, ea, evolve, fitness
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig
+from elitelanes_jax.optimizers.map_elites import MapElitesConfig
+from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.optimizers.presets import PRESETS
+from elitelanes_jax.search import RunState
+from elitelanes_jax.spec import METHODS
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
-METHODS = ("ea", "map-elites", "pso", "gwo")
+
+# The paper's settings, of which the archive compiles soonest; the tuned ones have tests of their own.
+search = partial(evolve, preset="paper", fill=False)
 
 
 def same(one, other):
@@ -29,11 +33,13 @@ def same(one, other):
     chex.assert_trees_all_equal(one.history[:4], other.history[:4])
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", ["ea", "map-elites", *(pytest.param(method, marks=pytest.mark.slow) for method in ("pso", "gwo"))]
+)
 def test_shapes_and_types(method):
     places = {"ea": 20, "map-elites": 400, "pso": 40, "gwo": 42}[method]
-    alone = evolve(KEY, SHAPE, method=method, generations=7)
-    many = evolve(jax.random.split(KEY, 3), SHAPE, method=method, generations=7)
+    alone = search(KEY, SHAPE, method=method, generations=7)
+    many = search(jax.random.split(KEY, 3), SHAPE, method=method, generations=7)
     for result, seeds in ((alone, ()), (many, (3,))):
         elites, history = result.elites, result.history
         chex.assert_shape(elites.grids, (*seeds, places, *SHAPE))
@@ -50,47 +56,31 @@ def test_shapes_and_types(method):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_stopped_and_gone_on_is_the_whole_run(method):
-    whole = evolve(KEY, SHAPE, method=method, generations=200)
-    half = evolve(KEY, SHAPE, method=method, generations=100)
-    rest = evolve(KEY, SHAPE, method=method, generations=100, state=half.state)
+def test_stopped_and_continued_is_the_whole_run_and_a_seed_is_the_same_alone(method):
+    keys = jax.random.split(KEY, 3)
+    whole = search(keys, SHAPE, method=method, generations=50)
+    half = search(keys, SHAPE, method=method, generations=20)
+    rest = search(keys, SHAPE, method=method, generations=30, state=half.state)
     same(replace(rest, history=whole.history), whole)
-    assert rest.history.generation[0] == 101
-    parts = [np.concatenate(pair) for pair in zip(half.history[:4], rest.history[:4], strict=True)]
-    chex.assert_trees_all_equal(tuple(parts), tuple(whole.history[:4]))
-
-
-def test_a_state_survives_a_file():
-    keys = jax.random.split(KEY, 2)
-    half = evolve(keys, SHAPE, generations=30)
-    file = io.BytesIO()
-    leaves, tree = jax.tree.flatten(half.state)
-    np.savez(file, *leaves)
-    file.seek(0)
-    state = jax.tree.unflatten(tree, list(np.load(file).values()))
-    whole = evolve(keys, SHAPE, generations=50)
-    same(replace(evolve(keys, SHAPE, generations=20, state=state), history=whole.history), whole)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_a_seed_among_many_is_the_seed_alone(method):
-    keys = jax.random.split(KEY, 4)
-    many = evolve(keys, SHAPE, method=method, generations=40)
-    for number in (0, 3):
-        alone = evolve(keys[number], SHAPE, method=method, generations=40)
-        chex.assert_trees_all_equal(jax.tree.map(lambda array, number=number: array[number], many.elites), alone.elites)
-        np.testing.assert_array_equal(many.history.best_fitness[number], alone.history.best_fitness)
-        np.testing.assert_array_equal(many.best()[number], alone.best())
+    assert rest.history.generation[0] == 21
+    assert rest.history.evaluations[0] == 21 * 40
+    for name in ("best_fitness", "elite_count"):
+        parts = [getattr(part.history, name) for part in (half, rest)]
+        np.testing.assert_array_equal(np.concatenate(parts, axis=1), getattr(whole.history, name))
+    alone = search(keys[2], SHAPE, method=method, generations=50)
+    chex.assert_trees_all_equal(jax.tree.map(lambda array: array[2], whole.elites), alone.elites)
+    np.testing.assert_array_equal(whole.history.best_fitness[2], alone.history.best_fitness)
+    np.testing.assert_array_equal(whole.best()[2], alone.best())
 
 
 def test_old_style_keys_are_keys():
-    same(evolve(jax.random.PRNGKey(3), SHAPE, generations=3), evolve(KEY, SHAPE, generations=3))
-    many = evolve(jax.random.key_data(jax.random.split(KEY, 2)), SHAPE, generations=3)
-    same(many, evolve(jax.random.split(KEY, 2), SHAPE, generations=3))
+    same(search(jax.random.PRNGKey(3), SHAPE, generations=3), search(KEY, SHAPE, generations=3))
+    many = search(jax.random.key_data(jax.random.split(KEY, 2)), SHAPE, generations=3)
+    same(many, search(jax.random.split(KEY, 2), SHAPE, generations=3))
 
 
 def test_metrics_are_those_of_the_grids():
-    elites = evolve(KEY, SHAPE, generations=20).elites
+    elites = search(KEY, SHAPE, generations=20).elites
     np.testing.assert_array_equal(fitness(elites.metrics)[elites.valid], elites.fitness[elites.valid])
     for place in np.flatnonzero(elites.valid):
         expected = oracle(elites.grids[place])
@@ -98,31 +88,45 @@ def test_metrics_are_those_of_the_grids():
 
 
 def test_the_best_of_equals_is_the_first():
-    result = evolve(KEY, SHAPE, generations=20)
+    result = search(KEY, SHAPE, generations=20)
     place = np.flatnonzero(result.elites.fitness == result.elites.fitness.min())[0]
     np.testing.assert_array_equal(result.best(), result.elites.grids[place])
 
 
 def test_no_generations_are_the_first_population():
-    result = evolve(KEY, SHAPE, method="ea", generations=0)
+    result = search(KEY, SHAPE, method="ea", generations=0)
     assert result.history.generation.shape == result.history.best_fitness.shape == (0,)
     assert (np.diff(result.elites.fitness) >= 0).all()
 
 
-def test_other_seeds_weights_rates_and_lengths_need_no_other_compilation():
-    evolve(KEY, (4, 7), generations=20)
-    config = MapElitesConfig(EvolutionConfig(tile_rate=0.1))
-    with compilations() as compiled:
-        one = evolve(jax.random.key(77), (4, 7), generations=31)
-        other = evolve(jax.random.key(77), (4, 7), generations=31, weights=Weights(bridges=0, dead_ends=3))
-        third = evolve(jax.random.key(77), (4, 7), generations=31, config=config)
-        assert not [event for event in compiled if event], "programs were compiled again"
-    assert one.elites.fitness.min() != other.elites.fitness.min()
-    assert (one.elites.fitness != third.elites.fitness).any()
+def test_other_seeds_weights_rates_ranges_and_lengths_take_the_same_program():
+    seen = []
+
+    def traced(problem):
+        seen.append(None)
+        return ea(problem)
+
+    run = partial(evolve, shape=(4, 7), optimizer=traced, fill=False, where=["bridges=0.."])
+    results = [run(jax.random.key(77), generations=20)]
+    count = len(seen)
+    changes = ({"weights": Weights(bridges=0, dead_ends=3)}, {"where": {"crossings": (2, 3), "tiles": 9}})
+    for change in changes:
+        results.append(run(jax.random.key(77), generations=31, **change))
+        # Once outside of the compiled programs, to ask for its evaluations.
+        assert len(seen) == (count := count + 1)
+    assert len({int(result.elites.fitness.min()) for result in results}) == 3
+
+
+def test_other_numbers_of_a_configuration_take_the_same_program():
+    configs = [MapElitesConfig(EvolutionConfig(tile_rate=rate)) for rate in (0.7, 0.1)]
+    one, other = (evolve(KEY, SHAPE, config=config, generations=20, fill=False) for config in configs)
+    assert one.spec.preset == other.spec.preset == "paper"
+    assert (one.elites.fitness != other.elites.fitness).any()
+    same(one, search(KEY, SHAPE, generations=20))
 
 
 def test_filled_grids_have_pictures_for_all_tiles():
-    elites = evolve(KEY, SHAPE, fill=True, generations=20).elites
+    elites = search(KEY, SHAPE, fill=True, generations=20).elites
     metrics = jax.tree.map(lambda values: values[elites.valid], elites.metrics)
     assert not metrics.dead_ends.any()
     assert not metrics.off_alphabet.any()
@@ -132,27 +136,25 @@ def test_filled_grids_have_pictures_for_all_tiles():
 def test_a_smaller_alphabet_is_steered_to():
     """Without a four-way crossing in the set, the best grids found have none."""
     alphabet = [3, 5, 6, 7, 9, 10, 11, 12, 13, 14]
-    free = evolve(KEY, (8, 8), fill=True, generations=150)
-    bound = evolve(KEY, (8, 8), fill=True, generations=150, alphabet=alphabet)
-    assert (free.elites.grids[free.elites.valid] == 15).any()
-    unsteered = evolve(KEY, (8, 8), fill=True, generations=150, alphabet=alphabet, weights=Weights(off_alphabet=0))
-    shares = [(run.elites.grids == 15).any(axis=(1, 2)).sum() / run.elites.valid.sum() for run in (bound, unsteered)]
-    assert shares[0] < 0.7 * shares[1]
-    best = bound.elites.fitness.argmin()
-    assert bound.elites.metrics.off_alphabet[best] == 0
+    bound, lured = (
+        search(
+            KEY, (8, 8), method="ea", fill=True, generations=150, alphabet=alphabet, weights={"off_alphabet": weight}
+        )
+        for weight in (480, -480)
+    )
     assert not (bound.best() == 15).any()
-    counted = bound.elites.metrics.off_alphabet
-    np.testing.assert_array_equal(counted, (bound.elites.grids == 15).sum(axis=(1, 2)))
+    assert bound.elites.metrics.off_alphabet.mean() < lured.elites.metrics.off_alphabet.mean()
+    np.testing.assert_array_equal(lured.elites.metrics.off_alphabet, (lured.elites.grids == 15).sum(axis=(1, 2)))
 
 
 def test_the_whole_alphabet_is_the_default():
-    same(evolve(KEY, SHAPE, generations=9), evolve(KEY, SHAPE, generations=9, alphabet=ROAD_ALPHABET))
+    same(search(KEY, SHAPE, generations=9), search(KEY, SHAPE, generations=9, alphabet=ROAD_ALPHABET))
 
 
 def test_axes_of_ones_own():
-    axes = [Axis("crossings", 8, width=2), Axis("straight_score", 5, width=20, start=10)]
-    result = evolve(KEY, SHAPE, generations=30, axes=axes)
-    assert result.axes == tuple(axes)
+    axes = ["crossings:8:2", Axis("straight_score", 5, width=20, start=10)]
+    result = search(KEY, SHAPE, generations=30, axes=axes)
+    assert result.axes == (Axis("crossings", 8, 2), axes[1])
     elites = result.elites
     assert elites.grids.shape == (40, *SHAPE)
     for niche in np.flatnonzero(elites.valid):
@@ -161,61 +163,93 @@ def test_axes_of_ones_own():
         assert niche == min(found["crossings"] // 2, 7) * 5 + min(max((found["straight_score"] - 10) // 20, 0), 4)
 
 
-def test_presets():
-    standard = MapElitesConfig(parents="archive")
-    assert preset_config("map-elites", "paper") == MapElitesConfig()
-    assert preset_config("map-elites", "standard") == standard
-    same(evolve(KEY, SHAPE, generations=9, preset="standard"), evolve(KEY, SHAPE, generations=9, config=standard))
+def test_every_preset_has_a_configuration():
+    assert list(PRESETS) == [(method, preset) for method, presets in METHODS.items() for preset in presets]
+    assert PRESETS["map-elites", "standard"] == MapElitesConfig(parents="archive")
+    for config in PRESETS.values():
+        config.checked()
 
 
-def test_whole_rates_are_rates():
-    one = evolve(KEY, SHAPE, method="ea", generations=9, config=EvolutionConfig(tile_rate=1))
-    same(one, evolve(KEY, SHAPE, method="ea", generations=9, config=EvolutionConfig(tile_rate=1.0)))
+def test_a_configuration_says_which_method_and_which_axes():
+    result = evolve(KEY, (3, 3), config=AnnealedMapElitesConfig(), preset="paper", generations=0)
+    assert (result.spec.method, result.spec.preset) == ("map-elites", "tuned")
+    assert [axis.target for axis in result.axes] == [None, 0, 0, 0, 0]
+    assert evolve(KEY, (3, 3), config=EvolutionConfig(), generations=0).spec.method == "ea"
 
 
-def test_a_result_is_a_pytree():
-    result = evolve(jax.random.split(KEY, 2), SHAPE, generations=3)
-    copy = jax.tree.map(lambda array: array, result)
-    assert copy.axes == result.axes
-    same(copy, result)
+def test_an_optimizer_of_ones_own():
+    """Random search: a factory from a problem to an `Optimizer` is all it takes."""
+
+    def random_search(problem):
+        inner = ea(problem, EvolutionConfig(population=4, offspring=4))
+
+        def step(key, state):
+            state = inner.init(key)
+            return state, inner.step(key, state)[1]
+
+        return Optimizer(inner.init, step, inner.elites, evaluations_per_step=4)
+
+    keys = jax.random.split(KEY, 2)
+    result = evolve(keys, (3, 4), optimizer=random_search, evaluations=40)
+    assert result.elites.grids.shape == (2, 4, 3, 4)
+    assert result.history.evaluations.tolist() == list(range(4, 44, 4))
+    rest = evolve(keys, (3, 4), optimizer=random_search, evaluations=40, state=result.state)
+    assert rest.state.generation == 20
+    with pytest.raises(InputError, match="got one of a run with another key or other settings"):
+        evolve(keys, (3, 4), optimizer=lambda problem: random_search(problem), state=result.state)
+
+
+def test_the_defaults_are_those_of_the_specification():
+    result = evolve(KEY, (3, 3), evaluations=64)
+    assert result.spec == SearchSpec(evaluations=64)
+    assert (result.elites.metrics.dead_ends == 0).all(), "repair fills"
+    assert result.history.evaluations[-1] == 64
+    same(evolve(KEY, (3, 3), spec=SearchSpec(evaluations=64)), result)
+
+
+def test_evaluations_are_rounded_up_to_generations():
+    for evaluations, generations in ((0, 0), (1, 1), (40, 1), (41, 2)):
+        assert search(KEY, SHAPE, evaluations=evaluations).state.generation == generations
+
+
+@pytest.mark.parametrize("preset", [pytest.param("paper", marks=pytest.mark.slow), "tuned"])
+def test_a_result_is_a_pytree_of_arrays(preset):
+    result = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=0)
+    for copy in (jax.jit(lambda result: result)(result), jax.device_put(result)):
+        assert copy.axes == result.axes
+        assert copy.spec == result.spec
+        same(copy, result)
+        rest = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=1, state=copy.state)
+        assert rest.state.generation == 1
 
 
 def test_vacant_places_are_never_the_best():
-    result = evolve(KEY, SHAPE, generations=3)
+    result = search(KEY, SHAPE, generations=3)
     spoilt = replace(result, elites=result.elites._replace(fitness=jnp.where(result.elites.valid, 5, -9)))
     place = int(np.flatnonzero(result.elites.valid)[0])
     np.testing.assert_array_equal(spoilt.best(), result.elites.grids[place])
 
 
 def test_with_64_bit_numbers_allowed_it_is_the_same():
-    usual = evolve(KEY, (4, 5), generations=12)
+    usual = search(KEY, (4, 5), method="ea", generations=12)
     with jax.enable_x64(True):
-        wide = evolve(jax.random.key(3), (4, 5), generations=12)
+        wide = search(jax.random.key(3), (4, 5), method="ea", generations=12)
         assert fitness(wide.elites.metrics).dtype == jnp.int32
     chex.assert_trees_all_equal(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.state.inner, wide.state.inner)
 
 
-def test_evaluations_per_second_are_what_the_clock_says(monkeypatch):
-    ticks = iter(range(1000))
-    monkeypatch.setattr("elitelanes_jax.search.time.perf_counter", lambda: 0.5 * next(ticks))
-    history = evolve(jax.random.split(KEY, 2), SHAPE, generations=10).history
-    assert history.evaluations_per_second[0] in {2 * 40 * count / 0.5 for count in range(1, 11)}
-
-
 def test_progress_is_shown_when_asked_for(capsys):
-    evolve(KEY, SHAPE, generations=10)
+    search(KEY, SHAPE, generations=10)
     assert not capsys.readouterr().err
-    evolve(KEY, SHAPE, generations=10, progress=True)
+    search(KEY, SHAPE, generations=10, progress=True)
     shown = capsys.readouterr().err
     for words in ("map-elites 5x6 10/10, best ", " elites, ", " evals/s, ", " left |"):
         assert words in shown
 
 
-STATE = evolve(KEY, SHAPE, generations=0).state
-
-
+@pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -223,31 +257,56 @@ STATE = evolve(KEY, SHAPE, generations=0).state
         ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024, got 1 x 5"),
-        ({"method": "annealing"}, "method: expected one of ea, map-elites, pso, gwo, got 'annealing'"),
-        ({"preset": "best"}, "preset: expected one of paper, standard, tuned for map-elites, got 'best'"),
+        ({"method": "annealing"}, "method: expected one of map-elites, ea, pso, gwo, got 'annealing'"),
+        ({"preset": "best"}, "preset: expected one of tuned, paper, standard for map-elites, got 'best'"),
+        ({"presets": "paper"}, "presets: expected one of method, .*, got 'presets'; is it preset?"),
         (
-            {"config": EvolutionConfig()},
-            "config: expected MapElitesConfig or AimedMapElitesConfig for map-elites, got",
+            {"method": "map-elites", "config": EvolutionConfig()},
+            "config: expected settings of map-elites, got Evolution",
         ),
+        ({"config": 3}, "config: expected one of AnnealedMapElitesConfig, .*, got int"),
         ({"generations": -1}, "generations: expected a whole number, 0 or more, got -1"),
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
+        ({"generations": None, "evaluations": 1.5}, "evaluations: expected a whole number, 0 or more, got 1.5"),
+        ({"evaluations": 5}, "generations: expected it or evaluations, got both, 1 and 5"),
         ({"alphabet": [3, 99]}, "alphabet: expected tile codes, whole numbers 0 to 15, got 99"),
         ({"alphabet": [3, 5]}, "alphabet: expected at least one crossing"),
-        ({"weights": Weights(bridges=0.1)}, "weights: expected whole numbers, got bridges=0.1"),
-        ({"state": 3}, "state: expected the state of a result of evolve, got int"),
-        ({"state": STATE, "shape": (6, 6)}, r"state: expected one of the run .*\(map-elites on 6 x 6, seeds: 1\)"),
-        ({"state": STATE, "method": "ea"}, r"state: .* \(ea on 5 x 6, seeds: 1\), got one of a run"),
-        ({"state": RunState(0, (1, 2), STATE.fingerprint)}, "state: expected one of the run to go on with"),
-        ({"state": STATE, "weights": Weights(bridges=3)}, "got one of a run with another key or other settings"),
-        ({"state": STATE, "preset": "standard"}, "got one of a run with another key or other settings"),
-        ({"state": STATE, "key": jax.random.key(4)}, "got one of a run with another key or other settings"),
+        ({"weights": Weights(bridges=0.1)}, "weights: expected NAME=N with a whole number, got 'bridges=0.1'"),
+        ({"weights": {"speed": 1}}, "weights: expected a metric such as dead_ends, or constant, got 'speed'"),
+        ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
         ({"axes": [Axis("luck", 2)]}, "axes: expected a metric, or a share"),
-        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=2))}, "config: expected tile_rate to be a number"),
+        ({"axes": [Axis("crossings", 3, target=3)]}, "axes: expected target to be a bin, 0 to 2"),
+        ({"rules": "luck"}, "rules: expected one of duckietown, got 'luck'"),
+        ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
+        ({"fill": "no"}, "fill: expected True or False, got 'no'"),
+        ({"fix": [[None] * 6] * 4}, "fix: expected the maps' 5 rows of 6 cells, got 4 rows of 6"),
+        ({"initial": [np.zeros((4, 4), int)]}, "initial: expected grids of 5 x 6, got 4 x 4"),
+        ({"initial": [np.zeros(SHAPE, int)], "method": "pso"}, "initial: expected none with the paper's PSO"),
+        ({"initial": [np.zeros(SHAPE, int)] * 21}, "initial: expected at most 20 grids, as many as there are at first"),
+        ({"config": MapElitesConfig(EvolutionConfig(tile_rate=2))}, "config.loop.tile_rate: expected a number"),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
-        ({"state": STATE, "key": jax.random.split(KEY, 2)}, r"state: expected .* seeds: 2\)"),
     ],
 )
 def test_bad_arguments_are_named(change, message):
-    arguments = {"key": KEY, "shape": SHAPE, "generations": 1} | change
+    arguments = {"key": KEY, "shape": SHAPE, "generations": 1, "preset": "paper"} | change
     with pytest.raises(InputError, match=message):
         evolve(**arguments)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_a_state_of_another_run_is_refused():
+    state = search(KEY, SHAPE, generations=0).state
+    other = "got one of a run with another key or other settings"
+    for change, message in (
+        ({"state": 3}, "state: expected the state of a result of evolve, got int"),
+        ({"shape": (6, 6)}, r"state: expected one of this run \(6 x 6, seeds: 1\), " + other),
+        ({"method": "ea"}, other),
+        ({"state": RunState(state.generation, (1, 2), state.fingerprint)}, other),
+        ({"weights": Weights(bridges=3)}, other),
+        ({"preset": "standard"}, other),
+        ({"key": jax.random.key(4)}, other),
+        ({"key": jax.random.split(KEY, 2)}, r"state: expected .* seeds: 2\)"),
+    ):
+        arguments = {"key": KEY, "shape": SHAPE, "generations": 1, "preset": "paper", "fill": False, "state": state}
+        with pytest.raises(InputError, match=message):
+            evolve(**arguments | change)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -9,35 +10,41 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, evolve, measure, mirror, repair, rotate
-from elitelanes_jax.archive import describe, paper_axes
-from elitelanes_jax.codes import ROAD_ALPHABET
-from elitelanes_jax.metrics import counts_of
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
 from elitelanes_jax.search import History, MeasuredElites, Result, RunState
 from elitelanes_jax.selection import choose_maps
-from elitelanes_jax.symmetry import canonical
+from elitelanes_jax.spec import SearchSpec
 
 AXES = paper_axes((6, 6))
+
+
+@partial(jax.jit, static_argnums=1)
+def measured(grids, alphabet):
+    return jax.vmap(jax.vmap(lambda grid: measure(grid, alphabet)))(grids)
 
 
 def result(grids, fitness, alphabet=None):
     """A result of some seeds with the given elites ``[S][N]``."""
     grids = jnp.asarray(np.array(grids, np.int8))
-    metrics = jax.vmap(jax.vmap(lambda grid: measure(grid, alphabet)))(grids)
+    metrics = measured(grids, None if alphabet is None else tuple(alphabet))
     valid = jnp.ones(grids.shape[:2], bool)
-    found = MeasuredElites(grids, jnp.asarray(fitness), describe(counts_of(metrics), AXES), valid, metrics)
-    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None, 0), AXES)
+    found = MeasuredElites(grids, jnp.asarray(fitness), compute_descriptor(stack_counts(metrics), AXES), valid, metrics)
+    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None, 0), SearchSpec(), AXES)
 
 
 @pytest.fixture(scope="module")
 def evolved():
     keys = jax.random.split(jax.random.key(2), 4)
-    return evolve(keys, (6, 6), generations=300, fill=True, config=None)
+    return evolve(keys, (6, 6), preset="paper", generations=300, fill=True)
 
 
 def test_what_is_chosen_is_valid_and_different(evolved):
     choice = choose_maps(evolved, 30, seed=9)
     assert len(choice.maps) == 30
-    forms = {canonical(road_map.codes) for road_map in choice.maps}
+    forms = {canonical_form(road_map.codes) for road_map in choice.maps}
     assert len(forms) == 30
     for road_map in choice.maps:
         metrics = measure(road_map.codes)
@@ -89,15 +96,16 @@ def test_maps_that_hardly_differ_come_last():
     originals = random_maps(3, 10)
     copies = [np.asarray(rotate(mirror(nearly(grid)), 1)) for grid in originals]
     found = result([[*copies, *originals]], [[-9, -9, -9, 5, 5, 5]])
-    first = {canonical(road_map.codes) for road_map in choose_maps(found, 3).maps}
+    first = {canonical_form(road_map.codes) for road_map in choose_maps(found, 3).maps}
     for original, copy in zip(originals, copies, strict=True):
-        assert len({canonical(original), canonical(copy)} & first) == 1
+        assert len({canonical_form(original), canonical_form(copy)} & first) == 1
     assert len(choose_maps(found, 6).maps) == 6
 
 
-def test_one_keys_result_is_refused():
+def test_one_keys_result_is_refused(evolved):
+    alone = jax.tree.map(lambda array: array[0], evolved.elites)
     with pytest.raises(InputError, match="result: expected one of an array of keys, .* got one of a single key"):
-        choose_maps(evolve(jax.random.key(0), (4, 4), generations=1), 3)
+        choose_maps(replace(evolved, elites=alone), 3)
 
 
 def test_niches_that_lie_apart_come_first(evolved):

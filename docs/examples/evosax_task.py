@@ -3,11 +3,10 @@
 import jax
 from evosax.algorithms import SNES
 
-from elitelanes_jax.archive import paper_axes
+from elitelanes_jax import road_problem
 from elitelanes_jax.interop import evosax_task
-from elitelanes_jax.problem import road_problem
 
-task = evosax_task(road_problem((6, 6), paper_axes((6, 6)), fill=True))
+task = evosax_task(road_problem((6, 6), fill=True))
 key = jax.random.key(0)
 strategy = SNES(population_size=64, solution=task.sample(key))
 params = strategy.default_params

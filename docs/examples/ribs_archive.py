@@ -4,12 +4,10 @@ from ribs.archives import GridArchive
 from ribs.emitters import IsoLineEmitter
 from ribs.schedulers import Scheduler
 
-from elitelanes_jax.archive import Axis
+from elitelanes_jax import road_problem
 from elitelanes_jax.interop import ribs_archive_space, ribs_evaluate, ribs_grids
-from elitelanes_jax.problem import road_problem
 
-axes = (Axis("cyclomatic", 12), Axis("straight_share", 10, width=100))
-problem = road_problem((6, 6), axes, fill=True)
+problem = road_problem((6, 6), ["cyclomatic:12:1", "straight_share:10"], fill=True)
 evaluate = ribs_evaluate(problem)
 
 archive = GridArchive(**ribs_archive_space(problem), seed=0)

@@ -1,4 +1,4 @@
-"""What a dataset says of itself: a card for people, and a sheet of some of its samples."""
+"""The card of a dataset for readers, and a sheet of some of its samples."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,22 +8,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.dataset.formats import SPLITS
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.overview import overview
-from elitelanes_jax.render import LABEL_COLOURS, LABELS
-from elitelanes_jax.tile_files import read_picture
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.tiles.contact_sheet import contact_sheet
+from elitelanes_jax.tiles.files import read_picture
+from elitelanes_jax.tiles.render import LABEL_COLOURS, LABELS
 
-__all__ = ["card", "contact_sheet"]
+__all__ = ["sample_sheet", "write_card"]
 
 _SHEET_PX, _GROUND = 240, 236
 
-# Licences by the names under which Hugging Face lists them.
+# Licences by Hugging Face's names.
 _LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
 
 
-def card(about: dict[str, Any], loading: str) -> str:
-    """The README of a dataset, Markdown with the front matter that Hugging Face reads.
+def write_card(about: dict[str, Any], loading: str) -> str:
+    """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
       about: the record in ``dataset.json``.
@@ -42,14 +42,14 @@ def card(about: dict[str, Any], loading: str) -> str:
         "---",
     ]
     asked = about["settings"]
-    wishes = asked["wishes"]
-    low, high = asked["size"]
-    sides = f"{low} x {low}" if low == high else f"{low} x {low} to {high} x {high}"
+    search = asked["search"]
+    (low, wide), (high, widest) = ((asked["size"][0][end], asked["size"][-1][end]) for end in (0, 1))
+    sides = f"{low} x {wide}" if (low, wide) == (high, widest) else f"{low} x {wide} to {high} x {widest}"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
     whose = (
         "They were given, not evolved."
         if about["given_maps"]
-        else "Each is connected, and differs from all others however they are turned or mirrored."
+        else "Each is connected, and differs from all others however they are rotated or mirrored."
     )
     own = [f"mask {name}" for name in about["tile_set"]["layers"]]
     own += [f"points {name}" for name in about["tile_set"]["points"]]
@@ -60,14 +60,14 @@ def card(about: dict[str, Any], loading: str) -> str:
         for label, name in enumerate(LABELS)
     ]
     wanted = [
-        f"- {words}: {wishes[name]}"
+        f"- {words}: {search[name]}"
         for name, words in (
             ("where", "ranges that every map meets"),
             ("rules", "rules that every map keeps"),
             ("weights", "weights of the fitness"),
             ("axes", "axes of the niches"),
         )
-        if wishes[name]
+        if search[name]
     ]
     return "\n".join(
         [
@@ -85,7 +85,7 @@ def card(about: dict[str, Any], loading: str) -> str:
             *rows,
             "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
             "",
-            "Lines lie over the road. What lies beyond a map in a turned view is background.",
+            "Lines lie over the road. Pixels beyond a map in a rotated view are background.",
             "",
             "## Loading it",
             "",
@@ -93,16 +93,16 @@ def card(about: dict[str, Any], loading: str) -> str:
             loading,
             "```",
             "",
-            "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, which tile picture "
-            "lies where, and `transform.matrix`, which takes places (x, y) of the plain map, in pixels from its top "
-            "left corner, to places of the picture.",
+            "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
+            "each cell, and `transform.matrix`, which maps places (x, y) of the plain map, in pixels from its top left "
+            "corner, to places of the picture.",
             "",
             "## How it was made",
             "",
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
             f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
-            *([f"- of the tile set's own: {', '.join(own)}"] if own else []),
-            f"- search: {wishes['method']}, preset {wishes['preset']}, seed {asked['seed']}",
+            *([f"- the tile set's own: {', '.join(own)}"] if own else []),
+            f"- search: {search['method']}, preset {search['preset']}, seed {asked['seed']}",
             "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
             *wanted,
             "- all settings and versions: `dataset.json`",
@@ -111,8 +111,8 @@ def card(about: dict[str, Any], loading: str) -> str:
     )
 
 
-def contact_sheet(out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str) -> NDArray[np.uint8]:
-    """Pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
+def sample_sheet(out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str) -> NDArray[np.uint8]:
+    """Draws pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
 
     Args:
       out: folder of the dataset.
@@ -121,15 +121,15 @@ def contact_sheet(out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], 
     """
     pictures = []
     for image, labels, _ in samples:
-        colours = np.array(LABEL_COLOURS, np.uint8)[_fitted(out / labels, cv2.INTER_NEAREST)]
-        shown = _fitted(out / image, cv2.INTER_AREA)
+        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, cv2.INTER_NEAREST)]
+        shown = _fit(out / image, cv2.INTER_AREA)
         gap = np.full((_SHEET_PX, 4, 3), _GROUND, np.uint8)
         pictures.append(np.concatenate([shown, gap, colours], axis=1))
-    return overview(title, pictures, [lines for *_, lines in samples])
+    return contact_sheet(title, pictures, [lines for *_, lines in samples])
 
 
-def _fitted(file: Path, interpolation: int) -> NDArray[np.uint8]:
-    """A square picture of a file, at the sheet's size, RGB or grey."""
+def _fit(file: Path, interpolation: int) -> NDArray[np.uint8]:
+    """Reads a picture and scales it to the sheet's square, RGB or grey."""
     problems: list[str] = []
     picture = read_picture(file, problems)
     if picture is None:

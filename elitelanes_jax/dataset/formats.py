@@ -1,4 +1,4 @@
-"""Layouts of a dataset's folder, each as some training library reads it."""
+"""Layouts of a dataset's folder, each for some training library."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -8,16 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.extras import optional
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.render import LABELS
-from elitelanes_jax.tilesets import MASKS
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.tiles.render import LABELS
+from elitelanes_jax.tiles.tileset import MASKS
 
-__all__ = ["FORMATS", "SPLITS", "Format", "format_named"]
-
-SPLITS = ("train", "validation", "test")
-"""The parts of a dataset."""
+__all__ = ["FORMATS", "Format", "find_format"]
 
 Record = dict[str, Any]
 
@@ -26,12 +23,12 @@ class Format(NamedTuple):
     """A layout.
 
     Attributes:
-      layers: the layers it has beside image, labels and those of the tile set's maker.
-      file: (split, number, layer) -> where a picture lies, relative to the folder.
-      note: labels uint8 ``[h, w]`` -> what a sample's record has beside the usual, for `list_samples`.
+      layers: the layers beside image, labels and those of the tile set's maker.
+      file: (split, number, layer) -> the path of a picture within the folder.
+      note: labels uint8 ``[h, w]`` -> additions to a sample's record, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
-      needs: a package that it cannot be written without.
+      needs: a package that writing it needs.
     """
 
     layers: tuple[str, ...]
@@ -42,32 +39,30 @@ class Format(NamedTuple):
     needs: str | None = None
 
     def loading(self, split: int) -> str:
-        """A program that loads a split."""
+        """Returns a program that loads a split."""
         return self.program.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
 
 
-def format_named(name: str) -> Format:
-    """A format by its name.
+def find_format(name: str) -> Format:
+    """Returns a format by its name.
 
     Raises:
-      InputError: if there is none, or what it needs is not installed.
+      MissingPackageError: if a package that it needs is not installed.
     """
-    if name not in FORMATS:
-        raise InputError(f"format: expected one of {', '.join(FORMATS)}, got {name!r}")
     layout = FORMATS[name]
     if layout.needs is not None:
-        optional(layout.needs, f"format: {name} needs {layout.needs}")
+        import_optional(layout.needs, f"format: {name} needs {layout.needs}")
     return layout
 
 
 _SHORT = ("train", "val", "test")
 
-# Of each split's own pictures; masks of the tile set's maker have a folder of their own beside them.
+# The pictures of every dataset; masks of the tile set's maker have a folder of their own beside them.
 _USUAL = ("image", "labels", *MASKS)
 
 
 def _write_lines(file: Path, rows: Iterable[Record]) -> None:
-    write_whole(file, (f"{json.dumps(row)}\n".encode() for row in rows))
+    write_atomic(file, (f"{json.dumps(row)}\n".encode() for row in rows))
 
 
 # --- plain: a folder for each map, with all its masks
@@ -157,7 +152,7 @@ def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
         rows.append(record)
     categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
     table = {"images": images, "annotations": annotations, "categories": categories}
-    write_whole(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
+    write_atomic(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
     _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
 
 

@@ -1,4 +1,4 @@
-"""From settings to a dataset's folder, by several threads, at any moment ready to be killed and gone on with."""
+"""From a specification to a dataset's folder, by several threads; killed at any moment, it continues."""
 
 import json
 import os
@@ -14,20 +14,21 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.checks import check_count
-from elitelanes_jax.dataset.card import card, contact_sheet
-from elitelanes_jax.dataset.formats import SPLITS, Format, format_named
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.progress import counter
+from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax.dataset.card import sample_sheet, write_card
+from elitelanes_jax.dataset.formats import Format, find_format
 from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
-from elitelanes_jax.dataset.settings import Settings, check_given, checked, digest, tiles_by_split
+from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
+from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.work import LAST, work_folder
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.progress import counter
-from elitelanes_jax.render import LABEL_COLOURS, LABELS, png_of
-from elitelanes_jax.roadmap import RoadMap, to_json
-from elitelanes_jax.tilesets import TileSet, load_tiles
-from elitelanes_jax.versions import versions
-from elitelanes_jax.wishes import read_wishes
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.generate import drawable
+from elitelanes_jax.tiles.render import LABEL_COLOURS, LABELS, png_of
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 __all__ = ["make_dataset"]
 
@@ -35,76 +36,78 @@ _ON_SHEET = 12
 
 
 def make_dataset(
-    settings: Settings, out: str | Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
+    spec: DatasetSpec, out: str | Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
 ) -> dict[str, Any]:
     """Evolves maps, draws them, and writes them as a dataset.
 
-    A run that was killed goes on where it was when it is started again; the same settings give the same files, byte for
-    byte, whatever the number of workers and however often it was killed.
+    A run that was killed continues where it was when it is started again; the same specification gives the same files,
+    byte for byte, whatever the number of workers and however often it was killed.
 
     Args:
-      settings: what to make.
-      out: the folder: new, empty, or one that was begun with the same settings.
+      spec: of the dataset.
+      out: the folder: new, empty, or one that was begun with the same specification.
       workers: threads that draw; by default as many as there are processors.
-      maps: to be drawn in place of evolved ones: as many as settings say, square, of sizes within theirs.
+      maps: to be drawn in place of evolved ones: as many as the specification says, of its sizes.
 
     Returns:
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for settings out of their range, a bad tile set, or a folder that is anything else.
+      InputError: for constraints that no map can meet, a bad tile set, or a folder that is anything else.
       NotEnoughMapsError: if the searches give too few maps.
-      OSError: if a file cannot be written; it names the file. What was complete stays, and is gone on from.
+      OSError: if a file cannot be written; it names the file. What was complete stays, and the next run continues.
     """
-    settings, out = checked(settings), Path(out)
-    if workers is not None:
-        check_count("make_dataset", "workers", workers)
-    layout = format_named(settings.format)
-    tiles = load_tiles(settings.tiles)
+    out = Path(out)
+    workers = _processors() if workers is None else check_named("workers", whole(1), workers)
+    layout = find_format(spec.format)
+    tiles = load_tiles(spec.tiles)
     if maps is not None:
-        check_given(settings, maps, tiles)
-    by_split = tiles_by_split(tiles, settings)
-    for side in settings.size:
-        read_wishes(settings.wishes, (side, side))
-    identity = _identity(settings, tiles, maps)
+        check_given(spec, maps, tiles)
+    by_split = tiles_by_split(tiles, spec)
+    search = drawable(spec.search, tiles)
+    identity = _identity(spec, tiles, maps)
     with work_folder(out, identity) as work:
         if work is not None:
-            found = evolve_maps(settings, tiles, work) if maps is None else given_maps(maps, work)
-            splits = np.repeat(split_maps(settings, found, by_split[2]), settings.views)
+            found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
+            splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
             records = work / "records"
 
             def draw(number: int) -> None:
                 split = int(splits[number])
                 sample = draw_sample(
-                    found[number // settings.views],
+                    found[number // spec.views],
                     by_split[split],
                     number,
-                    seed=settings.seed,
-                    tile_px=settings.tile_px,
-                    transforms=settings.transforms,
+                    seed=spec.seed,
+                    tile_px=spec.tile_px,
+                    transforms=spec.transforms,
                     layers=layout.layers,
                 )
                 write_sample(sample, layout, split, out)
                 note = layout.note(sample.layers["labels"])
-                write_whole(_record_file(records, number), json.dumps(sample.record | note).encode())
+                write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
 
             waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
-            _draw_all(draw, waiting, len(splits), workers or len(os.sched_getaffinity(0)))
+            _draw_all(draw, waiting, len(splits), workers)
             _finish(out, records, splits, layout, identity)
     about: dict[str, Any] = json.loads((out / LAST).read_text(encoding="utf-8"))
     return about
 
 
-def _identity(settings: Settings, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:
-    """All that the files depend on, plain values for JSON."""
-    wishes, views = settings.wishes._asdict(), settings.transforms._asdict()
-    if settings.wishes.fix is not None:
-        wishes["fix"] = json.loads(settings.wishes.fix.read_text(encoding="utf-8"))
-    plain = settings._asdict() | {"transforms": views, "wishes": wishes}
-    del plain["tiles"]  # what counts is not where they are, but what they show
-    given = None if maps is None else sha256("".join(map(to_json, maps)).encode()).hexdigest()[:16]
+def _processors() -> int:
+    """Returns the number of processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:
+    """Returns all that the files depend on, plain values for JSON."""
+    plain = spec.to_plain()
+    del plain["tiles"]  # the pictures count, not their place
+    given = None if maps is None else sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16]
     about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points")} | {"tiles": digest(tiles)}
-    identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": versions()}
+    identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": installed_versions()}
     return json.loads(json.dumps(identity))
 
 
@@ -113,19 +116,18 @@ def _record_file(records: Path, number: int) -> Path:
 
 
 def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
-    """Draws what is waiting. Pictures are warped and packed outside of Python, so that threads run side by side.
+    """Draws the waiting samples in threads: they run side by side, as pictures are warped outside of Python.
 
-    The main thread waits at a simple queue alone, which an interruption leaves in order; condition variables, which
-    `concurrent.futures` waits at, it may leave locked.
+    The main thread waits at a simple queue, which an interruption leaves intact. A lock written in Python, as those of
+    `concurrent.futures` are, may stay locked when the interruption falls between taking and releasing it; the threads
+    would wait for it for ever.
     """
     numbers: SimpleQueue[int | None] = SimpleQueue()
     outcomes: SimpleQueue[BaseException | None] = SimpleQueue()
-    stopped = threading.Event()
-    for number in (*waiting, *[None] * workers):
-        numbers.put(number)
+    stopped = False
 
     def work() -> None:
-        while (number := numbers.get()) is not None and not stopped.is_set():
+        while (number := numbers.get()) is not None and not stopped:
             try:
                 draw(number)
             except BaseException as error:
@@ -133,25 +135,30 @@ def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, w
             else:
                 outcomes.put(None)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(workers)]
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(workers, len(waiting)))]
     with counter("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
-        for thread in threads:
-            thread.start()
         try:
+            for thread in threads:
+                thread.start()
+            for number in waiting:  # not before all threads run: one whose start is interrupted may hang
+                numbers.put(number)
             for _ in waiting:
                 error = outcomes.get()
                 if error is not None:
                     raise error
                 bar.update(1)
         finally:
-            stopped.set()
+            stopped = True
+            for _ in threads:
+                numbers.put(None)
             for thread in threads:
-                thread.join()
+                if thread.is_alive():  # one whose start was interrupted is not, and has nothing to draw
+                    thread.join()
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """OpenCV's own threads would stand in the workers' way."""
+    """Turns OpenCV's own threads off, which would slow the workers down."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -161,21 +168,21 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, identity: dict[str, Any]) -> None:
-    """Writes all that tells of the samples, the record of the whole last."""
+    """Writes the files that describe the samples, the record of the whole last."""
 
     def read(number: int) -> dict[str, Any]:
         return json.loads(_record_file(records, number).read_text(encoding="utf-8"))
 
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
 
-    def counted(split: int) -> Iterator[dict[str, Any]]:
+    def count_pixels(split: int) -> Iterator[dict[str, Any]]:
         for number in np.flatnonzero(splits == split).tolist():
             record = read(number)
             pixels[SPLITS[split]] += record["class_pixels"]
             yield record
 
     for split in np.unique(splits).tolist():
-        layout.list_samples(out, split, counted(split))
+        layout.list_samples(out, split, count_pixels(split))
     about = identity | {
         "pictures": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
         "classes": [
@@ -184,13 +191,13 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    write_whole(out / "README.md", card(about, layout.loading(int(splits.min()))).encode())
+    write_atomic(out / "README.md", write_card(about, layout.loading(int(splits.min()))).encode())
     count = min(_ON_SHEET, len(splits))
     shown = [read(place * len(splits) // count) for place in range(count)]
     title = f"{count} of {len(splits)} pictures"
-    sheet = contact_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
-    write_whole(out / "contact-sheet.png", png_of(sheet))
-    write_whole(out / LAST, json.dumps(about, indent=2).encode() + b"\n")
+    sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
+    write_atomic(out / "contact-sheet.png", png_of(sheet))
+    write_atomic(out / LAST, json.dumps(about, indent=2).encode() + b"\n")
 
 
 def _on_sheet(record: dict[str, Any], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:

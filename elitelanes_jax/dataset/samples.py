@@ -1,4 +1,4 @@
-"""One sample: a map drawn, seen in one view, and written."""
+"""One sample: a map drawn and seen in one view."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,12 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.dataset.formats import Format
-from elitelanes_jax.folders import write_whole
-from elitelanes_jax.render import LABELS, choose_tiles, png_of, render
-from elitelanes_jax.roadmap import RoadMap
-from elitelanes_jax.tilesets import MASKS, TileSet
-from elitelanes_jax.transforms import Transforms, View, draw_view, map_points, photograph, warp
+from elitelanes_jax.dataset.transforms import Transforms
+from elitelanes_jax.dataset.views import View, draw_view, map_points, photograph, warp
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.render import LABELS, choose_tiles, png_of, render
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 __all__ = ["Sample", "draw_sample", "write_sample"]
 
@@ -21,8 +22,8 @@ class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, those of the tile set's own.
-      record: all that is known of it, plain values for JSON.
+      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own.
+      record: its metadata, plain values for JSON.
     """
 
     layers: dict[str, NDArray[np.uint8]]
@@ -36,19 +37,19 @@ def draw_sample(
     *,
     seed: int = 0,
     tile_px: int = 64,
-    transforms: Transforms = Transforms(),  # noqa: B008, an immutable record
+    transforms: Transforms = Transforms(),
     layers: Sequence[str] = MASKS,
 ) -> Sample:
-    """Draws a map with tiles of a set and looks at it: all follows from the seed and the number.
+    """Draws a map with tiles of a set in one view; all choices follow from the seed and the number.
 
     Args:
-      road_map: which map.
+      road_map: the map.
       tiles: to draw it with.
       number: of the sample, 0 or more.
       seed: of the dataset.
       tile_px: side of a tile in pixels.
-      transforms: how views vary.
-      layers: which masks it gets, beside labels and those of the tile set's own.
+      transforms: the ranges of views.
+      layers: the masks beside labels and the tile set's own.
     """
     chosen = choose_tiles(road_map.codes, tiles, [seed, number])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
@@ -78,14 +79,14 @@ def draw_sample(
 
 
 def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
-    """Writes the pictures of a sample where a format has them.
+    """Writes the pictures of a sample to their places in a format.
 
     Raises:
       OSError: that names the file, if one cannot be written.
     """
     number = sample.record["number"]
     for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
-        write_whole(out / layout.file(split, number, name), png_of(sample.layers[name]))
+        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
 
 
 def _plain(view: View) -> dict[str, Any]:

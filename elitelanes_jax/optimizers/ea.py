@@ -1,10 +1,12 @@
 """The evolutionary algorithm (paper, section "Evolutionary Algorithm with MAP-Elites", without the archive)."""
 
 import jax.numpy as jnp
-from chex import PRNGKey
+from jaxtyping import Array
 
-from elitelanes_jax.draws import random_words
-from elitelanes_jax.evolution import (
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.base import Info, Optimizer, as_elites
+from elitelanes_jax.optimizers.mutations import paper_mutation
+from elitelanes_jax.optimizers.population import (
     EvolutionConfig,
     Population,
     breed,
@@ -12,15 +14,13 @@ from elitelanes_jax.evolution import (
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, all_of
-from elitelanes_jax.problem import Problem
-from elitelanes_jax.variation import paper_mutation
+from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["ea"]
 
 
-def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:  # noqa: B008
-    """An evolutionary algorithm; its state is the `Population`, sorted, best first.
+def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
+    """Makes an evolutionary algorithm; its state is the `Population`, sorted, best first.
 
     Args:
       problem: with a shape, an alphabet and a fitness.
@@ -30,18 +30,15 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
       InputError: for a setting out of its range.
     """
     config = config.checked()
-    mutate = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
+    mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 
-    def init(key: PRNGKey) -> Population:
+    def init(key: Array) -> Population:
         return random_population(problem, key, config.population)
 
-    def step(key: PRNGKey, state: Population) -> tuple[Population, Info]:
-        words = random_words(key, (config.offspring, config.tournament + mutate.words))
-        parents = tournament(words[:, : config.tournament], state)
-        state = survivors(config, state, breed(problem, mutate, words[:, config.tournament :], parents))
+    def step(key: Array, state: Population) -> tuple[Population, Info]:
+        bits = random_bits(key, (config.offspring, config.tournament + mutation.bits))
+        parents = tournament(bits[:, : config.tournament], state)
+        state = survivors(config, state, breed(problem, mutation, bits[:, config.tournament :], parents))
         return state, Info(best_fitness=state.fitness[0], elite_count=jnp.int32(config.population))
 
-    def elites(state: Population) -> Elites:
-        return all_of(state)
-
-    return Optimizer(init, step, elites, evaluations_per_step=config.offspring)
+    return Optimizer(init, step, as_elites, evaluations_per_step=config.offspring)

@@ -1,14 +1,18 @@
 """MAP-Elites: the evolutionary loop with an archive (paper, algorithm "Evolutionary Algorithm with MAP-Elites")."""
 
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
-from chex import Array, PRNGKey
+from jaxtyping import Array, Int8, UInt32
 
-from elitelanes_jax.archive import Archive, empty_archive, insert
-from elitelanes_jax.draws import below, random_words
-from elitelanes_jax.errors import InputError
-from elitelanes_jax.evolution import (
+from elitelanes_jax._util.checks import one_of
+from elitelanes_jax._util.config import Config, nested, static
+from elitelanes_jax.network.random_bits import randint, random_bits
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.optimizers.mutations import paper_mutation
+from elitelanes_jax.optimizers.population import (
     EvolutionConfig,
     Population,
     breed,
@@ -16,38 +20,29 @@ from elitelanes_jax.evolution import (
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
-from elitelanes_jax.problem import Problem
-from elitelanes_jax.variation import paper_mutation
+from elitelanes_jax.problem.archive import Archive, empty_archive, insert
+from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["MapElitesConfig", "MapElitesState", "map_elites"]
 
 
-class MapElitesConfig(NamedTuple):
-    """Settings; the defaults are the preset `paper`, with parents from the archive they are the preset `standard`.
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class MapElitesConfig(Config):
+    """Settings; the defaults are the preset `paper`, with parents from the archive they are `standard`. A pytree.
 
     Attributes:
       loop: of the evolutionary loop.
       parents: "population" draws them by tournament from a population beside the archive, as the paper does;
-        "archive" uniformly from the filled niches, as MAP-Elites is usually defined.
+        "archive" uniformly from the filled niches, as MAP-Elites is usually defined; static, it chooses the program.
     """
 
-    loop: EvolutionConfig = EvolutionConfig()
-    parents: Literal["population", "archive"] = "population"
-
-    def checked(self) -> "MapElitesConfig":
-        """The settings with rates as floats.
-
-        Raises:
-          InputError: for a setting out of its range.
-        """
-        if self.parents not in ("population", "archive"):
-            raise InputError(f"config: expected parents to be 'population' or 'archive', got {self.parents!r}")
-        return self._replace(loop=self.loop.checked())
+    loop: EvolutionConfig = nested(EvolutionConfig)
+    parents: Literal["population", "archive"] = static("population", one_of("population", "archive"))
 
 
 class MapElitesState(NamedTuple):
-    """What is carried from step to step.
+    """The state that is carried from step to step.
 
     Attributes:
       population: sorted, best first; where parents come from the archive, the first population and no other.
@@ -58,8 +53,8 @@ class MapElitesState(NamedTuple):
     archive: Archive
 
 
-def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:  # noqa: B008
-    """MAP-Elites on the problem's descriptor space. The first population enters the archive too.
+def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
+    """Makes MAP-Elites on the problem's descriptor space. The first population enters the archive too.
 
     Args:
       problem: with a shape, an alphabet, a fitness and axes.
@@ -70,38 +65,35 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     """
     config = config.checked()
     loop = config.loop
-    mutate = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
+    mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 
-    def store(archive: Archive, found: Population) -> Archive:
-        return insert(archive, problem.axes, found.grids, found.fitness, found.counts)
-
-    def init(key: PRNGKey) -> MapElitesState:
+    def init(key: Array) -> MapElitesState:
         population = random_population(problem, key, loop.population)
-        return MapElitesState(population, store(empty_archive(problem.axes, problem.shape), population))
+        archive = insert(empty_archive(problem.axes, problem.shape), problem.axes, *population)
+        return MapElitesState(population, archive)
 
-    def step(key: PRNGKey, state: MapElitesState) -> tuple[MapElitesState, Info]:
+    def step(key: Array, state: MapElitesState) -> tuple[MapElitesState, Info]:
         population, archive = state
-        words = random_words(key, (loop.offspring, loop.tournament + mutate.words))
+        bits = random_bits(key, (loop.offspring, loop.tournament + mutation.bits))
         if config.parents == "archive":
-            parents = _uniform(words[:, 0], archive)
+            parents = _draw_elites(bits[:, 0], archive)
         else:
-            parents = tournament(words[:, : loop.tournament], population)
-        offspring = breed(problem, mutate, words[:, loop.tournament :], parents)
+            parents = tournament(bits[:, : loop.tournament], population)
+        offspring = breed(problem, mutation, bits[:, loop.tournament :], parents)
         if config.parents == "population":
             population = survivors(loop, population, offspring)
-        archive = store(archive, offspring)
-        info = Info(best_fitness=archive.fitness.min(), elite_count=archive.filled.sum(dtype=jnp.int32))
+        archive = insert(archive, problem.axes, *offspring)
+        info = Info(best_fitness=archive.fitness.min(), elite_count=archive.valid.sum(dtype=jnp.int32))
         return MapElitesState(population, archive), info
 
     def elites(state: MapElitesState) -> Elites:
-        archive = state.archive
-        return Elites(archive.grids, archive.fitness, archive.counts, valid=archive.filled)
+        return Elites(*state.archive, valid=state.archive.valid)
 
     return Optimizer(init, step, elites, evaluations_per_step=loop.offspring)
 
 
-def _uniform(words: Array, archive: Archive) -> Array:
-    """Grids int8 ``[count, H, W]`` from filled niches, each equally likely, by words uint32 ``[count]``."""
-    rank = jnp.cumsum(archive.filled, dtype=jnp.int32)
-    drawn = below(words, rank[-1])
+def _draw_elites(bits: UInt32[Array, " count"], archive: Archive) -> Int8[Array, "count H W"]:
+    """Draws grids from filled niches, each equally likely."""
+    rank = jnp.cumsum(archive.valid, dtype=jnp.int32)
+    drawn = randint(bits, rank[-1])
     return archive.grids[jnp.searchsorted(rank, drawn, side="right")]

@@ -1,0 +1,146 @@
+"""Checks of single values: each takes a value, or its text, and returns it as it should be, or raises `InputError`."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError, short
+
+__all__ = [
+    "LARGEST",
+    "Check",
+    "check_named",
+    "check_unique",
+    "flag",
+    "is_real",
+    "is_whole",
+    "name",
+    "none_or",
+    "one_of",
+    "path",
+    "real",
+    "whole",
+]
+
+Check = Callable[[Any], Any]
+"""From a value or a text to the value as it should be; raises `InputError`."""
+
+LARGEST = 2**30
+"""The largest whole number a user may give: the difference of two fits 32 bits."""
+
+_LARGEST_INT32 = 2**31 - 1
+
+
+def is_whole(value: Any) -> bool:
+    """Tells whether a value is a whole number of Python or NumPy; a bool is not."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def is_real(value: Any) -> bool:
+    """Tells whether a value is a number of Python or NumPy, whole or not; a bool or an array is not."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def whole(least: int, most: int = _LARGEST_INT32) -> Check:
+    """Makes a check: a whole number within limits."""
+    limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
+
+    def check(value: Any) -> int:
+        number = value
+        if isinstance(value, str) and value.isascii():
+            with suppress(ValueError):
+                number = int(value)
+        if not is_whole(number) or not least <= number <= most:
+            raise InputError(f"expected a whole number, {limit}, got {short(repr(value), 40)}")
+        return int(number)
+
+    return check
+
+
+def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
+    """Makes a check: a finite number within limits, the lower one included unless `exclusive`."""
+    limit = (
+        f", {least:g} to {most:g}"
+        if most < float("inf")
+        else f" over {least:g}"
+        if exclusive
+        else f", {least:g} or more"
+    )
+
+    def check(value: Any) -> float:
+        number = value
+        if isinstance(value, str):
+            with suppress(ValueError):
+                number = float(value)
+        within = is_real(number) and least <= number <= most and abs(number) < float("inf")
+        if not within or (exclusive and number == least):
+            raise InputError(f"expected {unit}{limit}, got {short(repr(value), 40)}")
+        return float(number)
+
+    return check
+
+
+def one_of(*names: str) -> Check:
+    """Makes a check: one of the given names."""
+
+    def check(value: Any) -> str:
+        if not isinstance(value, str) or value not in names:
+            raise InputError(f"expected one of {', '.join(names)}, got {short(repr(value), 40)}")
+        return value
+
+    return check
+
+
+def none_or(check: Check) -> Check:
+    """Makes a check: None, or a value that another check lets pass."""
+    return lambda value: None if value is None else check(value)
+
+
+def name(value: Any) -> str:
+    """Checks for a text that is not blank."""
+    if not isinstance(value, str) or not value.strip():
+        raise InputError(f"expected a name, got {value!r}")
+    return value
+
+
+def path(value: Any) -> Path:
+    """Checks for a path."""
+    return value if isinstance(value, Path) else Path(name(value))
+
+
+def flag(value: Any) -> bool:
+    """Checks for True or False."""
+    if not isinstance(value, bool):
+        raise InputError(f"expected True or False, got {value!r}")
+    return value
+
+
+def check_named(name: str, check: Check, value: Any) -> Any:
+    """Checks a value; the error's message starts with its name."""
+    try:
+        return check(value)
+    except InputError as error:
+        words = str(error)
+        raise InputError(words if words.startswith((f"{name}:", f"{name} ")) else f"{name}: {words}") from None
+
+
+def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:
+    """Checks that no name comes twice.
+
+    Args:
+      record: the name of what they are names in, for the message.
+      kind: of things they name.
+      names: to check.
+
+    Raises:
+      InputError: if one does.
+    """
+    listed = list(names)
+    name, times = max(Counter(listed).items(), key=lambda item: item[1], default=("", 0))
+    if times > 1:
+        raise InputError(f"{record}: expected each {kind} once, got {name} {times} times")
+    return listed

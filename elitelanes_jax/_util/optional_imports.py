@@ -1,0 +1,25 @@
+"""Imports of packages that only some functions need."""
+
+from importlib import import_module
+from typing import Any
+
+from elitelanes_jax._util.errors import MissingPackageError
+
+__all__ = ["import_optional"]
+
+
+def import_optional(module: str, need: str, package: str | None = None) -> Any:
+    """Imports a module that may not be installed.
+
+    Args:
+      module: its name.
+      need: what needs it, in words that end with the package's name.
+      package: what to install; by default the module's name.
+
+    Raises:
+      MissingPackageError: if it is not installed; the message says how to install it.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingPackageError(f"{need}: pip install {package or module}") from None

@@ -1,0 +1,125 @@
+"""Command-line options made from records of settings, and the types of all other arguments."""
+
+import argparse
+import inspect
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, NoReturn, TypeAlias
+
+from elitelanes_jax._util.checks import Check
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.settings import Option, Settings
+
+__all__ = ["Commands", "Parser", "add_options", "checked_by", "read_options"]
+
+
+Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
+"""The commands of a parser; argparse has no public name for their type."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, and exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exits with the message."""
+        self.exit(2, f"{self.prog}: {message}\n")
+
+
+def checked_by(check: Check) -> Callable[[str], Any]:
+    """Makes a type of argument of a check."""
+
+    def parse(text: str) -> Any:
+        try:
+            return check(text)
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
+
+
+def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
+    """Adds an option for each field of a record that has a metavar, and of the records in its other fields.
+
+    The option's help is the field's description in the record's docstring, with the default.
+
+    Args:
+      command: to add to.
+      defaults: the record; its values are the defaults.
+    """
+    descriptions = _descriptions(type(defaults))
+    for name, option in defaults.options().items():
+        default = getattr(defaults, name)
+        if option.metavar is None and isinstance(default, Settings):
+            add_options(command, default)
+        elif option.metavar is not None:
+            command.add_argument(
+                _flag(name, option), **_kind(option, default), help=_help(descriptions[name], default), dest=name
+            )
+
+
+def read_options(given: argparse.Namespace, defaults: Settings) -> Any:
+    """Returns the record with the values that were given on the command line.
+
+    Raises:
+      InputError: for a value that its field's check refuses; the message names the option.
+    """
+    values: dict[str, Any] = {}
+    for name, option in defaults.options().items():
+        default = getattr(defaults, name)
+        if option.metavar is None and isinstance(default, Settings):
+            values[name] = read_options(given, default)
+        elif hasattr(given, name):
+            values[name] = getattr(given, name)
+    try:
+        return defaults.but(values)
+    except InputError as error:
+        raise InputError(_name_flag(str(error), _flags(defaults))) from None
+
+
+def _name_flag(message: str, flags: Mapping[str, str]) -> str:
+    """Replaces the name of a field at the start of a message by its option."""
+    name = re.match(r"\w+(?=[: ])", message)
+    return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
+
+
+def _flags(defaults: Settings) -> dict[str, str]:
+    """Returns the options for the fields of a record, and of the records in its fields, by name."""
+    found: dict[str, str] = {}
+    for name, option in defaults.options().items():
+        default = getattr(defaults, name)
+        if option.metavar is None and isinstance(default, Settings):
+            found |= _flags(default)
+        elif option.metavar is not None:
+            found[name] = _flag(name, option)
+    return found
+
+
+def _flag(name: str, option: Option) -> str:
+    return f"--{(option.flag or name).replace('_', '-')}"
+
+
+def _kind(option: Option, default: Any) -> dict[str, Any]:
+    if isinstance(default, bool):
+        return {"action": "store_true", "default": argparse.SUPPRESS}
+    kind: dict[str, Any] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
+    if isinstance(option.metavar, tuple):
+        return kind | {"nargs": len(option.metavar)}
+    return kind | {"nargs": "+", "action": "extend"} if option.many else kind
+
+
+def _help(description: str, default: Any) -> str:
+    words = description.replace("`", "").replace("%", "%%")
+    if default is None or default is False or default == () or "by default" in words:
+        return words
+    items = default if isinstance(default, tuple) else (default,)
+    shown = ("..".join(map(str, item)) if isinstance(item, tuple) else str(item) for item in items)
+    return f"{words}; by default {' '.join(shown)}"
+
+
+def _descriptions(record: type) -> dict[str, str]:
+    """Returns the descriptions of a record's fields in its docstring and in those of its bases, by name."""
+    found: dict[str, str] = {}
+    for kind in reversed(record.__mro__):
+        listed = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
+        found |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", listed, re.MULTILINE))
+    return {name: " ".join(text.split()) for name, text in found.items()}

@@ -1,0 +1,62 @@
+"""The command ``elitelanes dataset``."""
+
+import argparse
+
+from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
+from elitelanes_jax.cli.program import fail, say
+
+__all__ = ["add_dataset"]
+
+_CONTINUES = "what is complete stays, and the same command continues from there"
+
+
+def add_dataset(commands: Commands) -> None:
+    """Adds the command to a parser's."""
+    from elitelanes_jax.dataset.spec import DatasetSpec
+
+    command = commands.add_parser(
+        "dataset",
+        help="make a dataset for segmentation",
+        description="Evolves maps of mixed sizes, draws them, and writes pictures, labels and metadata in splits. "
+        "Interrupted or killed, it continues when it is started again.",
+    )
+    command.add_argument(
+        "--out",
+        type=checked_by(path),
+        required=True,
+        metavar="DIR",
+        help="folder to write to: new, empty or begun before",
+    )
+    add_options(command, DatasetSpec())
+    command.add_argument(
+        "--workers",
+        type=checked_by(whole(1, 1024)),
+        metavar="N",
+        help="threads that draw; by default one for each processor",
+    )
+    command.set_defaults(action=_dataset, interrupted=_CONTINUES)
+
+
+def _dataset(options: argparse.Namespace) -> int:
+    from elitelanes_jax.dataset.spec import DatasetSpec
+
+    spec = read_options(options, DatasetSpec())
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.dataset.make import make_dataset
+
+    use_compile_cache()
+    try:
+        about = make_dataset(spec, options.out, workers=options.workers)
+    except OSError as error:
+        return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
+    lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]
+    lines.append(f"{'pictures':14}  " + "  ".join(str(count).rjust(10) for count in about["pictures"].values()))
+    for one in about["classes"]:
+        counts = [pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()]
+        lines.append(f"{one['name']:14}  " + "  ".join(f"{share:10.2%}" for share in counts))
+    lines.append(
+        f"{sum(about['pictures'].values())} pictures in {options.out}; how to load them: {options.out / 'README.md'}"
+    )
+    say("\n".join(lines))
+    return 0

@@ -1,0 +1,270 @@
+"""The commands ``elitelanes export`` and ``elitelanes show``."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from elitelanes_jax._util.checks import name, none_or, path, real
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
+from elitelanes_jax.cli.program import say
+
+__all__ = ["add_export", "add_show"]
+
+# Formats import slow modules when they run.
+
+
+class _Files(NamedTuple):
+    """The files of a map: a text for each suffix of the format, and the warnings of another program."""
+
+    texts: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+
+class _Format(NamedTuple):
+    """A format with files for each map: their suffixes, the function that makes their texts, and its options."""
+
+    suffixes: tuple[str, ...]
+    files: Callable[..., _Files]
+    takes: tuple[str, ...] = ()
+
+
+def _duckietown(codes: Any, **settings: Any) -> _Files:
+    from elitelanes_jax.formats.duckietown import to_duckietown
+
+    return _Files((to_duckietown(codes, **settings),))
+
+
+def _graphml(codes: Any, reduced: bool) -> _Files:
+    from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
+
+    return _Files((to_graphml((reduced_graph if reduced else tile_graph)(codes)),))
+
+
+def _sumo(codes: Any, to: str, **measures: Any) -> _Files:
+    from elitelanes_jax.formats.sumo import Streets, network, plain_xml
+
+    streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
+    if to == "plain":
+        return _Files(plain_xml(codes, streets))
+    text, warnings = network(codes, to, streets)
+    return _Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
+
+
+_STREETS = ("tile_size", "lane", "speed", "right_of_way")
+_PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
+
+# By the names that --to takes: the formats of a map, and those of tables.
+_FORMATS = {
+    "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
+    "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
+    "graphml-reduced": _Format((".graphml",), partial(_graphml, reduced=True)),
+    "sumo": _Format((".net.xml",), partial(_sumo, to="net"), _STREETS),
+    "sumo-plain": _Format(_PLAIN, partial(_sumo, to="plain"), _STREETS),
+    "opendrive": _Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
+}
+_TABLES = ("json", "csv")
+
+_ENDINGS = (".yml", ".xml", ".json", ".csv", *(suffix for known in _FORMATS.values() for suffix in known.suffixes))
+
+# Every format can hold this map: an error with it is one of a setting or a missing package.
+_LOOP = [[6, 3], [12, 9]]
+
+_MOST_WARNINGS = 3
+
+_metres = none_or(real(0, unit="metres, a number", exclusive=True))
+_name = none_or(name)
+
+
+@dataclass(frozen=True)
+class _FormatOptions(Settings):
+    """Settings of some formats.
+
+    Attributes:
+      tile_size: side of a tile; by default 0.585, as Duckietown has it, or 30 for networks
+      ground: kind of Duckietown's cells without a road: grass (the default), floor, asphalt, empty
+      dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
+      lane: width of a network's lanes; by default 3.2
+      speed: limit in a network, in metres a second; by default 8.33
+      right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
+    """
+
+    tile_size: float | None = option(None, _metres, "METRES")
+    ground: str | None = option(None, _name, "KIND")
+    dead_ends: str | None = option(None, _name, "HOW")
+    lane: float | None = option(None, _metres, "METRES")
+    speed: float | None = option(None, none_or(real(0)), "M/S")
+    right_of_way: str | None = option(None, _name, "HOW")
+
+
+def add_export(commands: Commands) -> None:
+    """Adds the command ``export`` to a parser's commands."""
+    command = commands.add_parser(
+        "export",
+        help="maps for other programs, or a table of their metrics",
+        description="Writes maps for other programs: Duckietown's map files, graphs, networks, tables of metrics.",
+    )
+    command.add_argument(
+        "maps", type=checked_by(path), nargs="+", metavar="MAP", help="a map.json, or a map of Duckietown, .yaml"
+    )
+    command.add_argument(
+        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*_FORMATS, *_TABLES))
+    )
+    command.add_argument(
+        "--out",
+        type=checked_by(path),
+        required=True,
+        metavar="PATH",
+        help="a new file, if it ends as the one of the format does or is a table; else a folder, new or empty",
+    )
+    add_options(command, _FormatOptions())
+    command.set_defaults(action=_export)
+
+
+def _export(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.road_map import read_map
+
+    if options.to not in (*_FORMATS, *_TABLES):
+        raise InputError(f"--to: expected one of {', '.join((*_FORMATS, *_TABLES))}, got {short(repr(options.to))}")
+    settings = {key: value for key, value in vars(read_options(options, _FormatOptions())).items() if value is not None}
+    for key in settings:
+        able = [to for to, known in _FORMATS.items() if key in known.takes]
+        if options.to not in able:
+            flag = f"--{key.replace('_', '-')}"
+            raise InputError(f"{flag}: expected it with {', '.join(able)} alone, got it with {options.to}")
+    seen: set[str] = set()
+    for file in options.maps:
+        if os.path.realpath(file) in seen:
+            raise InputError(f"{file}: expected each map once, got it twice")
+        seen.add(os.path.realpath(file))
+    target = _FORMATS.get(options.to)
+    if target:
+        target.files(_LOOP, **settings)
+    grids = [read_map(file).codes for file in options.maps]
+    if target:
+        _warn(_write_maps(options.maps, grids, target, settings, options.out))
+    else:
+        _write_new(options.out, _table(options.to, list(map(str, options.maps)), grids))
+    lines = [f"{len(grids)} {'map' if len(grids) == 1 else 'maps'} in {options.out}"]
+    if settings.get("dead_ends") == "grass":
+        lines.append(_left_out(grids))
+    say("\n".join(lines))
+    return 0
+
+
+def _write_maps(
+    files: Sequence[Path], grids: Sequence[Any], target: _Format, settings: dict[str, Any], out: Path
+) -> list[str]:
+    """Writes the files of maps, to a file or a folder; returns the warnings."""
+    from elitelanes_jax._util.atomic_io import new_folder, write_atomic
+
+    warnings: list[str] = []
+
+    def texts(file: Path, codes: Any) -> tuple[str, ...]:
+        try:
+            made = target.files(codes, **settings)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        warnings.extend(f"{file}: {warning}" for warning in made.warnings)
+        return made.texts
+
+    only = target.suffixes[0] if len(target.suffixes) == 1 else None
+    if only and out.name.lower().endswith(only):
+        if len(grids) > 1:
+            raise InputError(f"--out: expected a folder for {len(grids)} maps, got a file, {out}")
+        _write_new(out, *texts(files[0], grids[0]))
+    elif out.name.lower().endswith(_ENDINGS):
+        expected = f"a folder, or a file that ends in {only}" if only else "a folder"
+        raise InputError(f"--out: expected {expected}, got {out}")
+    else:
+        places = _places(files)
+        with new_folder(out) as folder:
+            for file, codes, place in zip(files, grids, places, strict=True):
+                for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
+                    try:
+                        write_atomic(folder / (place + suffix), text.encode())
+                    except OSError as error:  # names the folder that is still hidden
+                        raise OSError(error.errno, error.strerror, str(out / (place + suffix))) from None
+    return warnings
+
+
+def _places(files: Sequence[Path]) -> list[str]:
+    """Returns a file name for each map, without suffix: the part of its path that differs, 0003 of 0003/map.json."""
+    stems = [Path(os.path.normpath(file.absolute())).with_suffix("") for file in files]
+    stems = [stem.parent if stem.name == "map" else stem for stem in stems]
+    root = os.path.commonpath([stem.parent for stem in stems])
+    places = ["-".join(stem.relative_to(root).parts) for stem in stems]
+    first: dict[str, Path] = {}
+    for file, place in zip(files, places, strict=True):
+        if first.setdefault(place, file) is not file:
+            raise InputError(f"{file}: expected maps of different names, got two for {place}")
+    return places
+
+
+def _write_new(file: Path, text: str) -> None:
+    from elitelanes_jax._util.atomic_io import write_atomic
+
+    if file.exists():
+        raise InputError(f"{file}: expected a file that is new, got one that is there")
+    write_atomic(file, text.encode(errors="surrogateescape"))  # a table has names of files, whatever they are made of
+
+
+def _warn(warnings: Sequence[str]) -> None:
+    for warning in warnings[:_MOST_WARNINGS]:
+        print(f"elitelanes: {short(warning, 200)}", file=sys.stderr)
+    if len(warnings) > _MOST_WARNINGS:
+        print(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown", file=sys.stderr)
+
+
+def _left_out(grids: Sequence[Any]) -> str:
+    from elitelanes_jax.formats.duckietown import without_dead_ends
+
+    tiles = sum(int((codes != 0).sum()) for codes in grids)
+    left = sum(int((without_dead_ends(codes) != 0).sum()) for codes in grids)
+    return f"{tiles - left} of {tiles} tiles left out: roads that lead nowhere"
+
+
+def _table(to: str, names: Sequence[str], grids: Sequence[Any]) -> str:
+    from elitelanes_jax.formats.table import table_to_csv, table_to_json
+
+    return (table_to_csv if to == "csv" else table_to_json)(_measure(names, grids))
+
+
+def _measure(names: Sequence[str], grids: Sequence[Any]) -> list[Any]:
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.formats.table import measure_maps
+
+    use_compile_cache()
+    return measure_maps(names, grids)
+
+
+def add_show(commands: Commands) -> None:
+    """Adds the command ``show`` to a parser's commands."""
+    command = commands.add_parser("show", help="draw a map in the terminal, with its metrics")
+    command.add_argument("map", type=checked_by(path), metavar="MAP", help="a map.json, or a map of Duckietown, .yaml")
+    command.set_defaults(action=_show)
+
+
+def _show(options: argparse.Namespace) -> int:
+    import textwrap
+
+    from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.formats.text import draw_text
+
+    codes = read_map(options.map).codes
+    (figures,) = _measure([str(options.map)], [codes])
+    drawn = draw_text(codes)
+    try:
+        drawn.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        drawn = draw_text(codes, ascii_only=True)
+    words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
+    words += [f"{key.replace('_', ' ')} {round(value, 3)}" for key, value in figures.items() if key != "file"]
+    say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)))
+    return 0

@@ -1,0 +1,55 @@
+"""The command ``elitelanes generate``."""
+
+import argparse
+
+from elitelanes_jax._util.checks import path
+from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
+from elitelanes_jax.cli.program import say
+
+__all__ = ["add_generate"]
+
+_COLUMNS = (
+    "fitness",
+    "cyclomatic",
+    "crossings",
+    "bridges",
+    "adjacent_crossings",
+    "adjacent_turns",
+    "straight_score",
+)
+
+
+def add_generate(commands: Commands) -> None:
+    """Adds the command to a parser's."""
+    from elitelanes_jax.spec import GenerateSpec
+
+    command = commands.add_parser(
+        "generate",
+        help="evolve maps and draw them",
+        description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
+    )
+    command.add_argument(
+        "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
+    )
+    add_options(command, GenerateSpec())
+    command.set_defaults(action=_generate)
+
+
+def _generate(options: argparse.Namespace) -> int:
+    from elitelanes_jax.spec import GenerateSpec
+
+    spec = read_options(options, GenerateSpec())
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.generate import generate
+
+    use_compile_cache()
+    maps = generate(spec, options.out)
+    heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
+    lines = ["  ".join(heads)]
+    for number, road_map in enumerate(maps):
+        figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
+        row = [f"{number:04d}", *(str(figures[name]) for name in _COLUMNS)]
+        lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
+    lines.append(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'contact-sheet.png'}")
+    say("\n".join(lines))
+    return 0

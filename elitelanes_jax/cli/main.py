@@ -1,0 +1,44 @@
+"""The command ``elitelanes``. JAX and OpenCV are slow to import: commands import what they need when they run."""
+
+import argparse
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from elitelanes_jax._util.version import __version__
+from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.dataset import add_dataset
+from elitelanes_jax.cli.export import add_export, add_show
+from elitelanes_jax.cli.generate import add_generate
+from elitelanes_jax.cli.program import guarded, leave
+from elitelanes_jax.cli.render import add_render
+from elitelanes_jax.cli.tiles import add_tiles
+
+__all__ = ["main", "make_parser", "run"]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    options = make_parser().parse_args(arguments)
+    return guarded("elitelanes", lambda: options.action(options), interrupted=options.interrupted)
+
+
+def run() -> NoReturn:
+    """Runs the console script."""
+    leave(main)
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """Makes the parser of all commands; a parsed command has its function in ``action``."""
+    parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
+    parser.set_defaults(interrupted="nothing was written")
+    parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    for add in (add_generate, add_render, add_dataset, add_export, add_show, add_tiles):
+        add(commands)
+    return parser
+
+
+class _Version(argparse.Action):
+    def __call__(self, *_: Any) -> NoReturn:
+        print(f"elitelanes {__version__}")
+        raise SystemExit(0)

@@ -1,0 +1,65 @@
+"""The command ``elitelanes render``."""
+
+import argparse
+
+from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.program import say
+
+__all__ = ["add_render"]
+
+
+def add_render(commands: Commands) -> None:
+    """Adds the command to a parser's."""
+    command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
+    command.add_argument(
+        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
+    )
+    command.add_argument(
+        "--out",
+        type=checked_by(path),
+        metavar="DIR",
+        help="folder to write to, new or empty; by default map/ beside map.json",
+    )
+    command.add_argument(
+        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
+    )
+    command.add_argument(
+        "--tile-px",
+        type=checked_by(whole(16, 512)),
+        default=64,
+        metavar="N",
+        help="side of a tile in pixels; by default 64",
+    )
+    command.add_argument(
+        "--seed",
+        type=checked_by(whole(0, 2**32 - 1)),
+        metavar="N",
+        help="draw other variants of the tiles; by default the map's own, if the set has them",
+    )
+    command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
+    command.set_defaults(action=_render)
+
+
+def _render(options: argparse.Namespace) -> int:
+    from elitelanes_jax._util.atomic_io import new_folder
+    from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.tiles.render import overlay, recall_choice, render, write_picture, write_png
+    from elitelanes_jax.tiles.tileset import load_tiles
+
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    drawn, chosen = road_map.drawn, None
+    if drawn and drawn.tile_set == tiles.name and options.seed is None:
+        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+    out = options.out or options.map.with_suffix("")
+    try:
+        picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
+    except InputError as error:
+        raise InputError(f"{options.map}: {error}") from None
+    with new_folder(out) as folder:
+        write_picture(folder, picture)
+        if options.overlay:
+            write_png(folder / "overlay.png", overlay(picture))
+    say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
+    return 0

@@ -1,0 +1,58 @@
+"""Signals to end a program, raised as `KeyboardInterrupt` in its main thread until one arrives."""
+
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+__all__ = ["catch_interrupts"]
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_AGAIN = 0.1
+
+
+@contextmanager
+def catch_interrupts() -> Iterator[None]:
+    """Lets SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block; ignored ones, as by nohup, stay ignored.
+
+    An exception can be lost: Python only prints one that is raised in a callback of the garbage collector, and JAX's
+    native code drops one that is raised in a comparison that it asks for. So it is raised again every tenth of a
+    second, except while it is being handled, so that cleaning up is not disturbed.
+    """
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    hook = sys.unraisablehook
+    repeats = hasattr(signal, "setitimer")  # not on every system
+
+    def interrupt(number: int, _: FrameType | None) -> None:
+        if repeats and number != signal.SIGALRM:
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
+        if not _is_handled():
+            raise KeyboardInterrupt
+
+    def unraisable(lost: "sys.UnraisableHookArgs") -> None:
+        if not (repeats and isinstance(lost.exc_value, KeyboardInterrupt)):
+            hook(lost)
+
+    for number, handler in before.items():
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, interrupt)
+    if repeats:
+        before[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupt)
+    sys.unraisablehook = unraisable
+    try:
+        yield
+    finally:
+        if repeats:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        sys.unraisablehook = hook
+
+
+def _is_handled() -> bool:
+    """Tells whether the main thread is handling a `KeyboardInterrupt`, or an error that followed from one."""
+    error = sys.exc_info()[1]
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    return error is not None

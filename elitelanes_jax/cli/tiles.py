@@ -1,0 +1,130 @@
+"""The commands ``elitelanes tiles``: checks of a tile set, and proposed masks."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from elitelanes_jax._util.checks import name, path
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.program import say
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["add_tiles"]
+
+_MASKED = ("road", "red", "yellow")
+
+
+def add_tiles(commands: Commands) -> None:
+    """Adds ``tiles`` to the commands of a parser."""
+    tiles = commands.add_parser("tiles", help="look after tile sets")
+    below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_check(below)
+    _add_masks(below)
+
+
+def _add_check(commands: Commands) -> None:
+    command = commands.add_parser("check", help="describe a tile set, or list all its faults")
+    command.add_argument("folder", type=checked_by(path), metavar="DIR")
+    command.add_argument("--picture", type=_png, metavar="FILE", help="PNG file to write, with the worst seam")
+    command.set_defaults(action=_check)
+
+
+def _check(options: argparse.Namespace) -> int:
+    from elitelanes_jax.tiles.seams import describe_seams, find_seams, seam_picture
+    from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
+
+    tiles, problems = inspect_tiles(options.folder)
+    strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
+    if tiles is None:
+        print("\n".join(problems + strays), file=sys.stderr)
+        return 2
+    seams = find_seams(tiles)
+    picture = options.picture and _beside(options.folder, options.picture)
+    lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
+    if picture:
+        _write_together({picture: seam_picture(tiles, seams)})
+        lines.append(f"the worst seam is in {picture}")
+    say("\n".join(lines))
+    return 0
+
+
+def _add_masks(commands: Commands) -> None:
+    command = commands.add_parser(
+        "masks",
+        help="propose masks for photographs, by colour",
+        description="Writes road.png, red.png and yellow.png beside each image.png that lacks them, to be corrected by "
+        "hand. Bounds of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+    )
+    command.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
+    for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
+        command.add_argument(f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}")
+    command.add_argument("--overwrite", action="store_true", help="propose also masks that exist")
+    command.add_argument(
+        "--sheet", type=_png, metavar="FILE", help="PNG file for all of them on one sheet; by default DIR/masks.png"
+    )
+    command.set_defaults(action=_masks)
+
+
+def _masks(options: argparse.Namespace) -> int:
+    from elitelanes_jax.tiles.masking import COLOURS, mask_folder, parse_colour, proposal_sheet
+
+    colours = dict(COLOURS)
+    for mask in _MASKED:
+        if getattr(options, mask) is not None:
+            try:
+                colours[mask] = parse_colour(getattr(options, mask))
+            except InputError as error:
+                raise InputError(f"--{mask}: {error}") from None
+    sheet = _beside(options.folder, options.sheet or options.folder / "masks.png")
+    proposals = mask_folder(options.folder, colours, options.overwrite)
+    title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
+    masks = {
+        proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
+        for proposal in proposals
+        for mask in proposal.proposed
+    }
+    _write_together({sheet: proposal_sheet(title, proposals)} | masks)
+    kept = len(_MASKED) * len(proposals) - len(masks)
+    say(
+        f"{len(masks)} masks of {len(proposals)} tiles in {options.folder}"
+        + (f", {kept} that existed are as they were" if kept else "")
+        + f"; all of them on {sheet}\n"
+        f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
+    )
+    return 0
+
+
+def _beside(folder: Path, file: Path) -> Path:
+    """Checks that a file lies outside the tiles' own folders, where a picture would be taken for a tile's."""
+    if file.resolve().parent.parent == folder.resolve():
+        raise InputError(f"{file}: expected a file outside of the tiles' own folders")
+    return file
+
+
+def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
+    """Writes all pictures or, if one cannot be written, none."""
+    from elitelanes_jax.tiles.render import write_png
+
+    aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
+    try:
+        for file, pixels in pictures.items():
+            write_png(aside[file], pixels)
+        for file, part in aside.items():
+            part.replace(file)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(file)) from None
+    finally:
+        for part in aside.values():
+            part.unlink(missing_ok=True)
+
+
+def _png(text: str) -> Path:
+    file = path(text)
+    if file.suffix.lower() != ".png":
+        raise argparse.ArgumentTypeError(f"expected a name that ends in .png, got {text[:40]!r}")
+    return file

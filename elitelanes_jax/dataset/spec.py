@@ -1,0 +1,139 @@
+"""The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import floor
+from pathlib import Path
+from typing import Any
+
+from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax.dataset.transforms import STANDARD, Transforms, parse_transforms
+from elitelanes_jax.network.checks import LONGEST_SIDE
+from elitelanes_jax.spec import SearchSpec
+
+__all__ = ["SPLITS", "DatasetSpec", "Sides", "maps_by_shape", "maps_by_split", "parse_sides", "parse_split"]
+
+SPLITS = ("train", "validation", "test")
+"""The parts of a dataset."""
+
+Sides = tuple[tuple[int, int], ...]
+"""The smallest and the largest side: once for squares, or for rows and for columns."""
+
+
+def parse_sides(size: Any) -> Sides:
+    """Reads the sizes of maps.
+
+    Args:
+      size: a side in tiles or a range such as ``8..14``, for square maps; or two, of rows and of columns, in a sequence
+        or one text, ``8..10 12``. A range may also be a pair.
+
+    Raises:
+      InputError: for anything else.
+    """
+    given = size.split() if isinstance(size, str) else [size] if is_whole(size) else size
+    if not isinstance(given, Sequence) or len(given) not in (1, 2):
+        raise InputError(f"expected a range of sides such as 8..14, or two, of rows and columns, got {size!r}")
+    return tuple(_parse_range(one) for one in given)
+
+
+def _parse_range(given: Any) -> tuple[int, int]:
+    pair = given.split("..") if isinstance(given, str) else given if isinstance(given, Sequence) else [given]
+    sides = [whole(2, LONGEST_SIDE)(side) for side in pair]
+    if len(sides) not in (1, 2) or sides[0] > sides[-1]:
+        raise InputError(f"expected the smallest and the largest side, such as 8..14, got {given!r}")
+    return sides[0], sides[-1]
+
+
+def parse_split(split: Any) -> tuple[float, float, float]:
+    """Reads the shares of maps for training, validation and test; they sum to 1."""
+    try:
+        train, validation, test = (real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split))
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
+    if abs(train + validation + test - 1) > 1e-6:
+        raise InputError(f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}")
+    return train, validation, test
+
+
+@dataclass(frozen=True)
+class DatasetSpec(Settings):
+    """A dataset. Longer runs give hardly more maps that differ, more runs do.
+
+    Attributes:
+      maps: number of maps
+      size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and columns
+      split: shares of the maps for training, validation and test
+      views: how often each map is drawn, each time with other tile pictures, in another view
+      hold_out_tiles: draw the test from tile pictures that no other split shows
+      format: layout: imagefolder, mmseg, coco or plain
+      transforms: how views of the maps vary: standard or none, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
+        perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS; by default standard
+      seed: seed of everything random
+      search: the search
+      tiles: folder of the tile pictures; by default the package's own
+      tile_px: side of a tile in pixels
+    """
+
+    maps: int = option(1000, whole(1), "N")
+    size: Sides = option(((8, 14),), parse_sides, "SIDES", many=True)
+    split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
+    views: int = option(1, whole(1), "N")
+    hold_out_tiles: bool = option(False, flag, "")
+    format: str = option("imagefolder", one_of("imagefolder", "mmseg", "coco", "plain"), "NAME")
+    transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
+    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
+    tiles: Path | None = option(None, none_or(path), "DIR")
+    tile_px: int = option(64, whole(16, 512), "N")
+
+    def check_together(self) -> None:
+        """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
+        shapes = self.shapes
+        if self.maps < len(shapes):
+            raise InputError(f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}")
+        if self.search.fix is not None and shapes != [self.search.fix.shape]:
+            got = f"{len(shapes)} sizes" if len(shapes) > 1 else "{} x {}".format(*shapes[0])
+            rows, columns = self.search.fix.shape
+            raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
+        for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
+            if share and not count:
+                raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
+        low = min(map(min, shapes))
+        smallest = low * self.tile_px * min(1.0, self.transforms.scale[0])
+        if self.transforms.crop > smallest:
+            raise InputError(
+                f"transforms: expected a crop within the smallest maps, {low} tiles of {self.tile_px} pixels at the "
+                f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
+            )
+
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """(height, width) of the maps, in order."""
+        rows, columns = (range(low, high + 1) for low, high in (self.size[0], self.size[-1]))
+        return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns plain values for JSON."""
+        return vars(self) | {
+            "transforms": vars(self.transforms),
+            "search": self.search.to_plain(),
+            "tiles": self.tiles and str(self.tiles),
+        }
+
+
+def maps_by_shape(spec: DatasetSpec) -> dict[tuple[int, int], int]:
+    """Returns the number of maps of each size."""
+    least, more = divmod(spec.maps, len(spec.shapes))
+    return {shape: least + (place < more) for place, shape in enumerate(spec.shapes)}
+
+
+def maps_by_split(spec: DatasetSpec) -> tuple[int, int, int]:
+    """Returns the number of maps in each split: a whole number next to its share, together all."""
+    validation, test = (floor(spec.maps * share + 0.5) for share in spec.split[1:])
+    test = min(test, spec.maps - validation)
+    return spec.maps - validation - test, validation, test

@@ -1,0 +1,4 @@
+"""Maps as files of this and other programs: a module a format, each with functions of a grid of codes.
+
+Any grid is taken; codes that a format cannot hold are refused, and the cells are named.
+"""

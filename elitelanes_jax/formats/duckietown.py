@@ -1,0 +1,159 @@
+"""Duckietown's map files, for gym-duckietown and duckietown-world: YAML with a table of tiles, the first row north.
+
+A tile is a kind and the side that it faces, such as ``curve_left/W``. A kind opens the sides that both programs drive
+along: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all kinds but
+``3way_right``, to which gym-duckietown gives the curves of ``3way_left``. It is read as duckietown-world has it, since
+maps that use it fit together only so, and never written.
+"""
+
+import reprlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.checks import is_real
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax.formats.graph import linked_tiles
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
+
+__all__ = ["GROUNDS", "TILE_SIZE", "from_duckietown", "to_duckietown", "without_dead_ends"]
+
+TILE_SIZE = 0.585
+"""The pitch of Duckietown's tiles in metres."""
+
+GROUNDS = ("grass", "floor", "asphalt", "empty")
+"""The kinds that a cell without a road may be written as."""
+
+# The sides that each kind opens when it faces south, and the quarter turns counter-clockwise to other sides.
+_ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
+_TURNS = {"S": 0, "E": 1, "N": 2, "W": 3}
+_CODE = {
+    **{f"{kind}/{side}": rotate_codes(code, turns) for kind, code in _ROADS.items() for side, turns in _TURNS.items()},
+    **{kind: rotate_codes(code, _TURNS["E"]) for kind, code in _ROADS.items()},
+    **{kind + side: 0 for kind in (*GROUNDS, "calibration_tile") for side in ("", "/S", "/E", "/N", "/W")},
+}
+
+# The tile that is written for each code.
+_TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
+    _CODE[f"{kind}/{side}"]: f"{kind}/{side}" for kind in ("curve_left", "3way_left") for side in _TURNS
+}
+
+
+def to_duckietown(
+    codes: ArrayLike, *, tile_size: float = TILE_SIZE, ground: str = "grass", dead_ends: str = "refuse"
+) -> str:
+    """Writes a grid as the text of a Duckietown map.
+
+    A road that leaves the grid, or that the neighbour does not return, is written as it is: gym-duckietown draws it,
+    duckietown-world loads it, but makes no graph of its lanes.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      tile_size: in metres, 0.01 to 100. duckietown-world rounds places to centimetres where lanes meet: sizes in whole
+        centimetres work at any extent, 0.585 up to 37 tiles a side.
+      ground: the kind of cells without a road, one of `GROUNDS`.
+      dead_ends: "refuse" tiles with one connection, as Duckietown has none; or "grass", to remove roads that lead
+        nowhere (see `without_dead_ends`).
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`) or setting; the message names refused tiles; or if no
+        road is left.
+    """
+    grid = np.asarray(check_grid(codes))
+    if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
+        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {short(repr(tile_size))}")
+    if ground not in GROUNDS:
+        raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
+    if dead_ends not in ("refuse", "grass"):
+        raise InputError(f"dead_ends: expected 'refuse' or 'grass', got {dead_ends!r}")
+    if dead_ends == "grass":
+        tiles = np.count_nonzero(grid)
+        grid = without_dead_ends(grid)
+        if tiles and not grid.any():
+            raise InputError(f"grid: expected a road that leads round to itself, got {tiles} tiles, all with dead ends")
+    stubs = np.argwhere(CONNECTIONS[grid] == 1).tolist()
+    if stubs:
+        cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
+        more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
+        raise InputError(
+            f"grid: expected tiles with two or more connections, as Duckietown has no other, got dead ends at {cells}"
+            f"{more}; dead_ends='grass' leaves such roads out"
+        )
+    kinds = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
+    width = max(len(kind) for row in kinds for kind in row) + 1
+    rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
+    metres = np.format_float_positional(tile_size, trim="0")  # a float32 as short as a float
+    return f"tile_size: {metres}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
+
+
+def from_duckietown(text: str) -> NDArray[np.int8]:
+    """Reads the grid of a Duckietown map.
+
+    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size`, its objects and its kinds of
+    ground are not kept: all cells without a road are 0.
+
+    Args:
+      text: the content of the YAML file.
+
+    Returns:
+      int8 ``[H, W]``.
+
+    Raises:
+      InputError: if it is no such map, or has a kind of tile that is not known, or a side under 2 or over 1024 tiles:
+        of the 44 maps that come with duckietown-world, 3 have a side of 1.
+      MissingPackageError: where PyYAML is not installed.
+    """
+    yaml = import_optional("yaml", "Duckietown maps need PyYAML", "pyyaml")
+    try:
+        values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except yaml.YAMLError as error:
+        raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
+    except (RecursionError, ValueError, LookupError, AttributeError) as error:  # values that do not fit their tags
+        raise InputError(f"expected a Duckietown map, got: {short(str(error))}") from None
+    if not isinstance(values, dict) or "tiles" not in values:
+        raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
+    rows = values["tiles"]
+    if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
+        raise InputError(f"tiles: expected rows of kinds of tiles, got {short(reprlib.repr(rows))}")
+    return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
+
+
+def _code(tile: Any, row: int, column: int) -> int:
+    kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else None
+    if kind not in _CODE:
+        kinds = ", ".join((*_ROADS, *GROUNDS))
+        place = f"at row {row}, column {column}"
+        got = short(reprlib.repr(tile))  # the one bounds the expansion of aliases, the other its length
+        raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {place}")
+    return _CODE[kind]
+
+
+def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
+    """Removes roads that lead nowhere: each is taken back to the last crossing, which loses that side.
+
+    The rest has no dead end as `measure` counts them: every tile has two connections or more, all returned.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      int8 ``[H, W]``; zeros where all roads lead nowhere.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    grid = np.asarray(check_grid(codes))
+    links = linked_tiles(grid)
+    ends = [tile for tile, others in links.items() if len(others) < 2]
+    while ends:
+        tile = ends.pop()
+        for other in links.pop(tile, []):
+            links[other].remove(tile)
+            ends += [other] * (len(links[other]) < 2)
+    left = np.zeros_like(grid)
+    for (row, column), others in links.items():
+        left[row, column] = sum(SIDE_TOWARDS[other[0] - row, other[1] - column].bit for other in others)
+    return left

@@ -1,0 +1,155 @@
+"""Road networks as graphs of NetworkX: tiles as nodes, or crossings as nodes and roads as edges.
+
+`tile_graph` has the nodes and edges that `measure` counts. `reduced_graph` keeps its components, its cyclomatic number
+and its total length, and leaves out the tiles at which there is no choice of way:
+
+- Its nodes are the tiles with three or four connections ("crossing"), the tiles with one link or none ("end"), and, in
+  a component that is a ring without either, the ring's first tile ("ring").
+- Its edges are the roads between them. Several roads may join two crossings, and a road may come back to the crossing
+  that it left, so it is a multigraph with self-loops. A ring is one self-loop.
+"""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, SIDES
+
+if TYPE_CHECKING:
+    import networkx
+
+__all__ = ["Cell", "linked_tiles", "reduced_graph", "tile_graph", "to_graphml"]
+
+Cell = tuple[int, int]
+"""A place in the grid: row and column, from the north-west corner."""
+
+
+def linked_tiles(codes: ArrayLike) -> dict[Cell, list[Cell]]:
+    """Lists the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    rows = np.asarray(check_grid(codes)).tolist()
+    tiles = {(row, column): code for row, line in enumerate(rows) for column, code in enumerate(line) if code}
+    return {
+        (row, column): [
+            (row + down, column + right)
+            for bit, _, _, down, right, opposite in SIDES
+            if code & bit and tiles.get((row + down, column + right), 0) & opposite
+        ]
+        for (row, column), code in tiles.items()
+    }
+
+
+def tile_graph(codes: ArrayLike) -> "networkx.Graph":
+    """Makes the graph of a grid's tiles and their links.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      A graph whose nodes are the non-empty tiles, as (row, column), in the order of their rows; each with `code`, an
+      int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours that both connect to each other.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+    """
+    nx = _networkx()
+    grid = np.asarray(check_grid(codes))
+    links = linked_tiles(grid)
+    graph = nx.Graph()
+    graph.add_nodes_from((tile, {"code": int(grid[tile]), "kind": KIND_OF[int(grid[tile])]}) for tile in links)
+    graph.add_edges_from((tile, other) for tile, others in links.items() for other in others if other > tile)
+    return graph
+
+
+def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
+    """Makes the graph of a grid's crossings and the roads between them.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+
+    Returns:
+      A multigraph. Its nodes are tiles as (row, column), in the order of their rows, each with `code`, an int, and
+      `kind`, "crossing", "end" or "ring". Each edge has `length`, an int, the steps from tile to tile along the road,
+      which is its length in tiles from centre to centre; and `path`, the tiles from end to end, both ends among them,
+      so `length + 1` tiles. It starts at the end that comes first in the order of rows; that of a self-loop starts and
+      ends at its node, and leaves it by its first side clockwise from north. Parallel edges have the keys 0, 1, ...,
+      clockwise from north around the first end.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+    """
+    nx = _networkx()
+    grid = np.asarray(check_grid(codes))
+    links = linked_tiles(grid)
+    graph = nx.MultiGraph()
+    for tile, others in links.items():
+        if CONNECTIONS[grid[tile]] >= 3:
+            graph.add_node(tile, code=int(grid[tile]), kind="crossing")
+        elif len(others) < 2:
+            graph.add_node(tile, code=int(grid[tile]), kind="end")
+    walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads: they are first steps from the other end
+    passed: set[Cell] = set(graph)
+
+    def add_roads(node: Cell) -> None:
+        for other in links[node]:
+            if (node, other) not in walked:
+                path = [node, *_walk(links, graph, node, other)]
+                walked.add((path[-1], path[-2]))
+                passed.update(path)
+                graph.add_edge(node, path[-1], length=len(path) - 1, path=path)
+
+    for node in list(graph):
+        add_roads(node)
+    for tile in links:
+        if tile not in passed:
+            graph.add_node(tile, code=int(grid[tile]), kind="ring")
+            add_roads(tile)
+    ordered = nx.MultiGraph()
+    ordered.add_nodes_from(sorted(graph.nodes(data=True)))
+    ordered.add_edges_from(graph.edges(keys=True, data=True))
+    return ordered
+
+
+def to_graphml(graph: Any) -> str:
+    """Writes a graph of `tile_graph` or `reduced_graph` as the text of a GraphML file.
+
+    Nodes are named "row,column" and have `row` and `column` too; a path is its tiles' names with blanks between.
+
+    Raises:
+      InputError: where NetworkX is not installed.
+    """
+    nx = _networkx()
+    written = graph.__class__()
+    for tile, data in graph.nodes(data=True):
+        written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
+    for number, (one, other, data) in enumerate(graph.edges(data=True)):
+        # The key becomes the edge's name in the file, which has to be unique there.
+        roads = {"path": " ".join(map(_name, data["path"])), "key": number} if graph.is_multigraph() else {}
+        written.add_edge(_name(one), _name(other), **data | roads)
+    return "\n".join(nx.generate_graphml(written)) + "\n"
+
+
+def _name(tile: Cell) -> str:
+    return f"{tile[0]},{tile[1]}"
+
+
+def _walk(links: dict[Cell, list[Cell]], ends: Any, before: Cell, tile: Cell) -> Iterator[Cell]:
+    """Walks along a road: its tiles from the second one up to the next end."""
+    while tile not in ends:
+        yield tile
+        before, tile = tile, next(other for other in links[tile] if other != before)
+    yield tile
+
+
+def _networkx() -> Any:
+    return import_optional("networkx", "graphs need NetworkX")

@@ -1,0 +1,174 @@
+"""A road map with its metrics, and its JSON file; Duckietown's map files are read too."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.errors import InputError, MissingPackageError, short
+from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.network.checks import check_grid
+
+__all__ = ["Drawn", "RoadMap", "map_to_json", "read_map"]
+
+_FORMAT = "elitelanes map, version 1"
+
+
+class Drawn(NamedTuple):
+    """The tile pictures that a map is drawn with.
+
+    Attributes:
+      tile_set: the name of the set.
+      tiles: names ``[H][W]``.
+      quarter_turns: ints ``[H][W]``, counter-clockwise.
+    """
+
+    tile_set: str
+    tiles: list[list[str]]
+    quarter_turns: list[list[int]]
+
+
+class RoadMap(NamedTuple):
+    """One map; unknown fields are None.
+
+    Attributes:
+      codes: int8 ``[H, W]``.
+      metrics: by name.
+      fitness: of the run that found it; lower is better.
+      descriptor: the values of the niche's axes, by metric.
+      niche: the bins on the axes.
+      seed: of the run, and the number of the run's seed that found the map, from 0.
+      drawn: its tile pictures.
+    """
+
+    codes: NDArray[np.int8]
+    metrics: Mapping[str, float] | None = None
+    fitness: int | None = None
+    descriptor: Mapping[str, int] | None = None
+    niche: list[int] | None = None
+    seed: tuple[int, int] | None = None
+    drawn: Drawn | None = None
+
+
+def map_to_json(road_map: RoadMap) -> str:
+    """Writes the text of a map file: a key a line, tables a row a line."""
+    values: dict[str, Any] = {
+        "format": _FORMAT,
+        "shape": list(road_map.codes.shape),
+        "codes": road_map.codes.tolist(),
+        "metrics": road_map.metrics,
+        "fitness": road_map.fitness,
+        "descriptor": road_map.descriptor,
+        "niche": road_map.niche,
+        "seed": road_map.seed,
+        "drawn": road_map.drawn and road_map.drawn._asdict(),
+    }
+    return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
+
+
+def _lines(value: Any, indent: str) -> str:
+    inner = indent + "  "
+    if isinstance(value, Mapping):
+        rows = [f"{inner}{json.dumps(key)}: {_lines(item, inner)}" for key, item in value.items()]
+        return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
+    if isinstance(value, list) and value and isinstance(value[0], list):
+        return "[\n" + ",\n".join(f"{inner}{json.dumps(row)}" for row in value) + f"\n{indent}]"
+    return json.dumps(value)
+
+
+def read_map(file: str | Path) -> RoadMap:
+    """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one. ``.yaml`` and ``.yml`` are maps of Duckietown.
+
+    Raises:
+      InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
+      MissingPackageError: for a map of Duckietown where PyYAML is not installed.
+    """
+    is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
+    kind = "YAML" if is_yaml else "JSON"
+    try:
+        text = Path(file).read_text(encoding="utf-8-sig")
+        if is_yaml:
+            return RoadMap(from_duckietown(text))
+        values = json.loads(text)
+    except OSError as error:
+        raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
+    except MissingPackageError:
+        raise
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    except ValueError as error:
+        raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
+    except RecursionError:
+        raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
+    if not isinstance(values, dict) or "codes" not in values:
+        raise InputError(f'{file}: expected a map, {{"codes": [[...], ...]}}, got no "codes"')
+    if values.get("format", _FORMAT) != _FORMAT:
+        raise InputError(f"{file}: format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
+    try:
+        codes = _grid(values["codes"])
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    for name, (fits, expected) in _FIELDS.items():
+        if name in values and not fits(values[name]):
+            raise InputError(f"{file}: {name}: expected {expected}, got {short(json.dumps(values[name]))}")
+    drawn = Drawn(**values["drawn"]) if "drawn" in values else None
+    if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
+        raise InputError(f"{file}: drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
+    return RoadMap(
+        codes,
+        values.get("metrics"),
+        values.get("fitness"),
+        values.get("descriptor"),
+        values.get("niche"),
+        tuple(values["seed"]) if "seed" in values else None,
+        drawn,
+    )
+
+
+def _grid(rows: Any) -> NDArray[np.int8]:
+    """Reads the codes of a file; a wrong one is named as it stands there, before NumPy makes one type of all cells."""
+    if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
+        for y, row in enumerate(rows):
+            for x, code in enumerate(row):
+                if not is_whole(code) or not 0 <= code <= 15:
+                    got = short(json.dumps(code))
+                    raise InputError(f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}")
+    return np.array(check_grid(rows))
+
+
+def _all(fits: Callable[[Any], bool], values: Any) -> bool:
+    return isinstance(values, list) and all(map(fits, values))
+
+
+def _extent(table: list[list[Any]]) -> tuple[int, ...]:
+    widths = {len(row) for row in table}
+    return (len(table), *widths)
+
+
+def _is_drawn(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and set(value) == set(Drawn._fields)
+        and isinstance(value["tile_set"], str)
+        and _all(lambda row: _all(lambda name: isinstance(name, str), row), value["tiles"])
+        and _all(lambda row: _all(lambda turns: is_whole(turns) and 0 <= turns < 4, row), value["quarter_turns"])
+    )
+
+
+def _numbers_by_name(value: Any) -> bool:
+    return isinstance(value, dict) and all(is_whole(number) or isinstance(number, float) for number in value.values())
+
+
+# The fields of a map file beside the codes: a test of the value, and words for what is expected.
+_FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "metrics": (_numbers_by_name, "numbers by name"),
+    "fitness": (is_whole, "a whole number"),
+    "descriptor": (_numbers_by_name, "numbers by name"),
+    "niche": (lambda value: _all(is_whole, value), "whole numbers"),
+    "seed": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers"),
+    "drawn": (_is_drawn, f"a record of {', '.join(Drawn._fields)}, turns 0 to 3"),
+}

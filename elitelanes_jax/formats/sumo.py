@@ -1,0 +1,285 @@
+"""Road networks for SUMO, the traffic simulator: its plain XML, and the networks that its `netconvert` makes of it.
+
+Roads are those of `reduced_graph`, with a lane in each direction; traffic keeps right. They run along the middle of
+straights and the arcs of turns. SUMO has no edge from a node to itself: a road back to its start is cut in two, and so
+is a ring.
+"""
+
+import math
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.atomic_io import unwritable_error, write_atomic
+from elitelanes_jax._util.checks import one_of, real
+from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax.formats.graph import Cell, reduced_graph
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import SIDE_TOWARDS
+
+__all__ = ["Network", "PlainXml", "Streets", "convert", "network", "plain_xml", "write_sumo"]
+
+_RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
+_OUTPUTS = {"net": "--output-file", "opendrive": "--opendrive-output"}
+_OPTIONS = (
+    "--offset.disable-normalization=true",  # the network lies where the grid does
+    "--precision=4",  # for streets as small as Duckietown's
+    "--geometry.min-radius=0",  # no warnings of turns that are as sharp as their tiles
+    "--roundabouts.guess=false",
+)
+
+# The date in a comment with netconvert's settings, and in OpenDRIVE's header.
+_TIMES = re.compile(r'<!-- generated on .*?-->\s*| date="[^"]*"', re.DOTALL)
+
+_ARC = np.linspace(0, math.pi / 2, 9)
+_HALF = _ARC.size // 2
+
+
+@dataclass(frozen=True)
+class Streets(Settings):
+    """Measures of the streets that tiles become.
+
+    The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of them. On shorter
+    streets waiting cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown,
+    58.5 cm a tile and 22.2 cm from the middle of the road to its white line; a Duckiebot has 2.6 m there.
+
+    Attributes:
+      tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
+      lane: width of a lane in metres, 0.001 to 500.
+      speed: limit in metres a second, 0.001 to 100.
+      right_of_way: at crossings: "allway_stop", the meaning of stop lines on all sides, "priority",
+        "right_before_left" or "traffic_light".
+    """
+
+    tile: float = option(30.0, real(0.01, 1000))
+    lane: float = option(3.2, real(0.001, 500))
+    speed: float = option(8.33, real(0.001, 100))
+    right_of_way: str = option("allway_stop", one_of(*_RIGHTS_OF_WAY))
+
+    def check_together(self) -> None:
+        """Checks that a tile has room for two lanes."""
+        if self.tile <= 2 * self.lane:
+            raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
+
+
+class PlainXml(NamedTuple):
+    """A network in SUMO's plain XML, one text for each file.
+
+    Attributes:
+      nodes: each ``ROW_COLUMN``, after its tile; places in metres, x to the east and y to the north, from the grid's
+        south-west corner.
+      edges: each ``ROW_COLUMN_SIDE``, after the tile where it starts and the side by which it leaves that.
+      connections: from each edge to those that start where it ends; the way back only at dead ends.
+    """
+
+    nodes: str
+    edges: str
+    connections: str
+
+
+class Network(NamedTuple):
+    """A network that netconvert made.
+
+    Attributes:
+      text: of a file of SUMO or OpenDRIVE, without the date.
+      warnings: of netconvert, a line each.
+    """
+
+    text: str
+    warnings: tuple[str, ...]
+
+
+def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
+    """Writes a grid as plain XML.
+
+    Args:
+      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+      streets: their measures.
+
+    Returns:
+      A `PlainXml`; the same grid gives the same texts.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), one without any road, measures out of their ranges, or where
+        NetworkX is not installed.
+    """
+    roads = _roads(codes)
+    if not roads:
+        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+    exits: dict[Cell, list[Cell]] = {}
+    for road in roads:
+        exits.setdefault(road[0], []).append(road[1])
+    height = len(check_grid(codes))
+    lines = [streets.tile * _line(road, exits, height) for road in roads]
+    places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
+    return PlainXml(
+        _xml("nodes", (_node(node, place, len(exits[node]), streets) for node, place in places.items())),
+        _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
+        _xml("connections", (_connection(road, after) for road in roads for after in _ways_on(road, exits))),
+    )
+
+
+def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
+    """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
+
+    Missing folders are made. Existing files are replaced once all three are written.
+
+    Raises:
+      InputError: as `plain_xml`, or if the files cannot be written.
+    """
+    texts = plain_xml(codes, streets)
+    nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
+    try:
+        nodes.parent.mkdir(parents=True, exist_ok=True)
+        # Nodes of one network do not fit the edges of another: none is replaced before all are written.
+        with tempfile.TemporaryDirectory(dir=nodes.parent, prefix=f".{nodes.name}-") as folder:
+            for file, text in zip(files, texts, strict=True):
+                write_atomic(Path(folder, file.name), text.encode())
+            for file in files:
+                Path(folder, file.name).replace(file)
+    except OSError as error:
+        raise unwritable_error(
+            nodes, OSError(error.errno, error.strerror)
+        ) from None  # without the name of the hidden folder
+    return nodes, edges, connections
+
+
+def network(codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> Network:
+    """Makes a network of a grid by SUMO's `netconvert`.
+
+    Args:
+      codes: integer codes ``[H, W]``, see `plain_xml`.
+      to: "net", a network of SUMO, or "opendrive".
+      streets: their measures.
+
+    Returns:
+      A `Network`; the same grid and version of SUMO give the same text.
+
+    Raises:
+      InputError: as `plain_xml`; if eclipse-sumo is not installed, or netconvert fails.
+    """
+    if to not in _OUTPUTS:
+        raise InputError(f"to: expected one of {', '.join(_OUTPUTS)}, got {to!r}")
+    sumo = import_optional("sumo", "netconvert is SUMO's", "eclipse-sumo")
+    program = Path(sumo.SUMO_HOME, "bin", "netconvert")
+    with tempfile.TemporaryDirectory() as folder:
+        nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
+        try:
+            run = subprocess.run(
+                [program, "-n", nodes, "-e", edges, "-x", connections, _OUTPUTS[to], "converted", *_OPTIONS],
+                cwd=folder,
+                env={**os.environ, "SUMO_HOME": sumo.SUMO_HOME},
+                capture_output=True,
+                text=True,
+            )
+        except OSError as error:
+            raise InputError(f"{program}: expected a program, got: {reason(error)}") from None
+        said = run.stderr.splitlines()
+        if run.returncode:
+            why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
+            raise InputError(f"netconvert: expected a network of the map, got: {why}")
+        text = Path(folder, "converted").read_text(encoding="utf-8")
+    return Network(_TIMES.sub("", text), tuple(line for line in said if line.startswith("Warning")))
+
+
+def convert(file: str | Path, codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> tuple[str, ...]:
+    """Writes the `network` of a grid to a file, and returns netconvert's warnings.
+
+    Args:
+      file: such as ``city.net.xml`` or ``city.xodr``; missing folders are made. An existing file is replaced, and kept
+        after an error.
+      codes: integer codes ``[H, W]``.
+      to: "net" or "opendrive".
+      streets: their measures.
+
+    Raises:
+      InputError: as `network`, or if the file cannot be written.
+    """
+    text, warnings = network(codes, to, streets)
+    try:
+        write_atomic(Path(file), text.encode())
+    except OSError as error:
+        raise unwritable_error(file, error) from None
+    return warnings
+
+
+def _roads(codes: ArrayLike) -> list[list[Cell]]:
+    """Lists the tiles from node to node, of each road in each direction."""
+    roads = []
+    for start, end, path in reduced_graph(codes).edges(data="path"):
+        middle = len(path) // 2
+        for part in (path[: middle + 1], path[middle:]) if start == end else (path,):
+            roads += [part, part[::-1]]
+    return sorted(roads)
+
+
+def _line(road: list[Cell], exits: dict[Cell, list[Cell]], height: int) -> NDArray[np.complex128]:
+    """Returns the middle of a road from node to node, east + north·i in tiles; no point where it is straight.
+
+    Each tile is crossed from border to border: with a towards the one and b towards the other, both from its centre,
+    a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where b = -a, the line.
+    """
+    beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
+    centres = np.array([column + 0.5 + (height - row - 0.5) * 1j for row, column in beyond])
+    half_steps = np.diff(centres)[:, None] / 2
+    across = centres[1:-1, None] - half_steps[:-1] * (1 - np.sin(_ARC)) + half_steps[1:] * (1 - np.cos(_ARC))
+    line = across.ravel()[_HALF:-_HALF]  # nodes are in the middle of their tiles
+    line = line[np.append(True, abs(np.diff(line)) > 1e-9)]
+    steps = np.diff(line)
+    return line[[True, *(abs((steps[1:] * steps[:-1].conj()).imag) > 1e-9), True]]
+
+
+def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
+    """Returns the tile behind a node, for a road to a neighbour: on the only other road, or else straight behind."""
+    if len(exits[node]) == 2:
+        return next(other for other in exits[node] if other != neighbour)
+    return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
+
+
+def _ways_on(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
+    return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
+
+
+def _node(node: Cell, place: complex, degree: int, streets: Streets) -> str:
+    # SUMO's own 4 m for lanes of 3.2 m where there is room; never as far as the tile's border, so that adjacent
+    # crossings have an edge between them.
+    radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
+    kind = streets.right_of_way if degree > 2 else "priority"
+    point = f'x="{place.real:.4f}" y="{place.imag:.4f}"'
+    return f'<node id="{_id(node)}" {point} type="{kind}" radius="{radius:.4f}"/>'
+
+
+def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
+    shape = " ".join(f"{point.real:.4f},{point.imag:.4f}" for point in line)
+    return (
+        f'<edge id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
+        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"/>'
+    )
+
+
+def _connection(road: list[Cell], after: Cell) -> str:
+    start, end = _edge_id(road[0], road[1]), _edge_id(road[-1], after)
+    return f'<connection from="{start}" to="{end}" fromLane="0" toLane="0"/>'
+
+
+def _id(node: Cell) -> str:
+    return f"{node[0]}_{node[1]}"
+
+
+def _edge_id(node: Cell, neighbour: Cell) -> str:
+    return f"{_id(node)}_{SIDE_TOWARDS[neighbour[0] - node[0], neighbour[1] - node[1]].name}"
+
+
+def _xml(name: str, elements: Iterable[str]) -> str:
+    lines = "".join(f"    {element}\n" for element in elements)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}>\n{lines}</{name}>\n'

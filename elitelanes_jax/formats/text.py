@@ -1,0 +1,29 @@
+"""Maps as text, for terminals."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import EAST
+
+__all__ = ["LINES", "draw_text"]
+
+LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
+"""The character of each code."""
+
+_ASCII = " -|+--++|+|+++++"
+
+
+def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
+    """Draws a grid in characters, two a tile, a row a line: a connection is a line to that side.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      ascii_only: draw with ``+``, ``-`` and ``|`` in place of box-drawing characters.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    signs, along = (_ASCII, "-") if ascii_only else (LINES, "─")
+    rows = np.asarray(check_grid(codes)).tolist()
+    return "\n".join("".join(signs[code] + (along if code & EAST else " ") for code in row).rstrip() for row in rows)

@@ -1,0 +1,58 @@
+"""Checks of shapes and grids, for arrays of NumPy and of JAX; JAX is not imported."""
+
+import sys
+from typing import Any
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError
+
+__all__ = ["LONGEST_SIDE", "check_grid", "check_shape"]
+
+LONGEST_SIDE = 1024
+"""The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
+
+
+def check_shape(shape: Any) -> tuple[int, int]:
+    """Checks a grid's shape; returns (height, width) as two ints.
+
+    Raises:
+      InputError: unless it is two whole numbers from 2 to `LONGEST_SIDE`.
+    """
+    try:
+        height, width = (int(side) for side in shape if int(side) == side)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"shape: expected (height, width), two whole numbers, got {shape!r}") from None
+    if min(height, width) < 2 or max(height, width) > LONGEST_SIDE:
+        raise InputError(f"shape: expected sides from 2 to {LONGEST_SIDE}, got {height} x {width}")
+    return height, width
+
+
+def check_grid(grid: Any) -> Any:
+    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is one of JAX, else of NumPy.
+
+    Codes are checked only where they are known. Under `jax.jit` and `jax.vmap` they are not, and a code outside 0..15
+    gives meaningless results there.
+
+    Raises:
+      InputError: if it is not two-dimensional, has a side under 2 or over `LONGEST_SIDE`, holds anything but integers,
+        or a code outside 0..15.
+    """
+    jax = sys.modules.get("jax")
+    try:
+        array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
+    except ValueError:
+        raise InputError("grid: expected rows of one length, got rows of several") from None
+    if array.ndim != 2:
+        raise InputError(f"grid: expected two dimensions (rows, columns), got shape {array.shape}")
+    check_shape(array.shape)
+    if not np.issubdtype(array.dtype, np.integer):
+        raise InputError(f"grid: expected integer tile codes, got {array.dtype}")
+    if not (jax and isinstance(array, jax.core.Tracer)):
+        codes = np.asarray(array)
+        if codes.min() < 0 or codes.max() > 15:
+            row, column = np.argwhere((codes < 0) | (codes > 15))[0]
+            raise InputError(
+                f"grid: expected tile codes 0 to 15, got {codes[row, column]} at row {row}, column {column}"
+            )
+    return array.astype(np.int8)

@@ -1,0 +1,142 @@
+"""Tile codes: one number a tile, with a bit for each side that it connects to (NumPy constants).
+
+A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation").
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError
+
+__all__ = [
+    "CONNECTIONS",
+    "CROSSINGS",
+    "EAST",
+    "KINDS",
+    "KIND_OF",
+    "NORTH",
+    "ROAD_ALPHABET",
+    "SIDES",
+    "SIDE_TOWARDS",
+    "SOUTH",
+    "WEST",
+    "Side",
+    "check_alphabet",
+    "exchange_sides",
+    "rotate_codes",
+]
+
+NORTH = 8
+"""The bit of a code that connects to the north."""
+
+EAST = 4
+"""The bit of a code that connects to the east."""
+
+SOUTH = 2
+"""The bit of a code that connects to the south."""
+
+WEST = 1
+"""The bit of a code that connects to the west."""
+
+
+class Side(NamedTuple):
+    """A side of a tile.
+
+    Attributes:
+      bit: of a code that connects there.
+      letter: N, E, S or W.
+      name: north, east, south or west.
+      down: rows from the tile to its neighbour there.
+      right: columns from the tile to its neighbour there.
+      opposite: the bit of the neighbour's side that faces it.
+    """
+
+    bit: int
+    letter: str
+    name: str
+    down: int
+    right: int
+    opposite: int
+
+
+SIDES = (
+    Side(NORTH, "N", "north", -1, 0, SOUTH),
+    Side(EAST, "E", "east", 0, 1, WEST),
+    Side(SOUTH, "S", "south", 1, 0, NORTH),
+    Side(WEST, "W", "west", 0, -1, EAST),
+)
+"""The four sides, clockwise."""
+
+SIDE_TOWARDS = {(side.down, side.right): side for side in SIDES}
+"""The side towards a neighbour, by (rows down, columns right) to it."""
+
+CONNECTIONS = np.array([code.bit_count() for code in range(16)], np.int8)
+"""int8 ``[16]``: the number of connections of each code."""
+
+KINDS: dict[str, tuple[int, ...]] = {
+    "empty": (0,),
+    "stub": (1, 2, 4, 8),
+    "straight": (5, 10),
+    "turn": (3, 6, 9, 12),
+    "crossing3": (7, 11, 13, 14),
+    "crossing4": (15,),
+}
+"""The codes of each kind of tile."""
+
+KIND_OF = {code: kind for kind, codes in KINDS.items() for code in codes}
+"""The kind of each code."""
+
+CROSSINGS = KINDS["crossing3"] + KINDS["crossing4"]
+"""The codes with three or four connections."""
+
+ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
+"""The 11 codes with two or more connections: every tile that has a picture. New tiles are drawn from it by default."""
+
+
+def rotate_codes(codes: Any, quarter_turns: int = 1) -> Any:
+    """Rotates tile codes counter-clockwise by quarter turns: N becomes W, W becomes S.
+
+    Args:
+      codes: an int, or integers of NumPy or JAX of any shape.
+      quarter_turns: any whole number.
+
+    Returns:
+      Codes of the same type and shape.
+    """
+    for _ in range(quarter_turns % 4):
+        codes = (codes << 1) & 15 | codes >> 3
+    return codes
+
+
+def exchange_sides(codes: Any, one: int, other: int) -> Any:
+    """Exchanges the connections of two sides of tile codes: of east and west, for a mirror image.
+
+    Args:
+      codes: an int, or integers of NumPy or JAX of any shape.
+      one: the bit of a side.
+      other: the bit of another side, the lower one.
+
+    Returns:
+      Codes of the same type and shape.
+    """
+    shift = one.bit_length() - other.bit_length()
+    return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift
+
+
+def check_alphabet(codes: Iterable[Any]) -> tuple[int, ...]:
+    """Checks a set of tile codes; returns it as a sorted tuple without repeats.
+
+    Raises:
+      InputError: if it is empty or holds anything but whole numbers 0..15.
+    """
+    expected = "alphabet: expected tile codes, whole numbers 0 to 15"
+    try:
+        listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()
+    except TypeError:
+        raise InputError(f"{expected}, got {codes!r}") from None
+    wrong = [code for code in listed if type(code) is not int or not 0 <= code <= 15]
+    if wrong or not listed:
+        raise InputError(f"{expected}, got {repr(wrong[0]) if wrong else 'none'}")
+    return tuple(sorted(set(listed)))

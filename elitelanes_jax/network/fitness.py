@@ -1,0 +1,50 @@
+"""Fitness: a weighted sum of metrics, to be minimised (paper, section "Fitness Function")."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.network.weights import Weights
+
+__all__ = ["fitness", "penalty_weights"]
+
+
+def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:
+    """Sums a network's metrics by weight; lower is better.
+
+    Args:
+      metrics: of one grid, or of many with the same leading axes.
+      weights: integers, or integer arrays that broadcast against the metrics; `check_weights` says how large.
+
+    Returns:
+      int32, of the metrics' shape.
+
+    Raises:
+      InputError: for weights that are not integers.
+    """
+    total = _integer("constant", weights.constant)
+    for name in Weights._fields[:-1]:
+        value = getattr(metrics, name)
+        if name == "components":
+            value = jnp.maximum(value - 1, 0)
+        total = total + _integer(name, getattr(weights, name)) * value
+    return total
+
+
+def penalty_weights(weights: Weights) -> Weights:
+    """Returns the weights of penalties alone: rewards and the constant are 0."""
+    return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
+
+
+def _integer(name: str, weight: Any) -> Int32[Array, "..."]:
+    array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
+    if not jnp.issubdtype(array.dtype, jnp.integer):
+        raise InputError(f"weights: expected integers, got {name} of type {array.dtype}")
+    if isinstance(array, np.ndarray) and (array != array.astype(np.int32)).any():
+        raise InputError(f"weights: expected integers of 32 bits, got {name}={weight!r}")
+    return jnp.asarray(array, jnp.int32)

@@ -1,0 +1,175 @@
+"""The metrics of a road network: one grid in, scalars out (paper, section "Evaluation Metrics")."""
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
+
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
+from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.faces import find_faces
+from elitelanes_jax.network.padded_layout import PaddedLayout, find_links
+
+__all__ = ["measure", "stack_counts", "unstack_counts"]
+
+
+def measure(grid: Any, alphabet: Iterable[int] | None = None) -> Metrics:
+    """Measures one grid; `jax.vmap` it for many.
+
+    Args:
+      grid: integer codes ``[H, W]``, repaired or not.
+      alphabet: the codes that `off_alphabet` lets pass; all 16 by default.
+
+    Returns:
+      `Metrics` of scalars.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`) or alphabet.
+    """
+    return _measure(check_grid(grid), None if alphabet is None else check_alphabet(alphabet))
+
+
+def stack_counts(metrics: Metrics) -> Int32[Array, "... M"]:
+    """Puts the whole metrics side by side in the order of `COUNT_NAMES`: one array to carry about."""
+    # A sum of columns, as XLA joins short arrays on a CPU number by number: that was a sixth of a step of the tuned EA.
+    units = np.eye(len(COUNT_NAMES), dtype=np.int32)
+    columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(COUNT_NAMES, units, strict=True))
+    return sum(columns, jnp.int32(0))
+
+
+def unstack_counts(counts: Int32[Array, "... M"], cells: int) -> Metrics:
+    """Makes `Metrics` of arrays ``[...]`` from `stack_counts`, of grids with so many cells."""
+    columns = dict(zip(COUNT_NAMES, jnp.moveaxis(counts, -1, 0), strict=True))
+    return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
+
+
+def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
+    # Always true: a divisor known to the compiler would become a product with its reciprocal, which rounds otherwise.
+    return tiles / jnp.where(tiles >= 0, cells, 1)
+
+
+@partial(jax.jit, static_argnames="alphabet")
+def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metrics:
+    layout = PaddedLayout(*grid.shape)
+    padded = layout.pad(grid)
+    links = find_links(layout, padded)
+    faces = find_faces(layout, links)
+
+    rows, columns = layout.rows(), layout.columns()
+    here = layout.here(padded)
+    north, east, south, west = (padded & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
+    connections = north.astype(jnp.int8) + east + south + west
+    outward = (
+        (layout.here(north) & (rows == 0)).astype(jnp.int8)
+        + (layout.here(east) & (columns == layout.width - 1))
+        + (layout.here(south) & (rows == layout.height - 1))
+        + (layout.here(west) & (columns == 0))
+    )
+    returned = (
+        links.east.astype(jnp.int8)
+        + links.south
+        + (layout.here(west) & layout.west(east))
+        + (layout.here(north) & layout.north(south))
+    )
+    own = layout.here(connections)
+    crossing = connections >= 3
+    east_pair = links.east & layout.here(crossing) & layout.east(crossing)
+    south_pair = links.south & layout.here(crossing) & layout.south(crossing)
+    turn = (connections == 2) & (north != south)
+    along, upright = here == (EAST | WEST), here == (NORTH | SOUTH)
+    busy = crossing | turn
+
+    def pairs(tiles: Array) -> Array:
+        mine = layout.here(tiles)
+        return (mine & layout.east(tiles)).astype(jnp.int8) + (mine & layout.south(tiles))
+
+    def crowds(neighbour: Callable[[Array], Array]) -> Array:
+        mine, theirs = layout.here(crossing), neighbour(crossing)
+        return (mine & neighbour(busy)) | (theirs & layout.here(busy))
+
+    area, side = layout.height * layout.width, max(layout.height, layout.width)
+    counts = _sums(
+        {
+            "tiles": (here > 0, 1),
+            "edges": (links.east.astype(jnp.int8) + links.south, 2),
+            "cyclomatic": (faces.first, 1),
+            "bridges": (faces.east_bridge.astype(jnp.int8) + faces.south_bridge, 2),
+            "mismatches": (own - returned - outward, 4),
+            "dead_ends": ((own == 1) | (own != returned), 1),
+            "boundary_violations": (outward > 0, 1),
+            "crossings": (layout.here(crossing), 1),
+            "adjacent_crossings": (2 * (east_pair.astype(jnp.int8) + south_pair), 4),
+            "adjacent_crossing_score": (
+                jnp.where(east_pair, own + layout.east(connections), 0)
+                + jnp.where(south_pair, own + layout.south(connections), 0),
+                16,
+            ),
+            "adjacent_turns": (pairs(turn), 2),
+            "straight_score": (
+                _odd_numbers(along, 1, layout.width) + _odd_numbers(upright, layout.stride, layout.height),
+                2 * side,
+            ),
+            "straights": (along | upright, 1),
+            "turns": (layout.here(turn), 1),
+            "crowded_crossings": (crowds(layout.east).astype(jnp.int8) + crowds(layout.south), 2),
+            "neighbours": (pairs(padded > 0), 2),
+            "off_alphabet": (_outside_alphabet(here, alphabet) & (columns < layout.width), 1),
+        },
+        area,
+    )
+    counts["components"] = counts["tiles"] - counts["edges"] + counts["cyclomatic"]
+    counts["unlinked_neighbours"] = counts.pop("neighbours") - counts["edges"]
+    counts["empty_cells"] = area - counts["tiles"]
+    return Metrics(**counts, coverage=_coverage(counts["tiles"], area))
+
+
+def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | None) -> Bool[Array, " size"]:
+    outside = jnp.zeros(here.shape, bool)
+    for code in range(16):
+        if alphabet is not None and code not in alphabet:
+            outside |= here == code
+    return outside
+
+
+def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int) -> Int[Array, " size"]:
+    """Writes 1, 3, 5, ... along each run of straight tiles, 0 elsewhere: over a run of L they add up to L².
+
+    The length of the run up to each tile doubles its reach a round: a tile that has found `reach` straight tiles adds
+    what the tile that many steps back has found.
+    """
+    length = straight.astype(jnp.int8 if longest <= 64 else jnp.int32)
+    reach = 1
+    while reach < longest:
+        back = jnp.pad(length[: -reach * step], (reach * step, 0))
+        length = length + jnp.where(length == reach, back, 0)
+        reach *= 2
+    return jnp.where(straight, 2 * length - 1, 0)
+
+
+def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Array, ""]]:
+    """Sums each vector, given the most that one place can hold.
+
+    As many counters as fit, the widest first, are laid side by side in the bits of one word and summed together:
+    reductions are what a small grid's metrics spend their time on.
+    """
+    words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
+    widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}
+    for name, bits in sorted(widths.items(), key=lambda item: -item[1]):
+        for word in words:
+            used = word[-1][1] + word[-1][2]
+            if used + bits <= 32:
+                word.append((name, used, bits))
+                break
+        else:
+            words.append([(name, 0, bits)])
+    sums = {}
+    for word in words:
+        total = jnp.sum(sum((terms[name][0].astype(jnp.uint32) << low for name, low, _ in word), jnp.uint32(0)))
+        for name, low, bits in word:
+            sums[name] = (total >> low & np.uint32(2**bits - 1)).astype(jnp.int32)
+    return sums

@@ -1,0 +1,54 @@
+"""Rotating and mirroring a grid: places and codes together, so that links stay links.
+
+NumPy arrays give NumPy arrays, those of JAX give those of JAX.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
+
+__all__ = ["canonical_form", "mirror", "rotate"]
+
+
+def rotate(grid: Any, quarter_turns: int = 1) -> Any:
+    """Rotates a grid counter-clockwise by quarter turns, as `numpy.rot90` does.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      quarter_turns: any whole number; negative ones rotate clockwise.
+
+    Returns:
+      int8 ``[H, W]`` after an even number of turns, ``[W, H]`` after an odd one.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    grid = check_grid(grid)
+    for _ in range(quarter_turns % 4):
+        grid = rotate_codes(grid).T[::-1]
+    return grid
+
+
+def mirror(grid: Any) -> Any:
+    """Mirrors a grid east to west, as `numpy.fliplr` does.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+
+    Returns:
+      int8 ``[H, W]``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    return exchange_sides(check_grid(grid), EAST, WEST)[:, ::-1]
+
+
+def canonical_form(grid: Any) -> bytes:
+    """Returns the same bytes for a grid and all its rotations and mirror images, other bytes for any other grid."""
+    grid = np.asarray(grid, np.int8)
+    images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
+    return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)

@@ -1,0 +1,73 @@
+"""The weights of the fitness: a record, without JAX."""
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.counts import largest_counts
+
+if TYPE_CHECKING:
+    from jaxtyping import ArrayLike, Int
+
+__all__ = ["Weights", "check_weights"]
+
+
+class Weights(NamedTuple):
+    """The amount that one unit of each metric adds to the fitness: integers, negative ones reward.
+
+    The default is the paper's equation (section "Fitness Function"), a(x) read as adjacent crossings and b(x) as
+    bridges. Other readings are other records, and an array in place of a number sweeps it under `jax.vmap`.
+
+    Attributes:
+      components: for each component beyond the first.
+      constant: added once.
+      others: each for a unit of the metric of its name.
+    """
+
+    components: "Int[ArrayLike, '...']" = 300
+    cyclomatic: "Int[ArrayLike, '...']" = -2
+    dead_ends: "Int[ArrayLike, '...']" = 480
+    boundary_violations: "Int[ArrayLike, '...']" = 150
+    bridges: "Int[ArrayLike, '...']" = 100
+    crossings: "Int[ArrayLike, '...']" = 0
+    adjacent_crossings: "Int[ArrayLike, '...']" = 100
+    adjacent_crossing_score: "Int[ArrayLike, '...']" = 0
+    adjacent_turns: "Int[ArrayLike, '...']" = 80
+    straight_score: "Int[ArrayLike, '...']" = -2
+    straights: "Int[ArrayLike, '...']" = 0
+    turns: "Int[ArrayLike, '...']" = 0
+    crowded_crossings: "Int[ArrayLike, '...']" = 0
+    unlinked_neighbours: "Int[ArrayLike, '...']" = 0
+    tiles: "Int[ArrayLike, '...']" = 0
+    empty_cells: "Int[ArrayLike, '...']" = 0
+    edges: "Int[ArrayLike, '...']" = 0
+    mismatches: "Int[ArrayLike, '...']" = 0
+    off_alphabet: "Int[ArrayLike, '...']" = 480
+    constant: "Int[ArrayLike, '...']" = 0
+
+
+def check_weights(weights: Any, shape: tuple[int, int]) -> Weights:
+    """Checks weights; returns them as ints.
+
+    Args:
+      weights: `Weights` of concrete numbers.
+      shape: (height, width) of the grids they are meant for.
+
+    Raises:
+      InputError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
+    """
+    if not isinstance(weights, Weights):
+        raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
+    for name, weight in weights._asdict().items():
+        if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
+            raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
+    exact = Weights(*(int(np.asarray(weight)) for weight in weights))
+    units = largest_counts(shape) | {"constant": 1}
+    largest = sum(abs(getattr(exact, name)) * most for name, most in units.items())
+    if largest >= 2**31:
+        raise InputError(
+            f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
+            f"got weights with which it might reach {largest:,}"
+        )
+    return exact

@@ -1,0 +1,226 @@
+"""Wave Function Collapse (paper, section "Wave Function Collapse for Road Networks"), in NumPy alone.
+
+Each cell has a domain, the codes that it may still take, as the bits of a number. Again and again the cell with the
+smallest domain takes one of its codes at random; what its neighbours can no longer be is removed from their domains,
+and so on outwards. An empty domain is a contradiction: the grid starts again.
+
+Many grids are collapsed in lockstep, their cells laid end to end in one vector. Each grid is framed by guard cells
+whose domain never changes, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry
+for each of the 2**(K + 1) domains says what a domain allows its neighbour.
+"""
+
+from functools import lru_cache
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET, SIDES, check_alphabet
+
+__all__ = ["Collapsed", "generate", "generate_batch"]
+
+Border = Literal["open", "closed"]
+Domains = NDArray[np.int32]
+
+
+class Collapsed(NamedTuple):
+    """The outcome of one call; of `generate_batch` with n in front of each array.
+
+    Attributes:
+      grid: int8 ``[H, W]``; zeros where it did not succeed.
+      success: bool, whether all cells took a code without a contradiction.
+      attempts: int, how many were made, the successful one included.
+      solvable: bool, False if the constraints alone leave a cell without any code: then no attempt is made, and none
+        could succeed. True does not promise a solution.
+    """
+
+    grid: Any
+    success: Any
+    attempts: Any
+    solvable: bool
+
+
+def generate(
+    rng: np.random.Generator,
+    shape: tuple[int, int] = (12, 12),
+    *,
+    alphabet: Any = ROAD_ALPHABET,
+    border: Border = "open",
+    crossing_ban: bool = True,
+    attempts: int = 10,
+) -> Collapsed:
+    """Collapses one grid.
+
+    Args:
+      rng: the source of all randomness.
+      shape: (height, width), each at least 2.
+      alphabet: the codes that cells may take.
+      border: "open" lets roads leave the grid, as in the paper; "closed" does not.
+      crossing_ban: whether two crossings may not be linked, as in the paper.
+      attempts: the most attempts. A contradiction in the last one is a result, not an error.
+
+    Returns:
+      A `Collapsed`; in a grid that succeeded all connections inside are matched.
+
+    Raises:
+      InputError: for an argument out of its range.
+    """
+    many = generate_batch(rng, 1, shape, alphabet=alphabet, border=border, crossing_ban=crossing_ban, attempts=attempts)
+    return Collapsed(many.grid[0], bool(many.success[0]), int(many.attempts[0]), many.solvable)
+
+
+def generate_batch(
+    rng: np.random.Generator,
+    n: int,
+    shape: tuple[int, int] = (12, 12),
+    *,
+    alphabet: Any = ROAD_ALPHABET,
+    border: Border = "open",
+    crossing_ban: bool = True,
+    attempts: int = 10,
+) -> Collapsed:
+    """Collapses many grids in lockstep; see `generate`.
+
+    Args:
+      rng: the source of all randomness; a grid depends on how many there are.
+      n: how many grids.
+      shape: (height, width), each at least 2.
+      alphabet: the codes that cells may take.
+      border: "open" or "closed".
+      crossing_ban: whether two crossings may not be linked.
+      attempts: the most attempts of each grid.
+
+    Returns:
+      A `Collapsed` of arrays, grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
+
+    Raises:
+      InputError: for an argument out of its range.
+    """
+    if not isinstance(rng, np.random.Generator):
+        raise InputError(f"rng: expected a numpy.random.Generator, got {type(rng).__name__}")
+    if border not in ("open", "closed"):
+        raise InputError(f"border: expected 'open' or 'closed', got {border!r}")
+    n, attempts = check_named("n", whole(1), n), check_named("attempts", whole(1), attempts)
+    shape = check_shape(shape)
+    constraints = check_alphabet(alphabet), border, bool(crossing_ban)
+    rules, start = _rules(*constraints), _start(*constraints, shape)
+    grids, success, tries = np.zeros((n, *shape), np.int8), np.zeros(n, bool), np.zeros(n, int)
+    if start is None:
+        return Collapsed(grids, success, tries, solvable=False)
+
+    tries += 1
+    alive = np.arange(n)  # the grids still at work, in the order of their cells
+    cells = np.tile(start, n)
+    inside = _inside(shape)
+    while alive.size:
+        by_grid = cells.reshape(alive.size, -1)
+        # The smallest domain first; of equals the one that draws the lowest of 16 random bits.
+        lots = np.frombuffer(rng.bytes(2 * cells.size), np.uint16).reshape(by_grid.shape)
+        cell = (rules.urgency[by_grid] | lots).argmin(axis=1)
+        place = cell + np.arange(0, cells.size, start.size)
+        options = rules.options[cells[place]]
+        done = options <= 1
+        if done.any():
+            finished = alive[done]
+            grids[finished] = rules.code[by_grid[done][:, inside]].reshape(-1, *shape)
+            success[finished] = True
+            alive, cells = alive[~done], by_grid[~done].reshape(-1)
+            place, options = cell[~done] + np.arange(0, cells.size, start.size), options[~done]
+        chosen = (rng.random(alive.size) * options).astype(int)
+        cells[place] = rules.option[cells[place], chosen]
+        contradicted = np.unique(_propagate(rules, cells, place, shape[1] + 1) // start.size)
+        if contradicted.size:
+            by_grid = cells.reshape(alive.size, -1)
+            given_up = contradicted[tries[alive[contradicted]] >= attempts]
+            again = np.setdiff1d(contradicted, given_up)
+            tries[alive[again]] += 1
+            by_grid[again] = start
+            alive, cells = np.delete(alive, given_up), np.delete(by_grid, given_up, axis=0).reshape(-1)
+    return Collapsed(grids, success, tries, solvable=True)
+
+
+class _Rules(NamedTuple):
+    """Tables by domain: bit i stands for the alphabet's code i, the highest bit for a guard cell.
+
+    Attributes:
+      guard: int, the domain of a guard cell.
+      allowed: int32 ``[4, domains]``, what the neighbour to the north, east, south, west may be.
+      options: int8 ``[domains]``, how many codes.
+      urgency: uint32 ``[domains]``, the number of codes above 16 bits; the largest where there is nothing to choose.
+      option: int32 ``[domains, K]``, the domain of the first, second, ... code alone.
+      code: int8 ``[domains]``, of a domain of one code, that code.
+    """
+
+    guard: int
+    allowed: Domains
+    options: NDArray[np.int8]
+    urgency: NDArray[np.uint32]
+    option: Domains
+    code: NDArray[np.int8]
+
+
+@lru_cache(maxsize=8)
+def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Rules:
+    guard = 1 << len(alphabet)
+    domains = np.arange(2 * guard, dtype=np.int32)
+    allowed = np.zeros((4, domains.size), np.int32)
+    for direction, side in enumerate(SIDES):
+        for bit, code in enumerate((*alphabet, None)):
+            may = guard  # what lies beyond the border is never removed
+            for other_bit, other in enumerate(alphabet):
+                if code is None:
+                    fits = border == "open" or not other & side.opposite
+                else:
+                    linked = bool(code & side.bit)
+                    banned = linked and crossing_ban and code in CROSSINGS and other in CROSSINGS
+                    fits = linked == bool(other & side.opposite) and not banned
+                may |= fits << other_bit
+            allowed[direction] |= np.where(domains >> bit & 1, may, 0).astype(np.int32)
+    allowed |= guard  # by a contradiction too: it must not pass to another grid
+    held = domains[:, None] >> np.arange(len(alphabet)) & 1
+    options = held.sum(axis=1).astype(np.int8)
+    options[guard:] = 0
+    order = np.argsort(1 - held, axis=1, kind="stable").astype(np.int32)
+    return _Rules(
+        guard=guard,
+        allowed=allowed,
+        options=options,
+        urgency=np.where(options > 1, options, 255).astype(np.uint32) << np.uint32(16),
+        option=np.int32(1) << order,
+        code=np.array(alphabet, np.int8)[order[:, 0]],
+    )
+
+
+@lru_cache(maxsize=8)
+def _inside(shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Tells cells of a framed grid from guards: a row above and one below, and a cell after each row."""
+    frame = np.zeros((shape[0] + 2, shape[1] + 1), bool)
+    frame[1:-1, :-1] = True
+    return frame.reshape(-1)
+
+
+@lru_cache(maxsize=8)
+def _start(alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape: tuple[int, int]) -> Domains | None:
+    """Returns the domains of a framed grid before any cell is chosen, or None where one is empty."""
+    rules, stride = _rules(alphabet, border, crossing_ban), shape[1] + 1
+    frame = np.where(_inside(shape), rules.guard - 1, rules.guard).astype(np.int32)
+    cells = np.pad(frame, stride, constant_values=rules.guard)
+    _propagate(rules, cells, np.arange(stride, cells.size - stride), stride)
+    start = cells[stride:-stride]
+    return start if start.all() else None
+
+
+def _propagate(rules: _Rules, cells: Domains, changed: NDArray[np.int_], stride: int) -> NDArray[np.int_]:
+    """Removes in place what changed cells no longer allow around them; returns the cells with empty domains."""
+    steps = np.array([[-stride], [1], [stride], [-1]])
+    empty = [changed[:0]]
+    while changed.size:
+        neighbours = changed + steps
+        before = cells[neighbours]
+        np.bitwise_and.at(cells, neighbours, rules.allowed[:, cells[changed]])
+        changed = np.unique(neighbours[cells[neighbours] != before])
+        empty.append(changed[cells[changed] == 0])
+    return np.concatenate(empty)

@@ -1,0 +1,66 @@
+"""The optimisers by kind of configuration, and the configurations by method and preset."""
+
+from collections.abc import Callable
+
+from elitelanes_jax._util.config import Config
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.optimizers.annealed import (
+    AnnealedGwoConfig,
+    AnnealedPsoConfig,
+    annealed_ea,
+    annealed_gwo,
+    annealed_pso,
+)
+from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers.ea import ea
+from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
+from elitelanes_jax.optimizers.map_elites import MapElitesConfig, map_elites
+from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.optimizers.pso import PsoConfig, pso
+from elitelanes_jax.problem.road_problem import Problem
+
+__all__ = ["PRESETS", "find_preset", "make_optimizer"]
+
+PRESETS: dict[tuple[str, str], Config] = {
+    ("map-elites", "tuned"): AnnealedMapElitesConfig(),
+    ("map-elites", "paper"): MapElitesConfig(),
+    ("map-elites", "standard"): MapElitesConfig(parents="archive"),
+    ("ea", "tuned"): AnnealingConfig(),
+    ("ea", "paper"): EvolutionConfig(),
+    ("pso", "tuned"): AnnealedPsoConfig(),
+    ("pso", "paper"): PsoConfig(),
+    ("gwo", "tuned"): AnnealedGwoConfig(),
+    ("gwo", "paper"): GwoConfig(),
+}
+"""The configurations by method and preset."""
+
+_FACTORIES: dict[type, Callable[..., Optimizer]] = {
+    AnnealedMapElitesConfig: annealed_map_elites,
+    MapElitesConfig: map_elites,
+    AnnealingConfig: annealed_ea,
+    EvolutionConfig: ea,
+    AnnealedPsoConfig: annealed_pso,
+    PsoConfig: pso,
+    AnnealedGwoConfig: annealed_gwo,
+    GwoConfig: gwo,
+}
+
+
+def make_optimizer(problem: Problem, config: Config) -> Optimizer:
+    """Makes the optimiser of a kind of configuration, on a problem."""
+    return _FACTORIES[type(config)](problem, config)
+
+
+def find_preset(config: Config) -> tuple[str, str]:
+    """Returns the method and the preset of a configuration's kind.
+
+    Raises:
+      InputError: if it is none.
+    """
+    for place, known in PRESETS.items():
+        if type(known) is type(config):
+            return place
+    kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
+    raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")

@@ -1,0 +1,1 @@
+"""The object of a search: features, niches, constraints, and the problem made of them."""

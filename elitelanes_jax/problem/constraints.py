@@ -1,0 +1,170 @@
+"""Constraints on a network: ranges of features, and how far a network violates them."""
+
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from math import ceil, floor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import LARGEST, check_unique
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature
+
+__all__ = ["Bounds", "Range", "bounds_of", "parse_ranges", "satisfies", "violation"]
+
+# The fitness that a unit of distance from a range adds: as much as a dead end, so that no flaw is traded for it.
+_STEEPNESS = 480
+
+
+class Range(NamedTuple):
+    """A feature between two limits, both included.
+
+    Attributes:
+      name: of the feature, a metric or a share.
+      low: the lower limit, of a share as a part of 1; None for no limit.
+      high: the upper limit, of a share as a part of 1; None for no limit.
+    """
+
+    name: str
+    low: Fraction | None
+    high: Fraction | None
+
+    def __str__(self) -> str:
+        """Returns the text that `parse_ranges` reads."""
+        low, high = ("" if limit is None else _format(limit) for limit in self[1:])
+        return f"{self.name}={low}" if self.low == self.high else f"{self.name}={low}..{high}"
+
+
+class Bounds(NamedTuple):
+    """Limits of all features, as arrays, so that other constraints need no second compilation.
+
+    Attributes:
+      low: int32 ``[F]``, in the order of `FEATURES`, shares in thousandths.
+      high: int32 ``[F]``, in the same order and units.
+    """
+
+    low: Any
+    high: Any
+
+
+def parse_ranges(where: Any) -> tuple[Range, ...]:
+    """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
+
+    Args:
+      where: one text or several; or a mapping of names to numbers or to pairs of them, None for no limit; or `Range`
+        records.
+
+    Raises:
+      InputError: for anything else, an unknown feature, limits in the wrong order, or one feature given twice.
+    """
+    if isinstance(where, str | Range):
+        where = [where]
+    if isinstance(where, Mapping):
+        given = [_range(f"where: {name}", name, limits) for name, limits in where.items()]
+    elif isinstance(where, Iterable):
+        given = [_range("where", item.name, item[1:]) if isinstance(item, Range) else _parse(item) for item in where]
+    else:
+        raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
+    check_unique("where", "feature", [item.name for item in given])
+    return tuple(given)
+
+
+def bounds_of(where: Iterable[Range]) -> Bounds:
+    """Returns the limits as arrays; features without a range have no limits."""
+    low, high = np.full(len(FEATURES), -LARGEST, np.int32), np.full(len(FEATURES), LARGEST, np.int32)
+    for item in where:
+        place, unit = FEATURES.index(item.name), SHARE_UNIT if item.name in SHARES else 1
+        if item.low is not None:
+            low[place] = ceil(item.low * unit)
+        if item.high is not None:
+            high[place] = floor(item.high * unit)
+    return Bounds(low, high)
+
+
+def violation(features: Any, bounds: Bounds, shape: tuple[int, int]) -> Any:
+    """Computes what the distance from the bounds adds to the fitness: 0 where all are met.
+
+    A unit of distance is one of a count, the share of one cell, or the gain of one more tile in a long straight.
+
+    Args:
+      features: int32 ``[..., F]``, of NumPy or JAX.
+      bounds: to be met.
+      shape: (height, width) of the grids.
+
+    Returns:
+      int32 ``[...]``, of the same library.
+    """
+    units = dict.fromkeys(SHARES, (shape[0] * shape[1], SHARE_UNIT))
+    units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
+    factor, divisor = np.array([units.get(name, (1, 1)) for name in FEATURES], np.int32).T
+    distance = (bounds.low - features).clip(0, None) + (features - bounds.high).clip(0, None)
+    distance = distance.clip(None, LARGEST // factor)
+    steps = ((distance * factor + divisor - 1) // divisor).clip(None, LARGEST // (_STEEPNESS * len(FEATURES)))
+    return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
+
+
+def satisfies(metrics: Mapping[str, Any], where: Iterable[Range]) -> NDArray[np.bool_]:
+    """Tells which networks satisfy all ranges, exactly.
+
+    Args:
+      metrics: the metrics by name, whole numbers of one shape.
+      where: the ranges.
+
+    Returns:
+      bool, of the shape of the metrics.
+    """
+    good = np.ones(np.shape(metrics[COUNT_NAMES[0]]), bool)
+    for item in where:
+        part, whole = SHARES.get(item.name, (item.name, ()))
+        value = np.asarray(metrics[part], np.int64)
+        total = sum((np.asarray(metrics[name], np.int64) for name in whole), np.int64(0)) if whole else np.int64(1)
+        for limit, sign in ((item.low, 1), (item.high, -1)):
+            if limit is not None:
+                good &= sign * (value * limit.denominator - total * limit.numerator) >= 0
+    return good
+
+
+def _parse(text: Any) -> Range:
+    source = f"where {text!r}"
+    name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
+    if not equals:
+        raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
+    low, dots, high = limits.partition("..")
+    return _range(source, name.strip(), (low.strip() or None, high.strip() or None) if dots else low.strip())
+
+
+def _range(source: str, name: Any, limits: Any) -> Range:
+    check_feature(source, name)
+    pair = limits if isinstance(limits, tuple | list) else (limits, limits)
+    if len(pair) != 2:
+        raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")
+    if all(limit is None for limit in pair):
+        raise InputError(f"{source}: expected at least one limit, got none")
+    low, high = (None if limit is None else _limit(source, name, limit) for limit in pair)
+    if low is not None and high is not None and low > high:
+        raise InputError(f"{source}: expected the lower limit first, got {_format(low)} before {_format(high)}")
+    return Range(name, low, high)
+
+
+def _limit(source: str, name: str, limit: Any) -> Fraction:
+    text = str(limit)
+    try:
+        # As a fraction 1e99999999 would fill the memory.
+        number = Fraction(float(text) if "e" in text.lower() else text)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(f"{source}: expected a number, got {short(repr(limit))}") from None
+    most = 1 if name in SHARES else LARGEST
+    if not 0 <= number <= most:
+        unit = " (a part of 1)" if name in SHARES else ""
+        raise InputError(f"{source}: expected 0 to {most:,}{unit}, got {short(text)}")
+    if name not in SHARES and number.denominator != 1:
+        raise InputError(f"{source}: expected whole numbers, got {short(text)}")
+    # The third that 0.333333333 stands for; small denominators keep sums within 64 bits.
+    return number.limit_denominator(10**6)
+
+
+def _format(limit: Fraction) -> str:
+    return str(limit if limit.denominator == 1 else float(limit))

@@ -1,0 +1,164 @@
+"""The descriptor space: axes of features in bins, whose cells are niches (paper, section "Behavior Descriptors")."""
+
+from collections.abc import Mapping
+from math import prod
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.checks import LARGEST, check_unique
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.problem.features import FEATURES, check_feature, compute_features, default_width
+
+__all__ = [
+    "MOST_NICHES",
+    "Axis",
+    "compute_descriptor",
+    "niche_bins",
+    "niche_index",
+    "paper_axes",
+    "parse_axes",
+    "resolve_axes",
+    "tuned_axes",
+]
+
+MOST_NICHES = 2**20
+"""The largest number of niches: with more, the archives of a single seed would not fit in memory."""
+
+
+class Axis(NamedTuple):
+    """One axis of the descriptor space: a feature in bins of equal width, the first and the last one open.
+
+    Attributes:
+      metric: the name of a feature: a whole number in `Metrics`, or a share.
+      bins: how many.
+      width: of a bin, in the metric's unit, thousandths for a share; 0 for `default_width` on the grid's shape.
+      start: where the first bin starts.
+      target: the only bin whose niches are wanted, others being stepping stones; by default all are wanted.
+    """
+
+    metric: str
+    bins: int
+    width: int = 0
+    start: int = 0
+    target: int | None = None
+
+
+def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
+    """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
+
+    A flag's first bin is the favourable value. The paper does not give the width of its bins; 2 at 12 x 12, growing
+    with the grid's area, covers the values that its archive holds.
+    """
+    width = max(1, round(2 * shape[0] * shape[1] / 144))
+    return (
+        Axis("cyclomatic", 25, width),
+        Axis("components", 2, 1, start=1),
+        Axis("dead_ends", 2, 1),
+        Axis("adjacent_crossings", 2, 1),
+        Axis("adjacent_turns", 2, 1),
+    )
+
+
+def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
+    """Returns the paper's space with narrower bins and a target for each flag, its favourable value.
+
+    Bins of the cyclomatic number are one wide at 12 x 12: 0 to 23, and 24 or more.
+    """
+    cyclomatic, *flags = paper_axes(shape)
+    width = default_width("cyclomatic", cyclomatic.bins, shape)
+    return (cyclomatic._replace(width=width), *(flag._replace(target=0) for flag in flags))
+
+
+def parse_axes(axes: Any) -> tuple[Axis, ...]:
+    """Reads axes from texts, mappings or records.
+
+    Args:
+      axes: of each axis ``NAME:BINS`` or ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`.
+
+    Raises:
+      InputError: for anything else, an unknown or repeated feature, numbers out of range, no axis, or more than
+        `MOST_NICHES` niches.
+    """
+    if isinstance(axes, str | Mapping | Axis):
+        axes = [axes]
+    try:
+        listed = tuple(_check_axis(axis) for axis in axes)
+    except TypeError:
+        raise InputError(f"axes: expected records of type Axis, got {axes!r}") from None
+    if not listed:
+        raise InputError("axes: expected at least one axis, got none")
+    check_unique("axes", "metric", [axis.metric for axis in listed])
+    niches = prod(axis.bins for axis in listed)
+    if niches > MOST_NICHES:
+        raise InputError(f"axes: expected at most {MOST_NICHES:,} niches, got {niches:,}")
+    return listed
+
+
+def resolve_axes(axes: Any, shape: tuple[int, int]) -> tuple[Axis, ...]:
+    """Reads axes as `parse_axes` does and gives each the width that suits grids of a shape, where it has none.
+
+    Raises:
+      InputError: as `parse_axes`.
+    """
+    return tuple(
+        axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape)) for axis in parse_axes(axes)
+    )
+
+
+def compute_descriptor(counts: Any, axes: tuple[Axis, ...]) -> Any:
+    """Computes descriptors: the values of the axes' features.
+
+    Args:
+      counts: int32 ``[..., M]``, metrics as `stack_counts` orders them, of NumPy or JAX.
+      axes: D of them.
+
+    Returns:
+      int32 ``[..., D]``, of the same library.
+    """
+    return compute_features(counts)[..., np.array([FEATURES.index(axis.metric) for axis in axes])]
+
+
+def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
+    """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
+    bins, width, start = (
+        np.array([getattr(axis, name) for axis in axes], np.int32) for name in ("bins", "width", "start")
+    )
+    return ((descriptor - start) // width).clip(0, bins - 1)
+
+
+def niche_index(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
+    """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``: the last axis runs fastest."""
+    bins = niche_bins(descriptor, axes)
+    niche = bins[..., 0]
+    for number, axis in enumerate(axes[1:], start=1):
+        niche = niche * axis.bins + bins[..., number]
+    return niche
+
+
+def _check_axis(axis: Any) -> Axis:
+    if isinstance(axis, str):
+        axis = _parse_axis(axis)
+    elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
+        axis = Axis(**axis)
+    if not isinstance(axis, Axis):
+        raise InputError(f"axes: expected records of type Axis, got {axis!r}")
+    check_feature("axes", axis.metric)
+    numbers = (axis.bins, axis.width, axis.start)
+    if not all(type(number) is int for number in numbers) or axis.bins < 1 or axis.width < 0:
+        raise InputError(f"axes: expected whole numbers, at least one bin and no negative width, got {axis}")
+    if max(map(abs, numbers)) > LARGEST:
+        raise InputError(f"axes: expected numbers of at most {LARGEST:,}, got {axis}")
+    if axis.target is not None and not (type(axis.target) is int and 0 <= axis.target < axis.bins):
+        raise InputError(f"axes: expected target to be a bin, 0 to {axis.bins - 1}, got {axis}")
+    return axis
+
+
+def _parse_axis(text: str) -> Axis:
+    name, *numbers = text.split(":")
+    check_feature(f"axes {text!r}", name)
+    if not 1 <= len(numbers) <= 2 or not all(
+        number.isascii() and number.isdigit() and len(number) < 20 and int(number) for number in numbers
+    ):
+        raise InputError(f"axes {text!r}: expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more")
+    return Axis(name, *map(int, numbers))

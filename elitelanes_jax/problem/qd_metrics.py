@@ -1,0 +1,39 @@
+"""Measures of an archive as a whole (Pugh, Soros and Stanley, "Quality diversity", 2016), in NumPy alone."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["coverage", "gaps", "qd_score"]
+
+
+def qd_score(fitness: Any, valid: Any, worst: float) -> NDArray[np.float64]:
+    """Sums by how much all elites together are better than the worst fitness that counts, float ``[...]``.
+
+    Args:
+      fitness: ``[..., N]``, lower is better; anything in vacant niches.
+      valid: bool ``[..., N]``, which niches are filled.
+      worst: the fitness from which on an elite adds nothing.
+    """
+    return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
+
+
+def coverage(valid: Any, feasible: Any = None) -> NDArray[np.float64]:
+    """Returns the share of the niches that are filled, float ``[...]``.
+
+    Args:
+      valid: bool ``[..., N]``, which niches are filled.
+      feasible: bool ``[N]``, the niches that can be filled, where that is known; by default all count.
+    """
+    valid = np.asarray(valid, bool)
+    feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
+    return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
+
+
+def gaps(fitness: Any, valid: Any, best_known: Any) -> NDArray[np.float64]:
+    """Returns each elite's distance from the best known fitness of its niche, float ``[..., N]``.
+
+    It is negative where the elite is better, not a number in vacant niches.
+    """
+    return np.where(valid, np.asarray(fitness, np.float64) - np.asarray(best_known, np.float64), np.nan)

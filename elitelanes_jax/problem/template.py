@@ -1,0 +1,117 @@
+"""Templates: cells of a map that are given, such as a city's roads and buildings."""
+
+import json
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import SIDES
+
+__all__ = ["Template", "parse_template"]
+
+
+class Template(NamedTuple):
+    """Given cells; hashable.
+
+    Attributes:
+      shape: (height, width).
+      codes: a code or None for each cell, row by row.
+    """
+
+    shape: tuple[int, int]
+    codes: tuple[int | None, ...]
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Bool ``[H, W]``: whether each cell is given."""
+        return np.array([code is not None for code in self.codes]).reshape(self.shape)
+
+    @property
+    def grid(self) -> NDArray[np.int8]:
+        """int8 ``[H, W]``: the given codes, 0 where none is."""
+        return np.array([code or 0 for code in self.codes], np.int8).reshape(self.shape)
+
+    @property
+    def rows(self) -> list[list[int | None]]:
+        """The rows that `parse_template` reads."""
+        width = self.shape[1]
+        return [list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)]
+
+
+def parse_template(cells: Any, name: str = "fix") -> Template:
+    """Reads a template from rows or a file.
+
+    Args:
+      cells: rows ``[H][W]`` of codes and None, None for a cell that is free, 0 for one without roads; or a `Template`;
+        or the path of a JSON file with such rows, null for None, alone or under the key ``codes``.
+      name: the start of messages about rows; those about a file start with its path.
+
+    Raises:
+      InputError: if the file cannot be read, the rows are no such table, or a road leaves the grid or meets a given
+        neighbour that does not return it.
+    """
+    if isinstance(cells, Template):
+        return cells
+    if isinstance(cells, str | Path):
+        name, cells = str(cells), _read_rows(cells)
+    try:
+        rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
+    except TypeError:
+        got = short(repr(cells))
+        raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
+    lengths = sorted({len(row) for row in rows})
+    if len(lengths) != 1:
+        got = f"{len(rows)} rows of {' or '.join(map(str, lengths)) or 0}"
+        raise InputError(f"{name}: expected rows of one length, got {got}")
+    try:
+        shape = check_shape((len(rows), *lengths))
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    for row, column in np.ndindex(*shape):
+        code = rows[row][column]
+        if code is not None and (
+            isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15
+        ):
+            got = f"{short(repr(code))} at row {row}, column {column}"
+            raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
+    for row, column in np.ndindex(*shape):
+        if rows[row][column] is not None:
+            _check_sides(name, rows, row, column)
+    return Template(shape, tuple(None if code is None else int(code) for line in rows for code in line))
+
+
+def _read_rows(file: str | Path) -> Any:
+    try:
+        content = json.loads(Path(file).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{file}: {reason(error)}") from None
+    except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
+        raise InputError(f"{file}: expected JSON, got: {error}") from None
+    if isinstance(content, dict) and "codes" in content:
+        content = content["codes"]
+    if not isinstance(content, list):
+        raise InputError(f"{file}: expected rows of tile codes, or null for free cells")
+    return content
+
+
+def _check_sides(name: str, rows: list[list[Any]], row: int, column: int) -> None:
+    place = f"at row {row}, column {column}"
+    for side in SIDES:
+        other = (row + side.down, column + side.right)
+        connects = bool(rows[row][column] & side.bit)
+        if not (0 <= other[0] < len(rows) and 0 <= other[1] < len(rows[0])):
+            if connects:
+                raise InputError(
+                    f"{name}: expected roads within the grid, got one that leaves it to the {side.name} {place}"
+                )
+            continue
+        theirs = rows[other[0]][other[1]]
+        if theirs is not None and connects and not theirs & side.opposite:
+            raise InputError(
+                f"{name}: expected given neighbours to agree, got a road to the {side.name} {place} "
+                f"that row {other[0]}, column {other[1]} does not return"
+            )

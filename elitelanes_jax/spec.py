@@ -1,0 +1,185 @@
+"""The specifications of a search and of a generated folder: all settings with their defaults, without JAX."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, whole
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.checks import check_grid, check_shape
+from elitelanes_jax.network.codes import check_alphabet
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.problem.constraints import Range, parse_ranges
+from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
+from elitelanes_jax.problem.rules import RULES, check_rules
+from elitelanes_jax.problem.template import Template, parse_template
+
+__all__ = ["METHODS", "GenerateSpec", "SearchSpec", "check_size", "parse_initial", "parse_weights"]
+
+METHODS = {
+    "map-elites": ("tuned", "paper", "standard"),
+    "ea": ("tuned", "paper"),
+    "pso": ("tuned", "paper"),
+    "gwo": ("tuned", "paper"),
+}
+"""The methods, and the presets of each, the default first."""
+
+
+def parse_weights(weights: Any) -> tuple[tuple[str, int], ...]:
+    """Reads weights from texts such as ``bridges=300``, a mapping of names to whole numbers, pairs, or `Weights`.
+
+    Raises:
+      InputError: for anything else, an unknown metric, or one given twice.
+    """
+    if isinstance(weights, str):
+        weights = [weights]
+    if isinstance(weights, Weights):
+        weights = weights._asdict()
+    if isinstance(weights, Mapping):
+        weights = weights.items()
+    if not isinstance(weights, Iterable):
+        raise InputError(f"weights: expected weights such as ['bridges=300'], got {weights!r}")
+    pairs = tuple(_parse_weight(weight) for weight in weights)
+    check_unique("weights", "metric", [metric for metric, _ in pairs])
+    return pairs
+
+
+def _parse_weight(weight: Any) -> tuple[str, int]:
+    metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
+    metric = metric.strip()
+    if metric not in Weights._fields:
+        raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {metric!r}")
+    try:
+        return metric, whole(-(2**31), 2**31 - 1)(number)
+    except InputError:
+        text = weight if isinstance(weight, str) else f"{metric}={number}"
+        raise InputError(f"weights: expected NAME=N with a whole number, got {short(repr(text), 40)}") from None
+
+
+def parse_initial(initial: Any) -> tuple[tuple[tuple[int, ...], ...], ...]:
+    """Reads the grids that a search begins with, each as a tuple of rows.
+
+    Args:
+      initial: grids ``[H, W]``, or paths of map files (see `read_map`); one or several.
+
+    Raises:
+      InputError: for a bad grid or file.
+    """
+    if isinstance(initial, str | Path):
+        initial = [initial]
+    if not isinstance(initial, Iterable):
+        raise InputError(f"expected grids or files of maps, got {initial!r}")
+    grids = [read_map(one).codes if isinstance(one, str | Path) else check_grid(one) for one in initial]
+    return tuple(tuple(map(tuple, np.asarray(grid).tolist())) for grid in grids)
+
+
+def check_size(size: Any) -> tuple[int, int]:
+    """Checks the size of maps, (rows, columns) in tiles, numbers or texts of them.
+
+    Raises:
+      InputError: as `check_shape`.
+    """
+    try:
+        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in size])
+    except (TypeError, InputError) as error:
+        words = str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
+        raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None
+
+
+@dataclass(frozen=True)
+class SearchSpec(Settings):
+    """A search: the method, its budget, and what is searched for.
+
+    Attributes:
+      method: the method: map-elites, ea, pso or gwo
+      preset: settings of the method: tuned, paper, or for map-elites standard
+      evaluations: grids that each run evaluates, rounded up to whole generations
+      generations: generations of each run, in place of evaluations
+      axes: axes of the niches, such as straight_share:10; by default the preset's
+      where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
+      weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
+      fix: JSON rows of tile codes that every map keeps, null for free cells
+      rules: rules that every map keeps: duckietown
+      fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
+      initial: maps that every run begins with, map.json or Duckietown's .yaml
+      alphabet: tile codes to draw from; by default all with two or more connections
+    """
+
+    method: str = option("map-elites", one_of(*METHODS), "NAME")
+    preset: str = option("tuned", name, "NAME")
+    evaluations: int = option(200_000, whole(0), "N")
+    generations: int | None = option(None, none_or(whole(0)), "N", replaces="evaluations")
+    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True)
+    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True)
+    weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True)
+    fix: Template | None = option(None, none_or(parse_template), "FILE")
+    rules: str | None = option(None, none_or(check_rules), "NAME")
+    fill: bool | None = option(None, none_or(flag))
+    initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
+    alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
+
+    def check_together(self) -> None:
+        """Checks the preset against the method, and filling against the rules."""
+        presets = METHODS[self.method]
+        if self.preset not in presets:
+            raise InputError(f"preset: expected one of {', '.join(presets)} for {self.method}, got {self.preset!r}")
+        if self.rules is not None and self.fill:
+            raise InputError(f"fill: expected none with the rules of {self.rules}, which leave cells empty, got True")
+
+    @property
+    def fills(self) -> bool:
+        """Whether repair fills."""
+        return self.rules is None if self.fill is None else self.fill
+
+    @property
+    def all_weights(self) -> Weights:
+        """The usual weights, or those of the rules, with the given ones in their places."""
+        usual = Weights() if self.rules is None else RULES[self.rules].weights
+        return usual._replace(**dict(self.weights))
+
+    def axes_on(self, shape: tuple[int, int]) -> tuple[Axis, ...]:
+        """Returns the axes of the niches of grids ``(height, width)``: the given ones, or the preset's."""
+        if self.axes:
+            return resolve_axes(self.axes, shape)
+        return tuned_axes(shape) if self.preset == "tuned" else paper_axes(shape)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns plain values for JSON, of which `SearchSpec` makes the same record again."""
+        return vars(self) | {
+            "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
+            "where": [str(item) for item in self.where],
+            "weights": dict(self.weights),
+            "fix": None if self.fix is None else self.fix.rows,
+        }
+
+
+@dataclass(frozen=True)
+class GenerateSpec(Settings):
+    """A folder of generated maps.
+
+    Attributes:
+      size: rows and columns of each map, in tiles
+      maps: number of maps
+      seeds: number of independent runs to choose from
+      seed: seed of everything random
+      tiles: folder of the tile pictures; by default the package's own
+      tile_px: side of a tile in pixels
+      search: the search
+    """
+
+    size: tuple[int, int] = option((12, 12), check_size, ("ROWS", "COLUMNS"))
+    maps: int = option(16, whole(1), "N")
+    seeds: int = option(8, whole(1), "N")
+    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    search: SearchSpec = option(SearchSpec(), record(SearchSpec))
+    tiles: Path | None = option(None, none_or(path), "DIR")
+    tile_px: int = option(64, whole(16, 512), "N")
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns plain values for JSON."""
+        return vars(self) | {"search": self.search.to_plain(), "tiles": self.tiles and str(self.tiles)}

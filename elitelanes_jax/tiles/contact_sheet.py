@@ -1,0 +1,66 @@
+"""A sheet of many pictures with captions."""
+
+from collections.abc import Sequence
+from math import ceil, sqrt
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["contact_sheet", "write_text"]
+
+_GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
+_GAP, _LINE = 28, 19
+_FONT, _TITLE, _CAPTION = cv2.FONT_HERSHEY_SIMPLEX, 0.8, 0.46
+
+
+def contact_sheet(
+    title: str, pictures: Sequence[NDArray[np.uint8]], captions: Sequence[Sequence[str]]
+) -> NDArray[np.uint8]:
+    """Lays out pictures in rows, each with lines of text below it, the first darker than the others.
+
+    Args:
+      title: ASCII text above them all.
+      pictures: uint8 ``[H, W, 3]``, RGB, all of one size.
+      captions: ASCII lines for each, as many for one as for another.
+
+    Returns:
+      uint8 ``[., ., 3]``, RGB.
+    """
+    height, width = pictures[0].shape[:2]
+    step = _GAP + max(width, *(_length(line, _CAPTION) for lines in captions for line in lines))
+    below = _GAP + _LINE * len(captions[0])
+    columns = max(1, round(sqrt(len(pictures) * (height + below) / step)))
+    rows = ceil(len(pictures) / columns)
+    top = 3 * _GAP
+    across = _GAP + max(columns * step, _length(title, _TITLE) + _GAP)
+    sheet = np.full((top + rows * (height + below), across, 3), _GROUND, np.uint8)
+    write_text(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
+    for number, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
+        row, column = divmod(number, columns)
+        y, x = top + row * (height + below), _GAP + column * step
+        sheet[y : y + height, x : x + width] = picture
+        for place, line in enumerate(lines):
+            ink = _FAINT if place else _INK
+            write_text(sheet, line, (x, y + height + _LINE * (place + 1)), _CAPTION, ink)
+    return sheet
+
+
+def _length(text: str, scale: float) -> int:
+    """Measures the width of a line of text in pixels; fonts differ between versions of OpenCV."""
+    return cv2.getTextSize(text, _FONT, scale, 1)[0][0]
+
+
+def write_text(
+    sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
+) -> None:
+    """Writes a line of text; letters outside ASCII, which OpenCV lacks, become question marks.
+
+    Args:
+      sheet: uint8 ``[H, W, 3]``, written on.
+      text: the line.
+      place: x and y of its lower left corner, in pixels.
+      scale: of the letters, 1 about 22 pixels high.
+      ink: their colour, RGB.
+    """
+    cv2.putText(sheet, text.encode("ascii", "replace").decode(), place, _FONT, scale, ink, 1, cv2.LINE_AA)

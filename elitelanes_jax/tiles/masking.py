@@ -1,0 +1,210 @@
+"""Masks proposed by colour, for tiles with a photograph alone; they are meant to be corrected by hand.
+
+Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, tape on it included, within the
+white tape along its edges.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.tiles.contact_sheet import contact_sheet
+from elitelanes_jax.tiles.files import read_mask, read_picture, size_of
+from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
+
+__all__ = ["COLOURS", "Colour", "Proposal", "mask_folder", "parse_colour", "proposal_sheet", "propose_masks"]
+
+_CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
+_CUT = 1 / 48  # of a tile: parts of the road that hang on by less lie on the other side of a worn edge
+_LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line, of a dash
+_TOP = (179, 255, 255)
+_SHEET_PX = 240  # side of a tile on the sheet
+_SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
+
+
+class Colour(NamedTuple):
+    """A range of colours, limits included, as OpenCV counts: hues 0 to 179, the others 0 to 255.
+
+    Attributes:
+      hue: from, to; a range over the end, such as (170, 10), goes on from 0.
+      saturation: from, to.
+      value: brightness, from, to.
+    """
+
+    hue: tuple[int, int]
+    saturation: tuple[int, int]
+    value: tuple[int, int]
+
+    def __str__(self) -> str:
+        """Returns the text that `parse_colour` reads."""
+        return ",".join(f"{low}..{high}" for low, high in self)
+
+
+COLOURS: Mapping[str, Colour] = {
+    "road": Colour((0, 179), (0, 255), (0, 130)),
+    "red": Colour((165, 10), (100, 255), (90, 255)),
+    "yellow": Colour((18, 38), (70, 255), (130, 255)),
+}
+"""The ranges of Duckietown's asphalt (brightness about 50 to 95) and tapes, in daylight and in lamplight."""
+
+
+def parse_colour(text: str) -> Colour:
+    """Reads a range of colours from text such as ``165..10,100..255,90..255``: hue, saturation, value.
+
+    Raises:
+      InputError: if it is anything else.
+    """
+    match = re.fullmatch(r"\s*,\s*".join([r"(\d{1,3})\.\.(\d{1,3})"] * 3), text.strip(), re.ASCII)
+    limits = [int(number) for number in match.groups()] if match else []
+    pairs = list(zip(limits[::2], limits[1::2], strict=True))
+    upside_down = any(low > high for low, high in pairs[1:])
+    if not match or upside_down or any(max(pair) > top for pair, top in zip(pairs, _TOP, strict=True)):
+        raise InputError(
+            f"expected H..H,S..S,V..V with hues 0 to 179, saturations and values 0 to 255, such as "
+            f"{COLOURS['red']}, got {text[:40]!r}"
+        )
+    return Colour(*pairs)
+
+
+def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLOURS) -> dict[str, NDArray[np.bool_]]:
+    """Proposes masks for a photograph of a tile.
+
+    Args:
+      image: uint8 ``[S, S, 3]``, RGB.
+      colours: of ``road``, ``red`` and ``yellow``.
+
+    Returns:
+      bool ``[S, S]`` for each of these names. Lines lie on the road; no pixel is of two lines.
+    """
+    size = image.shape[0]
+    hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(np.ascontiguousarray(image), 3), cv2.COLOR_RGB2HSV), np.uint8)
+    fine = _disc(size * _CLEAN)
+    lines = {}
+    for name in ("red", "yellow"):
+        lines[name] = _pieces(_clean(_in_range(hsv, colours[name]), fine, fine), _LEAST[name] * size * size)
+    lines["yellow"] &= ~lines["red"]
+    tape = lines["red"] | lines["yellow"]
+    dark = np.where(tape, np.uint8(255), _in_range(hsv, colours["road"]))
+    road = _largest(_clean(dark, fine, _disc(size * _CUT)))
+    return {"road": road, "red": lines["red"] & road, "yellow": lines["yellow"] & road}
+
+
+class Proposal(NamedTuple):
+    """The masks of one tile.
+
+    Attributes:
+      folder: of the tile.
+      image: uint8 ``[S, S, 3]``, RGB.
+      masks: bool ``[S, S]``, by the names in `MASKS`; the folder's own, where they are kept.
+      proposed: the names of the proposed ones.
+    """
+
+    folder: Path
+    image: NDArray[np.uint8]
+    masks: dict[str, NDArray[np.bool_]]
+    proposed: tuple[str, ...]
+
+
+def mask_folder(folder: str | Path, colours: Mapping[str, Colour] = COLOURS, overwrite: bool = False) -> list[Proposal]:
+    """Proposes the masks that the tiles of a set lack; writes nothing.
+
+    Args:
+      folder: of a tile set, as `load_tiles` takes it, in which masks may be missing.
+      colours: see `propose_masks`.
+      overwrite: whether to propose also masks that exist.
+
+    Raises:
+      InputError: if there are no tiles, or a file is not as it should be; the message names it.
+    """
+    folder, problems, proposals = Path(folder), list[str](), []
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}")
+    places = tile_folders(folder, problems)
+    if not places:
+        problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")
+    for place in places:
+        image = read_picture(place / "image.png", problems)
+        if image is None:
+            if not (place / "image.png").is_file():
+                problems.append(f"{place}: expected a photograph of the tile, image.png, got none")
+        elif image.ndim == 2:
+            problems.append(f"{place / 'image.png'}: expected a picture in colours, got a grey one")
+        elif image.shape[0] != image.shape[1]:
+            problems.append(f"{place / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
+        else:
+            image = np.ascontiguousarray(image[..., :3])
+            masks, found = propose_masks(image, colours), {}
+            for name in MASKS:
+                kept = None if overwrite else read_mask(place / f"{name}.png", image, problems)
+                found[name] = masks[name] if kept is None else kept
+            proposed = tuple(name for name in MASKS if overwrite or not (place / f"{name}.png").exists())
+            proposals.append(Proposal(place, image, found, proposed))
+    if problems:
+        raise InputError(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
+    return proposals
+
+
+def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint8]:
+    """Draws every photograph and, right of it, its masks, uint8 ``[., ., 3]``, RGB."""
+    pictures, captions = [], []
+    for proposal in proposals:
+        painted = proposal.image.copy()
+        for name, colour in _SHEET_COLOURS.items():
+            painted[proposal.masks[name]] = colour
+        small = [_shrink(picture) for picture in (proposal.image, painted)]
+        pictures.append(np.hstack(small))
+        shares = ", ".join(f"{name} {100 * mask.mean():.1f} %" for name, mask in proposal.masks.items())
+        road = proposal.masks["road"]
+        reached = ", ".join(side.letter for side in SIDES if edge_pixels(road, side).any()) or "no side"
+        proposed = ", ".join(proposal.proposed) or "nothing"
+        captions.append((f"{proposal.folder.name}: {shares}", f"road reaches {reached}; proposed: {proposed}"))
+    return contact_sheet(title, pictures, captions)
+
+
+def _shrink(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.asarray(cv2.resize(picture, (_SHEET_PX, _SHEET_PX), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
+    (first, last), *rest = colour
+    hues = [(first, last)] if first <= last else [(first, _TOP[0]), (0, last)]
+    masks = [
+        cv2.inRange(hsv, np.array([low, *(pair[0] for pair in rest)]), np.array([high, *(pair[1] for pair in rest)]))
+        for low, high in hues
+    ]
+    return np.asarray(np.bitwise_or.reduce(masks), np.uint8)
+
+
+def _clean(mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Closes the gaps of a mask, then opens bridges and specks, by discs that do not fit in them."""
+    closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, close)
+    return np.asarray(cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut), np.uint8)
+
+
+def _disc(width: float) -> NDArray[np.uint8]:
+    odd = 2 * max(1, round(width / 2)) + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (odd, odd)), np.uint8)
+
+
+def _pieces(mask: NDArray[np.uint8], least: float) -> NDArray[np.bool_]:
+    """Keeps the connected pieces of at least so many pixels."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
+    large = stats[:, cv2.CC_STAT_AREA] >= least
+    large[0] = False
+    return np.asarray(large[labels], np.bool_)
+
+
+def _largest(mask: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Keeps the largest connected piece and fills its holes."""
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    filled = np.zeros_like(mask)
+    if outlines:
+        cv2.drawContours(filled, [max(outlines, key=cv2.contourArea)], -1, 255, cv2.FILLED)
+    return filled > 0

@@ -1,0 +1,264 @@
+"""Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
+
+import json
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
+
+__all__ = [
+    "LABELS",
+    "LABEL_COLOURS",
+    "Picture",
+    "check_tile_px",
+    "choose_tiles",
+    "overlay",
+    "png_of",
+    "recall_choice",
+    "render",
+    "write_picture",
+    "write_png",
+]
+
+LABELS = ("background", "road", "stop line", "lane separator")
+"""The classes of a label map: a label is the place in this list. A line lies over the road."""
+
+LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
+"""A colour for each label, RGB."""
+
+_SMALLEST, _LARGEST = 16, 512
+
+
+class Picture(NamedTuple):
+    """A rendered grid of H x W tiles of P pixels each.
+
+    Attributes:
+      image: uint8 ``[H·P, W·P, 3]``, RGB.
+      road: uint8 ``[H·P, W·P]``, 0 or 255, the drivable surface.
+      red: uint8 ``[H·P, W·P]``, 0 or 255, the stop lines.
+      yellow: uint8 ``[H·P, W·P]``, 0 or 255, the lane separators.
+      labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
+      layers: uint8 ``[H·P, W·P]``, 0 or 255, the masks of the tile set's maker's own, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
+        tile by tile, row by row.
+    """
+
+    image: NDArray[np.uint8]
+    road: NDArray[np.uint8]
+    red: NDArray[np.uint8]
+    yellow: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+    layers: Mapping[str, NDArray[np.uint8]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
+
+
+def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
+    """Chooses a picture for each cell at random among all that show its code.
+
+    Args:
+      grid: codes ``[H, W]``.
+      tiles: whose pictures to choose from.
+      seed: of a `numpy.random.default_rng`; the same one gives the same choice.
+
+    Returns:
+      int ``[H, W, 2]``, the place of the tile in the set and its quarter turns counter-clockwise.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
+    """
+    grid = np.asarray(check_grid(grid))
+    for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
+        code = int(grid[row, column])
+        raise InputError(
+            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {', '.join(map(str, tiles.alphabet))}), "
+            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}"
+        )
+    try:
+        lots = np.random.default_rng(seed).random(grid.shape)
+    except (TypeError, ValueError):
+        raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
+    chosen = np.zeros((*grid.shape, 2), int)
+    for code, draws in tiles.rotations.items():
+        cells = grid == code
+        chosen[cells] = np.array(draws)[(lots[cells] * len(draws)).astype(int)]
+    return chosen
+
+
+def render(grid: ArrayLike, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chosen: Any = None) -> Picture:
+    """Draws a grid.
+
+    Args:
+      grid: codes ``[H, W]``, each with a picture in the set.
+      tiles: whose pictures to draw with.
+      tile_px: side of a tile in pixels, 16 to 512.
+      seed: of the choice among the pictures of each code (see `choose_tiles`).
+      chosen: that choice, to be taken in place of the seed's.
+
+    Raises:
+      InputError: for a bad grid, a cell without picture in the set, a choice that does not show the grid, or a size
+        out of its range.
+    """
+    tile_px = check_tile_px(tile_px)
+    chosen = choose_tiles(grid, tiles, seed) if chosen is None else _check_choice(grid, tiles, chosen)
+    place = chosen[..., 0] * 4 + chosen[..., 1]
+    layers = {name: _lay_out(rotated[place]) for name, rotated in _scale(tiles, tile_px).items()}
+    return Picture(
+        **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
+        layers=layers,
+        points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
+    )
+
+
+def check_tile_px(tile_px: Any) -> int:
+    """Checks the side of a tile in pixels.
+
+    Raises:
+      InputError: unless it is a whole number, 16 to 512.
+    """
+    if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
+        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+    return int(tile_px)
+
+
+def recall_choice(grid: ArrayLike, names: Any, quarter_turns: Any, tiles: TileSet) -> NDArray[np.int_] | None:
+    """Finds the choice of tiles that a map was drawn with.
+
+    Args:
+      grid: codes ``[H, W]``.
+      names: of the tiles, ``[H][W]``.
+      quarter_turns: ints ``[H][W]``, counter-clockwise.
+      tiles: the set.
+
+    Returns:
+      A choice as `choose_tiles` makes it, or None where the set lacks a tile, or one does not show its cell's code.
+    """
+    grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
+    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
+    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(places):
+        return None
+    chosen = np.stack([np.vectorize(places.__getitem__)(listed), turns], axis=-1)
+    return chosen if _misfits(grid, tiles, chosen).size == 0 else None
+
+
+def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: Any) -> NDArray[np.int_]:
+    grid, chosen = np.asarray(check_grid(grid)), np.asarray(chosen)
+    if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
+        raise InputError(
+            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {chosen.dtype} of shape {chosen.shape}"
+        )
+    for row, column in _misfits(grid, tiles, chosen):
+        raise InputError(
+            f"chosen: expected a tile of the set {tiles.name!r} rotated to show code {grid[row, column]} at row {row}, "
+            f"column {column}, got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
+        )
+    return chosen
+
+
+def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Lists row and column of the cells whose chosen tile does not show their code."""
+    shown = np.full((len(tiles.pictures), 4), -1)
+    for code, draws in tiles.rotations.items():
+        shown[tuple(np.array(draws).T)] = code
+    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
+    place = np.where(known[..., None], chosen, 0)
+    return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
+
+
+def write_picture(folder: Path, picture: Picture) -> None:
+    """Writes image.png, road.png, red.png, yellow.png and labels.png, and the tile set's own masks and points."""
+    for name in ("image", *MASKS, "labels"):
+        write_png(folder / f"{name}.png", getattr(picture, name))
+    for name, mask in picture.layers.items():
+        write_png(folder / f"{name}.png", mask)
+    if picture.points:
+        points = {name: listed.tolist() for name, listed in picture.points.items()}
+        (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
+
+
+def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
+    """Writes a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    file.write_bytes(png_of(pixels))
+
+
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
+    """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+
+
+def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
+    """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
+    return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _scale(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
+    """Scales all layers of all tiles in all four rotations: uint8 ``[4·T, P, P]``, images ``[4·T, P, P, 3]``."""
+    layers: dict[str, list[NDArray[np.uint8]]] = {}
+    for tile in tiles.pictures:
+        empty = np.zeros(tile.road.shape, bool)
+        masks = {name: getattr(tile, name) for name in MASKS}
+        masks |= {name: tile.layers.get(name, empty) for name in tiles.layers}
+        masks = {name: _resize_mask(mask, size, name) for name, mask in masks.items()}
+        labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(np.uint8)
+        drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
+        for name, layer in (drawn | {"image": _resize(tile.image, size), "labels": labels}).items():
+            layers.setdefault(name, []).extend(np.rot90(layer, turns) for turns in range(4))
+    return {name: np.stack(rotated) for name, rotated in layers.items()}
+
+
+def _resize(picture: NDArray[Any], size: int) -> NDArray[Any]:
+    if picture.shape[0] == size:
+        return picture
+    shrinks = size < picture.shape[0]
+    return cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
+    """Scales a mask as its image: the pixels that it covers by half or more.
+
+    At some sizes lines are about as thin as a pixel, and would grow or vanish. Where a line's area would change by more
+    than a third, as many pixels are kept as it has area, those that it covers most, equals together. So each class
+    keeps its share of the picture at any size.
+    """
+    cover = _resize(mask.astype(np.float32), size)
+    half, area = cover >= 0.5, round(float(cover.sum()))
+    if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
+        return half
+    return cover >= np.sort(cover, axis=None)[-area] - 1e-4
+
+
+@lru_cache(maxsize=64)
+def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
+    """Returns the points of all tiles in all four rotations, in pixels of a tile of one size."""
+    rotated = []
+    for tile in tiles.pictures:
+        own = tile.image.shape[0]
+        points = tile.points.get(name, np.zeros((0, 2)))
+        for _ in range(4):
+            rotated.append(points * size / own)
+            points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
+    return rotated
+
+
+def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+    """Returns the points of a map whose cells show the rotated tiles ``place``."""
+    rotated = _rotated_points(name, tiles, size)
+    cells = np.ndindex(place.shape)
+    return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])
+
+
+def _lay_out(tiles: NDArray[Any]) -> NDArray[Any]:
+    """Lays pictures ``[H, W, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
+    height, width, size, _, *channels = tiles.shape
+    return tiles.swapaxes(1, 2).reshape(height * size, width * size, *channels)

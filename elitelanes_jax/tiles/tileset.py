@@ -1,0 +1,327 @@
+"""Tile sets: folders of elementary tile pictures with their masks.
+
+A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4. Each has
+``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
+``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
+
+A tile may also have masks of its maker's own, such as ``cones.png``, and points, in ``points.json``:
+``{"name": [[x, y], ...], ...}``, in pixels from the top left corner of the picture. They follow the tile. A
+tile without a mask or points that others have is empty there.
+
+An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
+single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
+N, S and W, a crossing4 all four.
+
+Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
+the wrong side.
+"""
+
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
+from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
+
+__all__ = [
+    "MASKS",
+    "RotatedTile",
+    "Tile",
+    "TileSet",
+    "default_tiles",
+    "describe_tiles",
+    "edge_pixels",
+    "inspect_tiles",
+    "load_tiles",
+    "stray_files",
+    "tile_folders",
+]
+
+MASKS = ("road", "red", "yellow")
+"""The masks of a tile, by the names of their files."""
+
+_OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
+_FILES = ("image", *MASKS)
+_KEYS = ("name", "licence", "opens")
+_TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
+_OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
+_GROUND = (86, 118, 72)  # of empty cells, RGB: grass
+
+
+class Tile(NamedTuple):
+    """One elementary tile.
+
+    Attributes:
+      name: of its folder, ``<kind>_<n>``.
+      code: the sides it opens, as a tile code.
+      image: uint8 ``[S, S, 3]``, RGB.
+      road: bool ``[S, S]``, the drivable surface.
+      red: bool ``[S, S]``, the stop lines.
+      yellow: bool ``[S, S]``, the lane separators.
+      layers: bool ``[S, S]``, masks of its maker's own, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name.
+    """
+
+    name: str
+    code: int
+    image: NDArray[np.uint8]
+    road: NDArray[np.bool_]
+    red: NDArray[np.bool_]
+    yellow: NDArray[np.bool_]
+    layers: Mapping[str, NDArray[np.bool_]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
+
+
+class RotatedTile(NamedTuple):
+    """A tile of a set, rotated.
+
+    Attributes:
+      tile: its place in the set.
+      quarter_turns: counter-clockwise, 0 to 3.
+    """
+
+    tile: int
+    quarter_turns: int
+
+
+@dataclass(frozen=True, eq=False)
+class TileSet:
+    """A set of elementary tiles.
+
+    Attributes:
+      name: of the set.
+      licence: of its pictures, as stated by its makers; empty where none is.
+      tiles: sorted by kind and number.
+    """
+
+    name: str
+    licence: str
+    tiles: tuple[Tile, ...]
+
+    @cached_property
+    def pictures(self) -> tuple[Tile, ...]:
+        """The tiles, and after them the bare ground of empty cells, of one colour."""
+        size = self.tiles[0].image.shape[0]
+        nothing = np.zeros((size, size), bool)
+        return (*self.tiles, Tile("ground", 0, np.full((size, size, 3), _GROUND, np.uint8), nothing, nothing, nothing))
+
+    @cached_property
+    def rotations(self) -> dict[int, tuple[RotatedTile, ...]]:
+        """All tiles and rotations that draw each code of the set; an empty cell is bare ground."""
+        draws: dict[int, list[RotatedTile]] = {}
+        for place, tile in enumerate(self.pictures):
+            for turns in range(4):
+                draws.setdefault(rotate_codes(tile.code, turns), []).append(RotatedTile(place, turns))
+        return {code: tuple(draws[code]) for code in sorted(draws)}
+
+    @cached_property
+    def layers(self) -> tuple[str, ...]:
+        """The names of all masks of the maker's own, sorted."""
+        return tuple(sorted({name for tile in self.tiles for name in tile.layers}))
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """The names of all points, sorted."""
+        return tuple(sorted({name for tile in self.tiles for name in tile.points}))
+
+    @property
+    def alphabet(self) -> tuple[int, ...]:
+        """The codes that the set's tiles draw, sorted."""
+        return tuple(code for code in self.rotations if code)
+
+
+def default_tiles() -> Path:
+    """Returns the folder of the tile set that comes with the package."""
+    installed = Path(__file__).parent / "drawn"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
+
+
+def load_tiles(folder: str | Path | None = None) -> TileSet:
+    """Loads a tile set, the package's own by default.
+
+    Raises:
+      InputError: for a fault of the folder; the message names the file.
+    """
+    tiles, problems = inspect_tiles(default_tiles() if folder is None else folder)
+    if tiles is None:
+        more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
+        raise InputError(problems[0] + more)
+    return tiles
+
+
+def inspect_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
+    """Returns a tile set and no problems, or None and all problems of the folder, a line each."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        return None, [f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}"]
+    problems: list[str] = []
+    about = _about(folder, problems)
+    tiles = []
+    places = tile_folders(folder, problems)
+    strangers = set(about.get("opens", {})) - set(_OPENS) - {place.name for place in places}
+    problems += [f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {name!r}" for name in strangers]
+    for place in places:
+        tile = _load_tile(place, about.get("opens", {}), problems)
+        if tile is not None:
+            tiles.append(tile)
+    absent = _absent_kinds(tiles)
+    missing: list[str] = [kind for kind in ("straight", "turn") if kind in absent]
+    if {"crossing3", "crossing4"} <= set(absent):
+        missing.append("crossing")
+    if missing and not problems:
+        problems.append(
+            f"{folder}: expected tiles of every kind a map needs (straight, turn, crossing3 or crossing4), "
+            f"got no {' and no '.join(missing)}"
+        )
+    if problems:
+        return None, problems
+    return TileSet(about.get("name", folder.resolve().name), about.get("licence", ""), tuple(tiles)), []
+
+
+def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
+    """Lists the folders of a set's tiles by kind and number; folders that only look like one go to the problems."""
+    found = []
+    for place in folder.iterdir():
+        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
+        if place.is_dir() and match and match[1] in _OPENS:
+            found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
+        elif place.is_dir() and any((place / f"{name}.png").exists() for name in _FILES):
+            problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
+    return [place for _, place in sorted(found)]
+
+
+def stray_files(folder: Path) -> list[Path]:
+    """Lists the files in the folders of a set's tiles that are not read, hidden ones aside, sorted."""
+    return [
+        file
+        for place in tile_folders(folder, [])
+        for file in sorted(place.iterdir())
+        if not file.name.startswith(".") and file.suffix != ".png" and file.name != "points.json"
+    ]
+
+
+def edge_pixels(picture: NDArray[Any], side: Side) -> NDArray[Any]:
+    """Returns the outermost pixels along a side of a picture ``[S, S, ...]``, seen from inside: ``[S, ...]``."""
+    return np.rot90(picture, SIDES.index(side))[0]
+
+
+def describe_tiles(tiles: TileSet) -> str:
+    """Describes a set and the codes that it draws in a few lines of text."""
+    lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
+    for tile in tiles.tiles:
+        sides = "".join(side.letter for side in SIDES if tile.code & side.bit)
+        lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
+    rotated = sum(len(tiles.rotations[code]) for code in tiles.alphabet)
+    lines.append(f"rotated, {rotated} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
+    lines += [f"no {kind}: maps will have none" for kind in _absent_kinds(tiles.tiles)]
+    lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
+    lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
+    return "\n".join(lines)
+
+
+def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
+    drawn = {tile.code for tile in tiles}
+    return [kind for kind in _OPENS if not drawn & set(KINDS[kind])]
+
+
+def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
+    """Reads tileset.toml and checks its table `opens`."""
+    file = folder / "tileset.toml"
+    if not file.exists():
+        return {}
+    try:
+        about = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        problems.append(f"{file}: expected a readable TOML file, got: {error}")
+        return {}
+    unknown = [key for key in about if key not in _KEYS]
+    problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {key!r}" for key in unknown]
+    words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
+    problems += [f"{file}: expected {key} to be text, got {about[key]!r}" for key in words]
+    opens = about.get("opens", {})
+    if not isinstance(opens, dict):
+        problems.append(f"{file}: expected a table [opens], got {opens!r}")
+        return {}
+    for name, sides in opens.items():
+        kind = name.rpartition("_")[0] or name
+        if kind not in _OPENS:
+            problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {name!r}")
+        elif not isinstance(sides, str) or _code(sides) not in KINDS[kind]:
+            number = CONNECTIONS[KINDS[kind][0]]
+            how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
+            problems.append(f"{file}: expected {name} to open {number} sides{how}, as letters of NESW, got {sides!r}")
+    return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
+
+
+def _code(sides: str) -> int | None:
+    """Returns the tile code of sides given as letters, or None."""
+    bits = {side.letter: side.bit for side in SIDES}
+    if len(set(sides)) != len(sides) or not set(sides) <= set(bits):
+        return None
+    return sum(bits[letter] for letter in sides)
+
+
+def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
+    kind = place.name.rpartition("_")[0]
+    before = len(problems)
+    missing = [f"{name}.png" for name in _FILES if not (place / f"{name}.png").is_file()]
+    if missing:
+        problems.append(f"{place}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
+    image = read_picture(place / "image.png", problems)
+    if image is not None:
+        image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+        if image.shape[0] != image.shape[1]:
+            problems.append(f"{place / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
+    road, red, yellow = (read_mask(place / f"{name}.png", image, problems) for name in MASKS)
+    layers = _read_layers(place, image, problems)
+    points = read_points(place / "points.json", image, problems)
+    code = _code(opens.get(place.name, opens.get(kind, _OPENS[kind])))
+    if len(problems) > before or code is None or image is None or road is None or red is None or yellow is None:
+        return None
+    if _check_sides(place, code, road, problems):
+        return None
+    return Tile(place.name, code, image[..., :3], road, red, yellow, layers, points)
+
+
+def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
+    """Notes the sides that a tile opens but no road reaches, and the reverse; tells whether there are any."""
+    before, size = len(problems), road.shape[0]
+    for number, side in enumerate(SIDES):
+        across = np.rot90(road, number).sum(axis=1)  # by the distance from the side
+        opens = code & side.bit > 0
+        if opens == (across[0] >= _TOUCHES * size):
+            continue
+        name = side.letter
+        expected = f"to reach the side {name}, which the tile opens" if opens else f"to end before the side {name}"
+        short = int(np.argmax(across >= _TOUCHES * size))
+        problems.append(
+            f"{place / 'road.png'}: expected the road {expected} (see [opens] in tileset.toml), "
+            f"got road on {across[0]} of its {size} pixels" + (f"; it ends {short} pixels short of it" if short else "")
+        )
+    return len(problems) > before
+
+
+def _read_layers(place: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
+    """Reads the masks of the maker's own."""
+    layers = {}
+    for file in sorted(place.glob("[!.]*.png")):
+        if file.stem in _FILES:
+            continue
+        if not re.fullmatch("[a-z][a-z0-9_-]*", file.stem) or file.stem in _OUTPUT:
+            problems.append(
+                f"{file}: expected a mask's name in small letters, digits, - and _ and none of {', '.join(_OUTPUT)}, "
+                f"got {file.stem!r}"
+            )
+            continue
+        mask = read_mask(file, image, problems)
+        if mask is not None:
+            layers[file.stem] = mask
+    return layers

@@ -1,0 +1,190 @@
+"""The commands ``export`` and ``show``, and what they write beside Duckietown's maps and graphs."""
+
+import csv
+import io
+import json
+import sys
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from elitelanes_jax import measure
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.formats import sumo
+from elitelanes_jax.formats.road_map import RoadMap, read_map
+from elitelanes_jax.formats.road_map import map_to_json as map_json
+from elitelanes_jax.formats.sumo import Network, Streets, plain_xml
+from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
+from elitelanes_jax.formats.text import draw_text
+
+GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
+LOOP = np.array([[6, 3], [12, 9]], np.int8)
+
+
+@pytest.fixture
+def maps(tmp_path):
+    files = [tmp_path / "maps" / number / "map.json" for number in ("0000", "0001")]
+    for file, grid in zip(files, (LOOP, GRID), strict=True):
+        file.parent.mkdir(parents=True)
+        file.write_text(map_json(RoadMap(grid)))
+    return list(map(str, files))
+
+
+def test_a_map_in_boxes():
+    assert draw_text(GRID).splitlines() == ["┌───┬─┐", "│   │ │", "├───┴─┘", "╵"]
+    assert draw_text(GRID, ascii_only=True).splitlines() == ["+---+-+", "|   | |", "+---+-+", "|"]
+    sides = {8: "╵│└├┘┤┴┼", 4: "╶─└┌├┬┴┼", 2: "╷│┌┐├┤┬┼", 1: "╴─┐┘┤┬┴┼"}  # who has a line to the north, and so on
+    for code in range(16):
+        sign = draw_text([[code, 0], [0, 0]])[:1].strip()
+        assert {side for side, signs in sides.items() if sign and sign in signs} == {s for s in sides if code & s}
+
+
+def test_a_table_is_what_measure_says():
+    rows = measure_maps(["a", "b", "c"], [GRID, LOOP, GRID.T])
+    for row, (name, grid) in zip(rows, (("a", GRID), ("b", LOOP), ("c", GRID.T)), strict=True):
+        figures = {field: value.item() for field, value in measure(grid)._asdict().items()}
+        assert row == {"file": name, "height": grid.shape[0], "width": grid.shape[1]} | figures
+        assert next(iter(row)) == "file"
+    (row,) = measure_maps(["a"], [np.where(np.arange(81).reshape(9, 9) < 44, 15, 0)])
+    assert row["coverage"] == 0.54320985 and np.float32(row["coverage"]) == np.float32(44 / 81)
+    assert ",0.54320985\n" in table_to_csv([row]) and '"coverage": 0.54320985}' in table_to_json([row])
+    assert json.loads(table_to_json(rows)) == rows
+    lines = list(csv.DictReader(table_to_csv(rows).splitlines()))
+    assert [{key: str(value) for key, value in row.items()} for row in rows] == lines
+    assert json.loads(table_to_json([])) == []
+
+
+def test_a_file_for_each_map(maps, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["export", *maps, "--to", "duckietown", "--dead-ends", "grass", "--out", str(out)]) == 0
+    assert capsys.readouterr().out == f"2 maps in {out}\n1 of 16 tiles left out: roads that lead nowhere\n"
+    assert sorted(file.name for file in out.iterdir()) == ["0000.yaml", "0001.yaml"]
+    assert read_map(out / "0001.yaml").codes.tolist() == [[6, 5, 7, 3], [10, 0, 10, 10], [12, 5, 13, 9], [0] * 4]
+    again = tmp_path / "again"
+    assert main(["export", *map(str, sorted(out.iterdir())), "--to", "graphml-reduced", "--out", str(again)]) == 0
+    assert sorted(file.name for file in again.iterdir()) == ["0000.graphml", "0001.graphml"]
+    assert nx.read_graphml(again / "0001.graphml").number_of_nodes() == 2
+
+
+@pytest.mark.parametrize("target", ["graphml", "csv", "json", "duckietown"])
+def test_one_file(maps, target, tmp_path):
+    out = tmp_path / "new" / f"out.{'YAML' if target == 'duckietown' else target}"
+    command = ["export", maps[0], "--to", target, "--out", str(out)]
+    assert main(command) == 0
+    text = out.read_text()
+    if target == "graphml":
+        assert nx.read_graphml(out).number_of_edges() == 4
+    if target in ("csv", "json"):
+        assert maps[0] in text
+        assert main(["export", *maps, "--to", target, "--out", str(tmp_path / "both")]) == 0
+        assert maps[1] in (tmp_path / "both").read_text()
+    assert main(command) == 2
+    assert out.read_text() == text
+    assert [file.name for file in out.parent.iterdir()] == [out.name]
+
+
+def test_plain_xml_is_three_files_for_each_map(maps, tmp_path):
+    out = tmp_path / "out"
+    options = ["--tile-size", "0.585", "--lane", "0.222", "--speed", "0.3", "--right-of-way", "right_before_left"]
+    assert main(["export", *maps, "--to", "sumo-plain", *options, "--out", str(out)]) == 0
+    kinds = ("nod", "edg", "con")
+    assert sorted(file.name for file in out.iterdir()) == sorted(
+        f"{number}.{kind}.xml" for number in ("0000", "0001") for kind in kinds
+    )
+    texts = tuple((out / f"0001.{kind}.xml").read_text() for kind in kinds)
+    assert texts == plain_xml(GRID, Streets(0.585, 0.222, 0.3, "right_before_left"))
+
+
+def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatch, capsys):
+    warnings = ("Warning: " + "a" * 999, "Warning: b")
+    monkeypatch.setattr(sumo, "network", lambda *_: Network("text", warnings))
+    out = tmp_path / "out"
+    assert main(["export", *maps, "--to", "opendrive", "--out", str(out)]) == 0
+    assert (out / "0000.xodr").read_text() == "text"
+    told = capsys.readouterr().err.splitlines()
+    assert (
+        len(told) == 4
+        and told[1] == f"elitelanes: {maps[0]}: netconvert: b"
+        and told[3] == "elitelanes: 3 of 4 warnings shown"
+    )
+    assert max(map(len, told)) == len("elitelanes: ") + 200
+
+
+def test_a_file_that_is_too_large_is_named(maps, tmp_path, small_files_only, capsys):
+    out = tmp_path / "out"
+    small_files_only(99)
+    assert main(["export", *maps, "--to", "graphml", "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {out / '0000.graphml'}: File too large\n"
+    assert not out.exists()
+
+
+def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
+    out = str(tmp_path / "out")
+    (tmp_path / "there.csv").write_text("")
+    same, strange = (str(tmp_path / "maps" / name) for name in ("0000.json", "a\nmap.json"))
+    Path(same).write_text('{"codes": [[6, 3], [12, 9]]}')
+    Path(strange).write_text('{"codes": [[4, 1], [0, 0]]}')
+    cases = [
+        (["--to", "duckietown"], "0001/map.json: grid: expected tiles with two or more connections"),
+        (
+            ["--to", "paper"],
+            "--to: expected one of duckietown, graphml, graphml-reduced, sumo, sumo-plain, opendrive, json",
+        ),
+        (["--to", "csv", "--ground", "grass"], "--ground: expected it with duckietown alone, got it with csv"),
+        (["--to", "csv", "--lane", "3"], "--lane: expected it with sumo, sumo-plain, opendrive alone, got it with csv"),
+        (["--to", "duckietown", "--ground", "sea"], "elitelanes: ground: expected one of grass"),
+        (["--to", "sumo-plain", "--speed", "0"], "elitelanes: speed: expected a number, 0.001 to 100"),
+        (["--to", "sumo-plain", "--tile-size", "0.585"], "elitelanes: tile: expected more than two lanes"),
+        (["--to", "sumo-plain", "--right-of-way", "mine"], "elitelanes: right_of_way: expected one of"),
+        (["--to", "duckietown", "--tile-size", "0"], "--tile-size: expected metres, a number over 0, got '0'"),
+        (["--to", "duckietown", "--out", out + ".yaml"], "--out: expected a folder for 2 maps, got a file"),
+        (["--to", "duckietown", "--out", out + ".yml"], "--out: expected a folder, or a file that ends in .yaml"),
+        (["--to", "sumo-plain", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
+        (["--to", "graphml", "--out", str(tmp_path / "maps")], "expected a folder that is new or empty"),
+        (["--to", "csv", "--out", str(tmp_path / "there.csv")], "expected a file that is new, got one that is there"),
+        ([*maps, maps[1], "--to", "graphml"], "0001/map.json: expected each map once, got it twice"),
+        ([*maps, maps[1], "--to", "csv"], "0001/map.json: expected each map once, got it twice"),
+        ([*maps, same, "--to", "graphml"], "expected maps of different names, got two for 0000"),
+        ([maps[0], strange, "--to", "duckietown"], r"a\nmap.json: grid: expected tiles with two or more"),
+    ]
+    for options, message in cases:
+        try:
+            code = main(["export", "--out", out, *([] if maps[0] in options else maps), *options])
+        except SystemExit as stop:
+            code = stop.code
+        error = capsys.readouterr().err
+        assert code == 2 and message in error and error.count("\n") == 1, (options, error)
+        assert {file.name for file in tmp_path.iterdir()} == {"maps", "there.csv"}
+
+
+def test_show(maps, tmp_path, capsys):
+    assert main(["show", maps[1]]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[:5] == [*draw_text(GRID).splitlines(), ""]
+    assert lines[5].startswith("4 x 4 tiles, components 1, cyclomatic 2, dead ends 1, ")
+    assert max(map(len, lines)) <= 100
+    (tmp_path / "map.yaml").write_text("tiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n")
+    assert main(["show", str(tmp_path / "map.yaml")]) == 0
+    assert capsys.readouterr().out.startswith("┌─┐\n└─┘\n\n2 x 2 tiles")
+    assert main(["render", str(tmp_path / "map.yaml"), "--tile-px", "16"]) == 0
+    assert (tmp_path / "map" / "image.png").exists()
+
+
+def test_a_terminal_without_box_drawing(maps, monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr(sys, "stdout", stream)
+    assert main(["show", maps[0]]) == 0
+    assert stream.buffer.getvalue().startswith(b"+-+\n+-+\n\n2 x 2 tiles")
+
+
+def test_libraries_that_are_not_there_are_named(maps, tmp_path, monkeypatch, capsys):
+    (tmp_path / "map.yaml").write_text("tiles: [[grass, grass], [grass, grass]]")
+    for module in ("yaml", "networkx"):
+        monkeypatch.setitem(sys.modules, module, None)
+    assert main(["show", str(tmp_path / "map.yaml")]) == 2
+    assert capsys.readouterr().err == "elitelanes: Duckietown maps need PyYAML: pip install pyyaml\n"
+    assert main(["export", maps[0], "--to", "graphml", "--out", str(tmp_path / "out.graphml")]) == 2
+    assert capsys.readouterr().err == "elitelanes: graphs need NetworkX: pip install networkx\n"
+    assert main(["export", maps[0], "--to", "duckietown", "--out", str(tmp_path / "out.yaml")]) == 0

@@ -1,0 +1,204 @@
+"""The commands for tile sets, as their users call them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.tiles.tileset import default_tiles
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of four drawn tiles that may be spoilt."""
+    for name in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
+        shutil.copytree(default_tiles() / name, tmp_path / "tiles" / name)
+    return tmp_path / "tiles"
+
+
+def bare(folder):
+    """The folder with its photographs only."""
+    for file in folder.glob("*/*.png"):
+        if file.name != "image.png":
+            file.unlink()
+    return folder
+
+
+def files(folder):
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def read(file):
+    return cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+
+
+def test_a_good_set_is_described_with_its_seams(folder, tmp_path, capsys):
+    picture = tmp_path / "worst.png"
+    (folder / "turn_1" / "image.jpg").write_bytes(b"")
+    (folder / "turn_1" / ".DS_Store").write_bytes(b"")
+    assert main(["tiles", "check", str(folder), "--picture", str(picture)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == "tiles: 4 tiles"
+    assert lines[5] == "rotated, 16 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15"
+    assert lines[6].startswith("seams: 66 pairs of sides may meet; the road is displaced by 0 pixels of 384 at most")
+    assert lines[-2:] == [f"{folder / 'turn_1' / 'image.jpg'}: not used", f"the worst seam is in {picture}"]
+    assert len(lines) == 10
+    assert read(picture).shape[2] == 3
+
+
+def test_all_faults_are_listed_at_once(folder, capsys):
+    """A turn that is rotated, a mask without road, a mask too few, a photograph under another name."""
+    for name in ("image", "road", "yellow"):
+        file = folder / "turn_1" / f"{name}.png"
+        cv2.imwrite(str(file), np.ascontiguousarray(np.rot90(read(file))))
+    cv2.imwrite(str(folder / "straight_1" / "road.png"), np.zeros((384, 384), np.uint8))
+    (folder / "crossing3_1" / "red.png").unlink()
+    (folder / "crossing4_1" / "image.png").rename(folder / "crossing4_1" / "photo.JPG")
+    before = files(folder)
+    assert main(["tiles", "check", str(folder), "--picture", str(folder.parent / "worst.png")]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lines = captured.err.splitlines()
+    for line, (place, words) in zip(
+        lines,
+        (
+            ("turn_1", "expected the road to end before the side E (see [opens] in tileset.toml), got road on 284 of"),
+            (
+                "turn_1",
+                "expected the road to reach the side W, which the tile opens (see [opens] in tileset.toml), got",
+            ),
+            ("straight_1", "expected the road to reach the side N, which the tile opens"),
+            ("straight_1", "expected the road to reach the side S, which the tile opens"),
+            ("crossing3_1", "expected image.png, road.png, red.png and yellow.png, got no red.png"),
+            ("crossing4_1", "expected image.png, road.png, red.png and yellow.png, got no image.png"),
+            ("crossing4_1", "photo.JPG: not used"),
+        ),
+        strict=True,
+    ):
+        assert line.startswith(str(folder / place)), line
+        assert words in line
+    assert files(folder) == before
+    assert not (folder.parent / "worst.png").exists()
+
+
+def test_masks_make_a_set_of_photographs(folder, capsys):
+    given = {name: content for name, content in files(folder).items() if not name.endswith("image.png")}
+    assert main(["tiles", "masks", str(bare(folder))]) == 0
+    assert "12 masks of 4 tiles in " in capsys.readouterr().out
+    assert set(files(folder)) == set(given) | {f"{name}/image.png" for name in {*map(first, given)}} | {"masks.png"}
+    assert main(["tiles", "check", str(folder)]) == 0
+    assert "4 tiles" in capsys.readouterr().out
+    # Masks that exist stay, byte for byte, unless --overwrite is given.
+    mine = folder / "turn_1" / "yellow.png"
+    cv2.imwrite(str(mine), np.zeros((384, 384), np.uint8))
+    (folder / "turn_1" / "red.png").unlink()
+    before = files(folder)
+    before.pop("masks.png")
+    sheet = folder.parent / "sheet.png"
+    (folder / "masks.png").unlink()
+    assert main(["tiles", "masks", str(folder), "--sheet", str(sheet)]) == 0
+    printed = capsys.readouterr().out
+    assert "1 masks of 4 tiles" in printed
+    assert "11 that existed are as they were" in printed
+    after = files(folder)
+    after.pop("turn_1/red.png")
+    assert after == before
+    assert main(["tiles", "masks", str(folder), "--overwrite", "--yellow", "0..5,0..1,0..1"]) == 0
+    assert not read(folder / "straight_1" / "yellow.png").any()
+    assert read(sheet).shape[2] == read(folder / "masks.png").shape[2] == 3
+
+
+def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
+    before = files(bare(folder))
+    writes, write = [], Path.write_bytes
+
+    def fail_late(file, content):
+        writes.append(file)
+        if len(writes) == 9:
+            raise OSError(28, "No space left on device", str(file))
+        return write(file, content)
+
+    monkeypatch.setattr(Path, "write_bytes", fail_late)
+    assert main(["tiles", "masks", str(folder)]) == 2
+    assert ".png: No space left on device" in capsys.readouterr().err
+    assert files(folder) == before
+
+
+def test_masks_and_points_of_the_users_are_written_with_the_map(folder, tmp_path):
+    cones = np.zeros((384, 384), np.uint8)
+    cones[96:192, 288:] = 255
+    cv2.imwrite(str(folder / "turn_1" / "cones.png"), cones)
+    (folder / "turn_1" / "points.json").write_text('{"cones": [[384, 96]]}')
+    (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
+    assert main(["render", str(tmp_path / "map.json"), "--tiles", str(folder), "--tile-px", "32"]) == 0
+    assert read(tmp_path / "map" / "cones.png").astype(bool).sum() == 4 * 8 * 8
+    # The drawn turn opens south and west; in reading order these are rotated by 1, 0, 2 and 3 quarter-turns.
+    expected = [[8, 0], [64, 8], [0, 56], [56, 64]]
+    assert json.loads((tmp_path / "map" / "points.json").read_text()) == {"cones": expected}
+    mask = read(tmp_path / "map" / "cones.png") > 0
+    assert mask[:8, 8:16].all() and mask[8:16, 56:].all() and mask[48:56, :8].all() and mask[56:, 48:56].all()
+
+
+def first(name):
+    return name.partition("/")[0]
+
+
+def test_a_users_mistake_is_one_line_and_writes_nothing(folder, capsys):
+    bare(folder)
+    before = files(folder)
+    for arguments, message in (
+        (
+            ["check", str(folder), "--picture", "worst.jpg"],
+            "argument --picture: expected a name that ends in .png, got",
+        ),
+        (
+            ["masks", str(folder), "--sheet", "sheet"],
+            "argument --sheet: expected a name that ends in .png, got 'sheet'",
+        ),
+        (["masks", str(folder), "--red", "red"], "--red: expected H..H,S..S,V..V with hues 0 to 179"),
+        (["masks", str(folder), "--sheet", str(folder.parent / "no" / "sheet.png")], "no/sheet.png: No such file"),
+        (["masks", str(folder), "--sheet", str(folder / "turn_1" / "s.png")], "s.png: expected a file outside of the"),
+        (["masks", str(folder / "turn_1")], "expected folders such as turn_1 with an image.png, got none"),
+    ):
+        try:
+            code = main(["tiles", *arguments])
+        except SystemExit as stop:
+            code = stop.code
+        captured = capsys.readouterr()
+        assert code == 2
+        assert message in captured.err
+        assert len(captured.err.splitlines()) == 1
+        assert captured.out == ""
+    assert files(folder) == before
+
+
+SMALL = ["--seeds", "2", "--method", "ea", "--evaluations", "8000", "--tile-px", "16"]
+
+
+@pytest.mark.parametrize(("lacks", "codes"), [("crossing4", {15}), ("crossing3", {7, 11, 13, 14})])
+def test_maps_have_only_tiles_of_the_set(lacks, codes, folder, tmp_path, capsys):
+    shutil.rmtree(folder / f"{lacks}_1")
+    assert main(["tiles", "check", str(folder)]) == 0
+    assert f"no {lacks}: maps will have none" in capsys.readouterr().out
+    out = tmp_path / "out"
+    assert main(["generate", "--size", "5", "6", "--maps", "3", *SMALL, "--tiles", str(folder), "--out", str(out)]) == 0
+    maps = [json.loads(file.read_text())["codes"] for file in sorted(out.glob("maps/*/map.json"))]
+    assert len(maps) == 3
+    assert not codes & set(np.unique(maps).tolist())
+
+
+def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, capsys):
+    """Without three-way crossings no road fills 3 x 3: a loop has as many black cells as white ones."""
+    shutil.rmtree(folder / "crossing3_1")
+    out = tmp_path / "out"
+    few = ["--size", "3", "3", "--seeds", "2", "--maps", "1", "--preset", "paper", "--generations", "20"]
+    assert main(["generate", *few, "--tiles", str(folder), "--out", str(out)]) == 1
+    said = capsys.readouterr().err
+    assert "found 0 of 1 maps" in said
+    assert "with tiles that the tile set lacks); a tile set with more kinds of tiles, more seeds" in said
+    assert len(said.splitlines()) == 1
+    assert not out.exists()

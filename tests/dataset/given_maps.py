@@ -1,0 +1,25 @@
+"""A small dataset of given maps, which needs no search, for several tests and for processes that they start."""
+
+import numpy as np
+
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.wfc import generate_batch
+
+__all__ = ["files", "random_maps", "small"]
+
+
+def random_maps(count=12, side=5, seed=0):
+    """Returns maps in three niches."""
+    grids = generate_batch(np.random.default_rng(seed), count, (side, side), border="closed").grid
+    return [RoadMap(np.asarray(grid, np.int8), niche=[number % 3]) for number, grid in enumerate(grids)]
+
+
+def small(**others):
+    """Returns the specification of a dataset of 12 maps, with other values in some fields."""
+    return DatasetSpec(**{"maps": 12, "size": 5, "tile_px": 16, "split": (0.5, 0.25, 0.25)} | others)
+
+
+def files(folder):
+    """Returns the bytes of all files within a folder, by path."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

@@ -1,0 +1,529 @@
+"""Datasets: the files, the splits, the readers of other libraries, and runs that are ended and continue."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from ended_runs import MAPS, SPEC
+from given_maps import files, random_maps, small
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.dataset.formats import FORMATS
+from elitelanes_jax.dataset.make import make_dataset
+from elitelanes_jax.dataset.plan import given_maps, split_maps
+from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
+from elitelanes_jax.dataset.tile_splits import tiles_by_split
+from elitelanes_jax.dataset.transforms import STANDARD
+from elitelanes_jax.dataset.views import View, warp
+from elitelanes_jax.dataset.work import work_folder
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.tiles.render import LABELS, render
+from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
+
+# The searches of all tests of the command are one compiled program for each size.
+SEARCH = ["--preset", "paper", "--evaluations", "2000", "--tile-px", "16"]
+EVOLVED = [*SEARCH, "--maps", "20", "--size", "3..4", "4", "--split", "0.6", "0.2", "0.2"]
+NAMES = ("imagefolder", "mmseg", "coco", "plain")
+
+
+def read(file):
+    return cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+
+
+def rows_of(folder, split):
+    return [json.loads(line) for line in (folder / split / "metadata.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture(scope="module")
+def evolved(tmp_path_factory):
+    """A dataset of evolved maps of two sizes, made by the command."""
+    out = tmp_path_factory.mktemp("evolved") / "out"
+    assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def given(tmp_path_factory):
+    """Datasets of the same 12 given maps, by format."""
+    folder = tmp_path_factory.mktemp("given")
+    for name in NAMES:
+        if name != "coco" or _installed("pycocotools"):
+            make_dataset(small(format=name), folder / name, maps=random_maps(), workers=1)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The files of the dataset that processes are ended at."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    make_dataset(SPEC, out, maps=MAPS, workers=1)
+    return files(out)
+
+
+def _installed(package):
+    try:
+        __import__(package)
+    except ImportError:
+        return False
+    return True
+
+
+def test_an_evolved_dataset_has_these_files(evolved):
+    about = json.loads((evolved / "dataset.json").read_text())
+    assert about["pictures"] == {"train": 12, "validation": 4, "test": 4}
+    names = set(files(evolved))
+    assert {"README.md", "contact-sheet.png", "dataset.json"} <= names
+    forms, sizes, pixels = set(), [], {split: np.zeros(4, int) for split in SPLITS}
+    for split in SPLITS:
+        rows = rows_of(evolved, split)
+        assert len(rows) == about["pictures"][split]
+        for row in rows:
+            image, labels = (read(evolved / split / row[f"{name}_file_name"]) for name in ("image", "labels"))
+            # The sides of a view change places when it is rotated by a quarter turn.
+            assert sorted(labels.shape) == [16 * len(row["codes"]), 16 * 4]
+            assert image.shape == (*labels.shape, 3)
+            assert labels.max() < len(LABELS)
+            pixels[split] += np.bincount(labels.ravel(), minlength=4)
+            metrics = row["metrics"]
+            assert (metrics["components"], metrics["dead_ends"], metrics["boundary_violations"]) == (1, 0, 0)
+            forms.add(canonical_form(np.array(row["codes"])))
+            sizes.append((len(row["codes"]), len(row["codes"][0])))
+            names -= {f"{split}/{row[f'{name}_file_name']}" for name in ("image", "labels")}
+        names.remove(f"{split}/metadata.jsonl")
+        assert pixels[split].tolist() == about["class_pixels"][split]
+    assert names == {"README.md", "contact-sheet.png", "dataset.json"}
+    assert len(forms) == 20
+    assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
+
+
+def test_labels_are_those_of_the_tiles_in_the_record(evolved):
+    tiles = load_tiles()
+    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
+    for split in SPLITS:
+        for row in rows_of(evolved, split):
+            tile = np.vectorize(places.__getitem__)(row["tiles"])
+            chosen = np.stack([tile, row["quarter_turns"]], axis=-1)
+            plain = render(row["codes"], tiles, tile_px=16, chosen=chosen)
+            matrix, size = np.array(row["transform"]["matrix"]), tuple(row["pixels"])
+            view = View(**row["transform"] | {"matrix": matrix, "size": size})
+            np.testing.assert_array_equal(warp(plain.labels, view), read(evolved / split / row["labels_file_name"]))
+
+
+def test_a_complete_dataset_stays_and_other_settings_are_refused(evolved, capsys):
+    before = files(evolved)
+    assert main(["dataset", *EVOLVED, "--out", str(evolved)]) == 0
+    assert main(["dataset", *EVOLVED, "--seed", "1", "--out", str(evolved)]) == 2
+    assert "expected results of seed 1, got some of 0" in capsys.readouterr().err
+    assert files(evolved) == before
+
+
+def test_the_card_describes_the_dataset(evolved):
+    card = (evolved / "README.md").read_text()
+    assert card.startswith("---\n")
+    for words in (
+        "license: apache-2.0",
+        "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles",
+        "| 12 | 4 | 4 |",
+        "lane separator",
+    ):
+        assert words in card
+    assert read(evolved / "contact-sheet.png").shape[1] > 800
+
+
+@pytest.mark.parametrize("name", NAMES[:3])
+def test_all_formats_have_the_same_pictures(given, name):
+    if name == "coco":
+        pytest.importorskip("pycocotools")
+    pictures, plain = (
+        sorted(data for file, data in files(given / one).items() if file.endswith(".png") and "sheet" not in file)
+        for one in (name, "plain")
+    )
+    assert len(pictures) == 2 * 12
+    assert len(plain) == 5 * 12
+    assert set(pictures) <= set(plain)
+
+
+def test_hugging_face_datasets_loads_it(evolved, tmp_path, monkeypatch):
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(evolved), cache_dir=str(tmp_path))
+    assert {split: len(part) for split, part in loaded.items()} == {"train": 12, "validation": 4, "test": 4}
+    for split, part in loaded.items():
+        for sample, row in zip(part, rows_of(evolved, split), strict=True):
+            labels = read(evolved / split / row["labels_file_name"])
+            np.testing.assert_array_equal(np.array(sample["labels"]), labels)
+            np.testing.assert_array_equal(
+                np.array(sample["image"])[..., ::-1], read(evolved / split / row["image_file_name"])
+            )
+            assert sample["codes"] == row["codes"]
+            assert sample["transform"]["matrix"] == row["transform"]["matrix"]
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own
+def test_hugging_face_datasets_loads_one_split_and_layers_of_any_name(tmp_path, monkeypatch):
+    """Loads a dataset without validation and test, and one whose held-out tiles lack the layers of the others."""
+    monkeypatch.setenv("HF_HUB_OFFLINE", "1")
+    datasets = pytest.importorskip("datasets")
+    layers = ("img", "ann", "points", "size")
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    for name in layers:
+        shutil.copy(tmp_path / "tiles/turn_1/road.png", tmp_path / f"tiles/turn_1/{name}.png")
+    spec = small(tiles=tmp_path / "tiles", split=(1.0, 0.0, 0.0))
+    make_dataset(spec, tmp_path / "one", maps=random_maps())
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(tmp_path / "one"), cache_dir=str(tmp_path / "cache"))
+    assert {split: len(part) for split, part in loaded.items()} == {"train": 12}
+    maps = [road_map for road_map in random_maps(120) if 15 not in road_map.codes][:12]
+    make_dataset(small(tiles=tmp_path / "tiles", hold_out_tiles=True), tmp_path / "held", maps=maps)
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(tmp_path / "held"), cache_dir=str(tmp_path / "cache"))
+    for sample in (*loaded["train"], *loaded["test"]):
+        for name in layers:
+            assert set(np.unique(np.array(sample[f"layers_{name}"]))) <= {0, 255}
+        assert sample["size"] == [5, 5]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_two_layers_have_one_file(name):
+    layout = FORMATS[name]
+    layers = ["image", "labels", *layout.layers, "images", "img", "ann", "points", "annotations", "layers"]
+    assert len({layout.file(split, 3, layer) for layer in layers for split in range(3)}) == 3 * len(layers)
+
+
+def test_without_pycocotools_the_message_names_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pycocotools", None)
+    with pytest.raises(InputError, match=r"^format: coco needs pycocotools: pip install pycocotools$"):
+        make_dataset(small(format="coco"), tmp_path / "out", maps=random_maps())
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # of its own
+def test_pycocotools_loads_it(given):
+    coco = pytest.importorskip("pycocotools.coco")
+    out = given / "coco"
+    for split, count in (("train", 6), ("val", 3), ("test", 3)):
+        loaded = coco.COCO(str(out / "annotations" / f"{split}.json"))
+        assert len(loaded.getImgIds()) == count
+        for image in loaded.loadImgs(loaded.getImgIds()):
+            labels = read(out / "labels" / split / image["file_name"])
+            assert read(out / "images" / split / image["file_name"]).shape[:2] == (image["height"], image["width"])
+            found = np.zeros_like(labels)
+            for one in loaded.loadAnns(loaded.getAnnIds(image["id"])):
+                mask = loaded.annToMask(one)
+                assert mask.sum() == one["area"]
+                found[mask > 0] = one["category_id"]
+            np.testing.assert_array_equal(found, labels)
+
+
+def test_mmsegmentation_loads_it(given):
+    mmseg = pytest.importorskip("mmseg.datasets")  # needs all of PyTorch, so it is not among the tests' packages
+    for split, count in (("train", 6), ("val", 3), ("test", 3)):
+        prefix = {"img_path": f"img_dir/{split}", "seg_map_path": f"ann_dir/{split}"}
+        loaded = mmseg.BaseSegDataset(
+            data_root=str(given / "mmseg"), img_suffix=".png", data_prefix=prefix, metainfo={"classes": LABELS}
+        )
+        assert len(loaded) == count
+        for sample in loaded:
+            annotated = mmseg.transforms.LoadAnnotations()(dict(sample))
+            np.testing.assert_array_equal(annotated["gt_seg_map"], read(sample["seg_map_path"]))
+
+
+def test_mmsegmentation_finds_pairs(given):
+    """Finds an annotation of the same name for every image, as its BaseSegDataset does."""
+    out = given / "mmseg"
+    for split, count in (("train", 6), ("val", 3), ("test", 3)):
+        images = sorted(file.name for file in (out / "img_dir" / split).iterdir())
+        assert len(images) == count
+        assert images == sorted(file.name for file in (out / "ann_dir" / split).iterdir())
+        for name in images:
+            annotation = read(out / "ann_dir" / split / name)
+            assert annotation.dtype == np.uint8
+            assert annotation.ndim == 2
+            assert annotation.shape == read(out / "img_dir" / split / name).shape[:2]
+
+
+def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
+    """Draws discs about points: in every view the middle of a disc is its point."""
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    for place in (tmp_path / "tiles").iterdir():
+        if place.is_dir():
+            size = read(place / "image.png").shape[0]
+            disc = cv2.circle(np.zeros((size, size), np.uint8), (size // 4, size // 3), size // 10, 255, -1)
+            cv2.imwrite(str(place / "cones.png"), disc)
+            (place / "points.json").write_text(json.dumps({"cone": [[size // 4 + 0.5, size // 3 + 0.5]]}))
+    spec = small(maps=3, split=(1, 0, 0), tiles=tmp_path / "tiles", format="plain", tile_px=40, transforms=STANDARD)
+    make_dataset(spec, tmp_path / "out", maps=random_maps(3))
+    rows = rows_of(tmp_path / "out", "train")
+    assert len(rows) == 3
+    for row in rows:
+        mask = read(tmp_path / "out" / "train" / row["folder"] / "cones.png")
+        assert set(np.unique(mask)) == {0, 255}
+        _, _, boxes, centres = cv2.connectedComponentsWithStats(mask)
+        height, width = mask.shape
+        inside = [
+            centre + 0.5
+            for (x, y, w, h, _), centre in zip(boxes[1:], centres[1:], strict=True)
+            if x and y and x + w < width and y + h < height
+        ]
+        points = np.array(row["points"]["cone"])
+        assert len(inside) >= 9
+        for centre in inside:
+            assert np.hypot(*(points - centre).T).min() < 1
+
+
+def test_held_out_tiles_are_in_no_other_split(tmp_path):
+    tiles = load_tiles()
+    maps = [road_map for road_map in random_maps(120) if 15 not in road_map.codes][:20]
+    spec = small(maps=len(maps), hold_out_tiles=True)
+    make_dataset(spec, tmp_path / "out", maps=maps)
+    shown = {
+        split: {name for row in rows_of(tmp_path / "out", split) for line in row["tiles"] for name in line}
+        for split in SPLITS
+    }
+    assert shown["test"]
+    assert not shown["test"] & (shown["train"] | shown["validation"])
+    seen, _, unseen = tiles_by_split(tiles, spec)
+    assert {tile.name for tile in (*seen.tiles, *unseen.tiles)} == {tile.name for tile in tiles.tiles}
+    assert "crossing4_1" in {tile.name for tile in seen.tiles}
+
+
+def test_too_few_maps_without_the_only_crossing_to_hold_out(tmp_path):
+    grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
+    maps = [RoadMap(grid, niche=[0])] * 4
+    with pytest.raises(InputError, match="expected 1 maps without crossing4, of which there is one picture only"):
+        make_dataset(small(maps=4, size=3, hold_out_tiles=True), tmp_path / "out", maps=maps)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_single_turn_cannot_be_held_out(tmp_path):
+    shutil.copytree(default_tiles(), tmp_path / "tiles")
+    for name in ("turn_2", "turn_3", "turn_4"):
+        shutil.rmtree(tmp_path / "tiles" / name)
+    spec = small(tiles=tmp_path / "tiles", hold_out_tiles=True)
+    with pytest.raises(InputError, match="expected two pictures or more of straight, turn .* got one of turn"):
+        make_dataset(spec, tmp_path / "out", maps=random_maps())
+
+
+def test_all_views_of_a_map_are_in_one_split(tmp_path):
+    about = make_dataset(small(views=3, transforms=STANDARD), tmp_path / "out", maps=random_maps())
+    assert about["pictures"] == {"train": 18, "validation": 9, "test": 9}
+    rows = {split: rows_of(tmp_path / "out", split) for split in SPLITS}
+    maps = {split: {json.dumps(row["codes"]) for row in found} for split, found in rows.items()}
+    assert sum(map(len, maps.values())) == len(set.union(*maps.values())) == 12
+    assert len({json.dumps(row["transform"]["matrix"]) for found in rows.values() for row in found}) == 36
+
+
+def test_each_niche_is_split_in_the_same_shares(tmp_path):
+    maps = [road_map._replace(niche=[number // 40]) for number, road_map in enumerate(random_maps(200, 3))]
+    splits = split_maps(DatasetSpec(maps=200, size=3), given_maps(maps, tmp_path), load_tiles())
+    for niche in range(5):
+        part = np.bincount(splits[niche * 40 : niche * 40 + 40], minlength=3)
+        assert np.abs(part - (32, 4, 4)).max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("size", "maps", "message"),
+    [
+        (5, lambda: [], "maps: expected 12 of them, as the specification says, got 0"),
+        (5, lambda: random_maps(12, 6), "maps: expected sizes 5..5, got number 0 of 6 x 6"),
+        ("5 4..5", lambda: random_maps(12, 6), "maps: expected sizes 5..5 x 4..5, got number 0 of 6 x 6"),
+        (5, lambda: [RoadMap(np.full((5, 5), 8, np.int8))] * 12, "maps: expected codes that the tile set has"),
+    ],
+)
+def test_given_maps_have_to_fit_the_specification(tmp_path, size, maps, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        make_dataset(small(size=size), str(tmp_path / "out"), maps=maps())
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_number_of_workers_is_checked(tmp_path):
+    with pytest.raises(InputError, match="^workers: expected a whole number, 1 or more, got 0$"):
+        make_dataset(small(), tmp_path / "out", workers=0, maps=random_maps())
+    assert not (tmp_path / "out").exists()
+
+
+def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
+    few = [*SEARCH, "--maps", "60", "--size", "3", "4", "--split", "1", "0", "0"]
+    assert main(["dataset", *few, "--out", str(tmp_path / "out")]) == 1
+    assert not (tmp_path / "out").exists()
+    message = capsys.readouterr().err
+    found = int(message.removeprefix("elitelanes: found ").split()[0])
+    assert 10 <= found < 60
+    assert f"{found} different ones of 60 maps of 3 x 4 tiles; larger sizes, more evaluations or fewer maps" in message
+
+
+def test_a_second_run_is_refused(tmp_path):
+    out = tmp_path / "out"
+    with work_folder(out, {}), pytest.raises(InputError, match="out: expected no other run at work in it, got one"):
+        make_dataset(small(), out, maps=random_maps())
+
+
+def test_folders_with_other_files_are_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("mine")
+    (tmp_path / "file").write_text("mine")
+    for out, message in (
+        ("out", "got one with files in it"),
+        ("file", "got a file"),
+        ("file/deeper", "not a directory"),
+    ):
+        with pytest.raises(InputError, match=message):
+            make_dataset(small(), tmp_path / out, maps=random_maps())
+    assert files(tmp_path) == {"out/thesis.txt": b"mine", "file": b"mine"}
+
+
+def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):
+    out = tmp_path / "out"
+    small_files_only(3000)
+    with pytest.raises(OSError, match=f"File too large: '{out}/") as error:
+        make_dataset(SPEC, out, maps=MAPS, workers=2)
+    assert error.value.filename.endswith(("given.jsonl", ".png"))
+    assert not list(out.rglob("*.part"))
+    small_files_only(-1)
+    make_dataset(SPEC, out, maps=MAPS)
+    assert files(out) == whole
+
+
+def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evolved, capsys):
+    out = tmp_path / "out"
+    small_files_only(3000)
+    code = main(["dataset", *EVOLVED, "--out", str(out)])
+    small_files_only(-1)
+    assert code == 2
+    place, reason = capsys.readouterr().err.split(": ", 1)[1].split(": ")
+    assert Path(place).parent.parent.parent == out
+    assert reason == "File too large; what is complete stays, and the same command continues from there\n"
+    assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
+    assert files(out) == files(evolved)
+
+
+@pytest.fixture
+def interrupts():
+    """Interruptions raise `KeyboardInterrupt`, as by default; they may have been ignored, as nohup does."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("number", range(4))
+def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monkeypatch, interrupts, given, number):
+    """Interrupts the main thread when one of the workers has drawn so many pictures."""
+    usual, drawn = FORMATS["imagefolder"], []
+
+    def interrupt(labels):
+        drawn.append(labels)
+        if len(drawn) == number + 1:
+            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+        return usual.note(labels)
+
+    monkeypatch.setitem(FORMATS, "imagefolder", usual._replace(note=interrupt))
+    threads = set(threading.enumerate())
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(small(), tmp_path / "out", maps=random_maps(), workers=3)
+    assert set(threading.enumerate()) <= threads
+    records = len(list((tmp_path / "out/.unfinished/records").rglob("*.json")))
+    monkeypatch.undo()
+    make_dataset(small(), tmp_path / "out", maps=random_maps())
+    assert records < 12
+    assert files(tmp_path / "out") == files(given / "imagefolder")
+
+
+def end_runs(out, runs, seed, *names):
+    """Ends runs by signals at random moments; returns the records of `ended_runs`."""
+    command = [sys.executable, str(Path(__file__).parent / "ended_runs.py"), str(out), str(runs), str(seed), *names]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    records = [json.loads(line) for line in done.stdout.splitlines()]
+    assert len(records) == runs
+    for record in records:
+        if record["signal"] == "SIGINT":
+            assert record["code"] == 130
+            assert record["said"] == "ended: interrupted; it continues\n"
+            assert record["seconds"] < 10
+        else:
+            assert record["code"] == -signal.SIGKILL
+            assert record["said"] == ""
+    return records
+
+
+def test_ended_at_any_moment_it_continues_to_the_same_files(tmp_path, whole):
+    out = tmp_path / "out"
+    records = end_runs(out, 6, 0, "SIGINT", "SIGKILL")
+    assert {record["signal"] for record in records} == {"SIGINT", "SIGKILL"}
+    make_dataset(SPEC, out, maps=MAPS, workers=3)
+    assert files(out) == whole
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+def test_a_hundred_runs_ended_at_any_moment_continue_to_the_same_files(tmp_path, whole, name):
+    for seed in range(20):
+        out = tmp_path / f"out-{seed}"
+        end_runs(out, 5, seed, name)
+        make_dataset(SPEC, out, maps=MAPS, workers=3)
+        assert files(out) == whole
+
+
+@pytest.mark.slow
+def test_twenty_runs_killed_while_maps_evolve_continue_to_the_same_files(tmp_path, evolved):
+    out = tmp_path / "out"
+    command = [Path(sys.executable).with_name("elitelanes"), "dataset", *EVOLVED, "--out", out]
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        ended = 0
+        while ended < 5:
+            with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
+                try:
+                    run.wait(rng.uniform(1.5, 5))
+                    shutil.rmtree(out)  # it was done before it could be killed
+                except subprocess.TimeoutExpired:
+                    run.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM]))
+                    ended += 1
+            assert run.returncode in (0, 130, -signal.SIGTERM, -signal.SIGKILL)
+        assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
+        assert files(out) == files(evolved)
+        shutil.rmtree(out)
+
+
+def test_it_works_where_the_system_counts_processors_otherwise(tmp_path, monkeypatch, given):
+    """Runs as on macOS and Windows, which lack `os.sched_getaffinity`."""
+    monkeypatch.delattr(os, "sched_getaffinity", raising=False)
+    make_dataset(small(), tmp_path / "out", maps=random_maps())
+    assert files(tmp_path / "out") == files(given / "imagefolder")
+
+
+WITHOUT_FCNTL = """
+import sys
+from pathlib import Path
+
+sys.modules["fcntl"] = None
+sys.path.insert(0, sys.argv[1])
+from given_maps import random_maps, small
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset.make import make_dataset
+from elitelanes_jax.dataset.work import work_folder
+
+out = Path(sys.argv[2])
+with work_folder(out / "other", {}):
+    try:
+        make_dataset(small(), out / "other", maps=random_maps())
+    except InputError as error:
+        print(error)
+make_dataset(small(), out / "out", maps=random_maps())
+"""
+
+
+def test_it_works_without_fcntl(tmp_path, given):
+    """Runs as on Windows, which lacks the module `fcntl`: one run at a time has a folder there too."""
+    command = [sys.executable, "-c", WITHOUT_FCNTL, str(Path(__file__).parent), str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{tmp_path / 'other'}: expected no other run at work in it, got one\n"
+    assert files(tmp_path / "out") == files(given / "imagefolder")

@@ -1,0 +1,156 @@
+"""The specification of a dataset: its fields on the command line and in Python, and the numbers that follow from it."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import read_options
+from elitelanes_jax.cli.main import main, make_parser
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
+from elitelanes_jax.dataset.transforms import STANDARD, Transforms
+from elitelanes_jax.spec import SearchSpec
+
+SQUARES = [(3, 3), (4, 4)]
+RECTANGLES = [(3, 5), (4, 5)]
+
+
+@pytest.mark.parametrize(
+    ("size", "shapes"),
+    [
+        (9, [(9, 9)]),
+        ("9", [(9, 9)]),
+        ("3..4", SQUARES),
+        (["3..4"], SQUARES),
+        (((3, 4),), SQUARES),
+        ("3..4 5", RECTANGLES),
+        (["3..4", 5], RECTANGLES),
+        (((3, 4), (5, 5)), RECTANGLES),
+        ((9, 12), [(9, 12)]),
+        ("2..3 5..6", [(2, 5), (2, 6), (3, 5), (3, 6)]),
+    ],
+)
+def test_sizes_of_squares_and_of_rectangles(size, shapes):
+    spec = DatasetSpec(size=size)
+    assert spec.shapes == shapes
+    assert replace(spec) == spec  # a checked field passes its check
+
+
+@pytest.mark.parametrize(
+    ("arguments", "size"),
+    [
+        ([], "8..14"),
+        (["--size", "9"], 9),
+        (["--size", "3..4"], "3..4"),
+        (["--size", "3..4", "5"], "3..4 5"),
+        (["--size", "3..4", "--size", "5..6"], "3..4 5..6"),
+    ],
+)
+def test_sizes_on_the_command_line(arguments, size):
+    options = make_parser().parse_args(["dataset", "--out", "somewhere", *arguments])
+    assert read_options(options, DatasetSpec()) == DatasetSpec(size=size)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"size": "5..4"}, "size: expected the smallest and the largest side, such as 8..14, got '5..4'"),
+        ({"size": "3..4..5"}, "size: expected the smallest and the largest side"),
+        ({"size": ((),)}, "size: expected the smallest and the largest side"),
+        ({"size": ()}, "size: expected a range of sides such as 8..14, or two, of rows and columns"),
+        ({"size": "3 4 5"}, "size: expected a range of sides such as 8..14, or two, of rows and columns"),
+        ({"size": None}, "size: expected a range of sides"),
+        ({"size": 3.5}, "size: expected a range of sides"),
+        ({"size": "3.."}, "size: expected a whole number, 2 to 1024, got ''"),
+        ({"size": "a"}, "size: expected a whole number, 2 to 1024, got 'a'"),
+        ({"size": 1}, "size: expected a whole number, 2 to 1024, got 1"),
+        ({"maps": 3, "size": "3..8"}, "maps: expected one of each size at least, 6, got 3"),
+        ({"maps": 5, "size": "3..4 5..7"}, "maps: expected one of each size at least, 6, got 5"),
+        ({"split": (0.5, 0.5, 0.5)}, "split: expected three shares that sum to 1, got 0.5 0.5 0.5"),
+        ({"split": (1, 0)}, "split: expected three shares that sum to 1"),
+        ({"split": 1}, "split: expected three shares that sum to 1, got 1"),
+        ({"split": (float("nan"), 0.5, 0.5)}, "split: expected a number, 0 to 1, got nan"),
+        ({"maps": 4, "size": 5}, "maps: expected enough for one in the validation, 0.1 of them, got 4"),
+        ({"transforms": Transforms(crop=600)}, "transforms: expected a crop .*, 8 tiles of 64 .*, 512 pixels, got 600"),
+        ({"transforms": "spin"}, "transforms: expected some of none, standard, .*, got 'spin'"),
+        ({"transforms": 5}, "transforms: expected words such as 'standard' or 'noise=0', got 5"),
+        ({"search": SearchSpec(fix=[[6, 3], [12, 9]])}, "fix: expected maps of the given cells' size, 2 x 2, got 7"),
+        ({"search": None}, "search: expected SearchSpec, got None"),
+        ({"tile_px": 8}, "tile_px: expected a whole number, 16 to 512, got 8"),
+        ({"seed": -1}, "seed: expected a whole number, 0 to 4294967295, got -1"),
+        ({"views": 0}, "views: expected a whole number, 1 or more, got 0"),
+        ({"hold_out_tiles": "yes"}, "hold_out_tiles: expected True or False, got 'yes'"),
+        ({"format": "tar"}, "format: expected one of imagefolder, mmseg, coco, plain, got 'tar'"),
+        ({"tiles": 3}, "tiles: expected a name, got 3"),
+    ],
+)
+def test_bad_fields_are_named(fields, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        DatasetSpec(**fields)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--size", "5..4"], "--size: expected the smallest and the largest side, such as 8..14, got '5..4'"),
+        (["--size", "3", "4", "5"], "--size: expected a range of sides such as 8..14, or two, of rows and columns"),
+        (["--maps", "0"], "--maps: expected a whole number, 1 or more, got '0'"),
+        (["--transform", "spin"], "--transform: expected some of none"),
+        (["--transform", "crop=600"], "--transform: expected a crop within the smallest maps"),
+        (["--split", "a", "b", "c"], "--split: expected a number, 0 to 1, got 'a'"),
+        (["--format", "tar"], "--format: expected one of imagefolder"),
+        (["--where", "turns="], "--where"),
+        (["--rules", "london"], "--rules: expected"),
+        (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
+        (["--workers", "0"], "argument --workers: expected a whole number, 1 to 1024, got '0'"),
+    ],
+)
+def test_bad_arguments_are_one_line(tmp_path, capsys, arguments, message):
+    try:
+        code = main(["dataset", *arguments, "--out", str(tmp_path / "out")])
+    except SystemExit as stop:
+        code = stop.code
+    lines = capsys.readouterr().err.splitlines()
+    assert code == 2
+    assert len(lines) == 1
+    assert message in lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+def test_plain_values_are_json(tmp_path):
+    search = SearchSpec(
+        axes=["straight_share:10"],
+        where=["crossings=2..3", "bridges=0"],
+        weights={"dead_ends": 480},
+        fix=[[6, None], [None, 9]],
+        initial=[[[6, 3], [12, 9]]],
+        alphabet=range(1, 16),
+    )
+    spec = DatasetSpec(size=2, transforms=STANDARD.but({"crop": 16}), tiles=tmp_path, search=search)
+    for one in (DatasetSpec(), spec):
+        plain = json.loads(json.dumps(one.to_plain()))
+        assert set(plain) == set(DatasetSpec.options())
+        assert set(plain["search"]) == set(SearchSpec.options())
+        searched = SearchSpec(**plain.pop("search"))
+        transforms = plain.pop("transforms")
+        back = DatasetSpec(**plain, search=searched)
+        assert back.but({"transforms": one.transforms}) == one
+        assert Transforms(**transforms | {"scale": tuple(transforms["scale"])}) == one.transforms
+
+
+@pytest.mark.parametrize("count", [7, 10, 33, 1000])
+@pytest.mark.parametrize("split", [(0.8, 0.1, 0.1), (1.0, 0.0, 0.0), (0.34, 0.33, 0.33), (0.0, 0.5, 0.5)])
+def test_splits_have_their_shares(count, split):
+    counts = maps_by_split(DatasetSpec(maps=count, split=split, size=5))
+    assert sum(counts) == count
+    assert all(abs(got - count * share) <= 1 for got, share in zip(counts, split, strict=True))
+
+
+def test_a_single_map_is_one_split():
+    assert maps_by_split(DatasetSpec(maps=1, split=(0, 0, 1), size=5)) == (0, 0, 1)
+
+
+def test_sizes_share_the_maps():
+    assert maps_by_shape(DatasetSpec(maps=10, size="3..6")) == {(3, 3): 3, (4, 4): 3, (5, 5): 2, (6, 6): 2}
+    assert maps_by_shape(DatasetSpec(maps=10, size="3..4 6..7")) == {(3, 6): 3, (3, 7): 3, (4, 6): 2, (4, 7): 2}

@@ -1,0 +1,196 @@
+"""All written pages: their programs run, their commands are accepted, their links lead somewhere.
+
+This module runs all programs, so that those with the same shapes and methods share compiled code.
+"""
+
+import re
+import runpy
+import shlex
+from dataclasses import MISSING, fields, is_dataclass
+from importlib import import_module
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pages import blocks, commands, run_program
+
+import elitelanes_jax
+from elitelanes_jax.cli.arguments import read_options
+from elitelanes_jax.cli.main import main, make_parser
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.spec import GenerateSpec
+from elitelanes_jax.tiles.files import read_points
+from elitelanes_jax.tiles.masking import COLOURS, parse_colour
+from elitelanes_jax.tiles.tileset import inspect_tiles, load_tiles
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+FILES = [*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "experiments").glob("*.md")]
+PAGES = {file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8") for file in sorted(FILES)}
+MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
+REFERENCE = "".join(text for page, text in PAGES.items() if page.startswith("docs/reference/"))
+
+# Pages whose programs other tests run.
+RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("exports", "interop", "plots", "sumo", "tiles")]
+PROGRAMS = [(page, text) for page in PAGES if page not in RUN_ELSEWHERE for _, text in blocks(PAGES[page], "python")]
+
+HELPERS = ["elitelanes_jax._util.errors", "elitelanes_jax._util.settings", "elitelanes_jax._util.config"]
+
+
+@pytest.mark.parametrize(("page", "program"), PROGRAMS)
+def test_programs_run_and_print_what_they_say(page, program, capsys):
+    run_program(program, page, capsys)
+
+
+def test_the_first_program_is_short():
+    (_, program), *_ = blocks(PAGES["README.md"], "python")
+    assert len(program.splitlines()) == 10
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if commands(PAGES[page])])
+def test_commands_are_accepted(page, tmp_path, monkeypatch):
+    """Values of options are checked too, with files of the names that pages use."""
+    monkeypatch.chdir(tmp_path)
+    (rows,) = re.findall(r"```json\n(.*?)```", PAGES["docs/generate.md"], re.DOTALL)
+    Path("city.json").write_text(rows)
+    town = DOCS / "examples" / "town.json"
+    Path("town.yaml").write_text(to_duckietown(read_map(town).codes))
+    Path("maps/maps/0003").mkdir(parents=True)
+    Path("maps/maps/0003/map.json").write_bytes(town.read_bytes())
+    for command in commands(PAGES[page]):
+        options = make_parser().parse_args(command)
+        assert callable(options.action)
+        defaults = {"generate": GenerateSpec(), "dataset": DatasetSpec()}.get(command[0])
+        if defaults is not None:
+            assert type(read_options(options, defaults)) is type(defaults)
+
+
+def test_links_targets_and_scripts_are_there():
+    for page, text in PAGES.items():
+        for link in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text):
+            assert (ROOT / page).parent.joinpath(link).exists(), f"{page}: {link}"
+        for target in re.findall(r"(?:^|`)make ([\w-]+)", text, re.MULTILINE):
+            assert f"\n{target}:" in MAKEFILE, f"{page}: make {target}"
+        for script in re.findall(r"python ((?:docs|experiments|notebooks)/\w+\.py)", text):
+            assert (ROOT / script).exists(), f"{page}: {script}"
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("generate", ["generate"]),
+        ("render", ["render"]),
+        ("dataset", ["dataset"]),
+        ("exports", ["export", "show"]),
+    ],
+)
+def test_the_table_on_a_command_has_all_its_options(page, names, capsys):
+    for name in names:
+        with pytest.raises(SystemExit):
+            make_parser().parse_args([name, "--help"])
+    table = "".join(re.findall(r"^\| `.*?\|", PAGES[f"docs/{page}.md"], re.MULTILINE))
+    listed, helped = (set(re.findall(r"--[a-z-]+", text)) for text in (table, capsys.readouterr().out))
+    assert listed - {"--format"} == helped - {"--help", "--format"}
+
+
+def test_figures_of_methods_are_those_of_the_experiments():
+    text = re.sub(r"```.*?```", "", PAGES["docs/choosing.md"], flags=re.DOTALL)
+    figures = set(re.findall(r"-?\d[\d,]*[.,]\d+", text))
+    assert len(figures) > 15
+    assert not {figure for figure in figures if figure not in PAGES["experiments/README.md"]}
+
+
+def test_the_reference_has_all_names_and_modules():
+    assert all(f"`{name}`" in PAGES["docs/reference/index.md"] for name in elitelanes_jax.__all__)
+    listed = re.findall(r"^::: (\S+)$", REFERENCE, re.MULTILINE)
+    package = ROOT / "elitelanes_jax"
+    files = [file for file in package.rglob("*.py") if file.relative_to(package).parts[0] not in ("_util", "cli")]
+    modules = {
+        ".".join(file.relative_to(ROOT).with_suffix("").parts) for file in files if not file.stem.startswith("__")
+    }
+    assert sorted(listed) == sorted([*modules, *HELPERS, "elitelanes_jax.formats"])
+
+
+def test_the_reference_shows_all_that_is_public():
+    griffe = pytest.importorskip("griffe")
+    read = griffe.load("elitelanes_jax", search_paths=[str(ROOT)])
+    for name in re.findall(r"^::: elitelanes_jax\.(\S+)$", REFERENCE, re.MULTILINE):
+        public = getattr(import_module(f"elitelanes_jax.{name}"), "__all__", ())
+        shown = {key for key, item in read[name].members.items() if not item.is_alias and item.has_docstring}
+        assert set(public) <= shown, name
+
+
+def defaults_of(record):
+    """Returns the defaults of a NamedTuple's or a dataclass' fields, by name."""
+    if not is_dataclass(record):
+        return record._field_defaults
+    made = {
+        one.name: one.default if one.default_factory is MISSING else one.default_factory() for one in fields(record)
+    }
+    return {name: default for name, default in made.items() if default is not MISSING}
+
+
+@pytest.mark.parametrize("module", ["spec", "dataset.spec", "optimizers.annealed_map_elites", "optimizers.moves"])
+def test_the_reference_shows_plain_defaults(module):
+    griffe = pytest.importorskip("griffe")
+    extensions = griffe.load_extensions(str(DOCS / "records.py"))
+    read = griffe.load(f"elitelanes_jax.{module}", search_paths=[str(ROOT)], extensions=extensions)
+    names = vars(import_module(f"elitelanes_jax.{module}"))
+    shown = {
+        name: {item.name: eval(str(item.default), names) for item in record.parameters if item.default is not None}
+        for name, record in read.classes.items()
+        if not record.is_alias and "__init__" in record.members
+    }
+    assert any(shown.values())
+    assert shown == {name: defaults_of(names[name]) for name in shown}
+
+
+@pytest.fixture
+def photographs(tmp_path, monkeypatch, drawn_tiles):
+    """A folder with a photograph of the first tile, and cropped pictures of all others."""
+    monkeypatch.chdir(tmp_path)
+    script = runpy.run_path(str(DOCS / "tiles.py"))
+    Path("photos").mkdir()
+    cv2.imwrite("photos/turn.jpg", script["photograph"](drawn_tiles.tiles[0].image)[..., ::-1])
+    for tile in drawn_tiles.tiles[1:]:
+        Path("my-tiles", tile.name).mkdir(parents=True)
+        cv2.imwrite(f"my-tiles/{tile.name}/image.png", tile.image[..., ::-1])
+
+
+def test_the_way_from_photographs_to_a_tile_set(photographs, drawn_tiles, capsys):
+    """The page on tiles, step by step, but for the last one, which evolves maps."""
+    for language, text in blocks(PAGES["docs/tiles.md"], "python", "sh"):
+        if language == "python":
+            exec(compile(text, "docs/tiles.md", "exec"), {})
+        for line in text.splitlines() if language == "sh" else ():
+            if line.startswith("elitelanes tiles"):
+                assert main(shlex.split(line)[1:]) == 0
+    capsys.readouterr()
+    tiles = load_tiles("my-tiles")
+    assert [tile.name for tile in tiles.tiles] == [tile.name for tile in drawn_tiles.tiles]
+    assert {file.name for file in Path().iterdir()} == {"photos", "my-tiles", "sheet.png", "worst-seam.png"}
+    # Through a slanted photograph, JPEG and back, the masks are still those of the tile.
+    own, given = tiles.tiles[0], drawn_tiles.tiles[0]
+    for name in ("road", "yellow"):
+        mask = cv2.resize(getattr(given, name).astype(np.uint8), (512, 512), interpolation=cv2.INTER_NEAREST) > 0
+        assert (mask & getattr(own, name)).sum() > 0.85 * (mask | getattr(own, name)).sum()
+
+
+def test_the_colours_on_the_page_are_the_defaults():
+    said = dict(re.findall(r"--(road|red|yellow) (\S+)", PAGES["docs/tiles.md"]))
+    assert {name: parse_colour(text) for name, text in said.items()} == COLOURS
+
+
+def test_the_example_files_can_be_read(tmp_path):
+    (example,) = re.findall(r"```toml\n(.*?)```", PAGES["docs/tiles.md"], re.DOTALL)
+    (points,) = re.findall(r"```json\n(.*?)```", PAGES["docs/tiles.md"], re.DOTALL)
+    (tmp_path / "turn_2").mkdir()
+    (tmp_path / "tileset.toml").write_text(example)
+    (tmp_path / "points.json").write_text(points)
+    problems = []
+    assert set(read_points(tmp_path / "points.json", np.zeros((512, 512), np.uint8), problems)) == {"cones", "duck"}
+    assert not problems
+    assert not [line for line in inspect_tiles(tmp_path)[1] if "tileset.toml" in line]

@@ -1,0 +1,137 @@
+"""The experiment on training: its judge, its network, its datasets, and that it runs."""
+
+import csv
+import sys
+
+import jax
+import numpy as np
+import pytest
+import segmentation
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from training_sets import Condition, draw_maps, patterns, split_tiles, training_set
+
+from elitelanes_jax.dataset.samples import draw_sample
+from elitelanes_jax.dataset.transforms import STANDARD, Transforms
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.network.wfc import generate_batch
+
+unet = pytest.importorskip("unet", reason="flax and optax are not here", exc_type=ImportError)
+
+
+def collapsed(count, seed, alphabet=range(3, 16)):
+    alphabet = [code for code in alphabet if code.bit_count() > 1]
+    return generate_batch(np.random.default_rng(seed), count, (8, 8), border="closed", alphabet=alphabet).grid
+
+
+labels_of = hnp.arrays(np.uint8, (2, 3, 4), elements=st.integers(0, 3))
+
+
+@given(labels_of, labels_of)
+def test_intersections_over_unions_are_those_of_sets_of_pixels(wanted, found):
+    counts = unet.confusion(wanted, found, 4)
+    for label, iou in enumerate(unet.ious(counts)):
+        one, other = (set(map(tuple, np.argwhere(labels == label).tolist())) for labels in (wanted, found))
+        assert counts[label].tolist() == [
+            len(one & set(map(tuple, np.argwhere(found == k).tolist()))) for k in range(4)
+        ]
+        if one | other:
+            assert iou == len(one & other) / len(one | other)
+        else:
+            assert np.isnan(iou)
+
+
+def test_packs_are_unpacked_as_they_were():
+    x = np.arange(2 * 4 * 6 * 3).reshape(2, 4, 6, 3)
+    packed = unet.space_to_depth(x)
+    assert packed.shape == (2, 2, 3, 12)
+    assert (unet.depth_to_space(packed) == x).all()
+
+
+def test_crops_are_of_the_picture_and_its_labels_alike():
+    labels = np.random.default_rng(0).integers(0, 256, (3, 9, 8), np.uint8)
+    images = np.repeat(labels[..., None], 3, axis=-1)
+    windows = {}
+    for number, row, column, turns in np.ndindex(3, 6, 5, 4):
+        window = np.rot90(labels[number, row : row + 4, column : column + 4], turns)
+        windows[window.tobytes()] = number, row, column, turns
+    keys = jax.random.split(jax.random.key(0), 6000)
+    image, label = jax.vmap(lambda key: unet.random_crop(images, labels, 4, key))(keys)
+    assert (np.asarray(image) == np.asarray(label)[..., None]).all()
+    drawn_places = {windows[crop.tobytes()] for crop in np.asarray(label, np.uint8)}
+    assert len(drawn_places) == len(windows)  # all of them come up
+
+
+@pytest.mark.slow
+def test_the_network_learns():
+    seen, held_out = split_tiles(0)
+    weights = unet.train(*draw_maps(collapsed(20, 0), seen, seed=0), 4, 5, steps=150, batch=4, crop=64)
+    test = draw_maps(collapsed(4, 1, held_out.alphabet), held_out, seed=1)
+    assert (test.labels == 1).mean() < 0.7
+    assert unet.ious(unet.confusion(test.labels, unet.predict(weights, test.image, 4), 4))[1] > 0.9
+
+
+def test_neighbourhoods_are_those_that_a_walk_over_the_maps_finds():
+    grids = collapsed(3, 2)
+    found = set()
+    for grid in grids:
+        for row, column in np.ndindex(7, 7):
+            window = grid[row : row + 2, column : column + 2]
+            found.add(frozenset(rotate(window, turns).tobytes() for turns in range(4)))
+    assert len(patterns(grids)) == len(found)
+    assert patterns(grids) == patterns([rotate(grid) for grid in grids])
+
+
+def test_a_training_set_is_the_dataset_of_its_maps():
+    grids = collapsed(2, 3)
+    for transforms, one_picture in ((STANDARD, False), (Transforms(), True)):
+        condition = Condition("", "wfc", 2, 5, transforms, one_picture)
+        images, labels = training_set(condition, grids, seed=4)
+        tiles, held_out = split_tiles(4)
+        if one_picture:
+            first = {tile.name[:-2]: tile for tile in reversed(tiles.tiles)}
+            tiles = type(tiles)("", "", tuple(tile for tile in tiles.tiles if tile in first.values()))
+            assert len(tiles.tiles) == 4
+        assert not {tile.name for tile in tiles.tiles} & {tile.name for tile in held_out.tiles}
+        for number in range(5):
+            sample = draw_sample(
+                RoadMap(grids[number % 2]), tiles, number, seed=4, tile_px=32, transforms=transforms, layers=()
+            )
+            assert (images[number] == sample.layers["image"]).all()
+            assert (labels[number] == sample.layers["labels"]).all()
+
+
+def test_without_flax_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "flax", None)
+    assert segmentation.main(["--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "training needs flax and optax: pip install flax optax" in message
+    assert len(message.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_unknown_conditions_are_one_line(tmp_path, capsys):
+    assert segmentation.main(["--conditions", "ea", "luck", "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err
+    assert "conditions: expected some of maps-1, " in message and "got 'luck'" in message
+    assert len(message.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_it_runs_goes_on_and_comes_out_the_same(tmp_path, monkeypatch, capsys):
+    arguments = ["--quick", "--seeds", "1", "--out", str(tmp_path / "out")]
+    assert segmentation.main(arguments) == 0
+    with (tmp_path / "out" / "segmentation.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["condition"] for row in rows} == set(segmentation.CONDITIONS)
+    assert all(0 <= float(row["mean"]) <= 1 for row in rows)
+    files = [tmp_path / "out" / f"segmentation.{kind}" for kind in ("csv", "md", "png")]
+    before = [file.read_bytes() for file in files]
+    (tmp_path / "out" / "runs" / "ea-0.json").unlink()
+    assert segmentation.main(arguments) == 0
+    assert [file.read_bytes() for file in files] == before
+    assert segmentation.main([*arguments, "--seeds", "2"]) == 2
+    assert "expected results of seeds 2, got some of 1" in capsys.readouterr().err

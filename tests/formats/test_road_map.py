@@ -1,0 +1,108 @@
+"""Map files."""
+
+import json
+
+import numpy as np
+import pytest
+
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+
+CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
+WHOLE = RoadMap(
+    CODES,
+    {"components": 1, "coverage": 1.0},
+    -12,
+    {"cyclomatic": 1},
+    [0, 0],
+    (7, 2),
+    Drawn("a set", [["turn_1"] * 3] * 2, [[0, 1, 2]] * 2),
+)
+
+
+@pytest.mark.parametrize("road_map", [WHOLE, RoadMap(CODES)])
+def test_a_map_file_gives_the_map_back(road_map, tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text(map_to_json(road_map))
+    back = read_map(file)
+    np.testing.assert_array_equal(back.codes, CODES)
+    assert back.codes.dtype == np.int8
+    assert back._replace(codes=None) == road_map._replace(codes=None)
+
+
+def test_a_map_file_is_easy_to_read():
+    text = map_to_json(WHOLE)
+    assert '  "shape": [2, 3],\n' in text
+    assert '  "codes": [\n    [6, 5, 3],\n    [12, 5, 9]\n  ],\n' in text
+    assert '    "coverage": 1.0\n' in text
+    assert json.loads(text)["drawn"]["tiles"] == [["turn_1"] * 3] * 2
+
+
+def test_a_grid_of_codes_is_enough(tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text('{"codes": [[6, 3], [12, 9]]}')
+    assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("map.json", '{"codes": [[6, 3], [12, 9]]}'),
+        ("map.yaml", "tiles: [[curve_left/W, curve_left/N], [curve_left/S, curve_left/E]]"),
+    ],
+)
+def test_a_byte_order_mark_is_read_over(name, text, tmp_path):
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8-sig")
+    assert read_map(file).codes.tolist() == [[6, 3], [12, 9]]
+
+
+def with_(name, text):
+    return f'{{"codes": [[6, 3], [12, 9]], "{name}": {text}}}'
+
+
+def drawn(tiles, turns):
+    return f'{{"tile_set": "set", "tiles": {tiles}, "quarter_turns": {turns}}}'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "expected a readable JSON file"),
+        ("[1]", 'expected a map, {"codes": .*}, got no "codes"'),
+        ('{"code": []}', 'got no "codes"'),
+        ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
+        ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
+        ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected tile codes 0 to 15, got 1.5 at row 0, column 0"),
+        ('{"codes": [[1, 2]]}', "expected sides from 2 to 1024, got 1 x 2"),
+        ('{"codes": "road"}', "grid: expected"),
+        (with_("drawn", "3"), "drawn: expected a record of tile_set, tiles, quarter_turns, turns 0 to 3, got 3"),
+        (with_("drawn", '{"tiles": []}'), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"], ["c", 3]]', "[[0, 1], [2, 3]]")), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"], ["c", "d"]]', "[[0, 1], [2, 4]]")), "drawn: expected a record"),
+        (with_("drawn", drawn('[["a", "b"]]', "[[0, 1]]")), "drawn: expected tables of 2 x 2, like the codes"),
+        (with_("drawn", drawn('[["a", "b"], ["c"]]', "[[0, 1], [2, 3]]")), "drawn: expected tables of 2 x 2"),
+        (with_("seed", "5"), "seed: expected two whole numbers, got 5"),
+        (with_("seed", "[1, 2, 3]"), "seed: expected two whole numbers"),
+        (with_("fitness", '"low"'), 'fitness: expected a whole number, got "low"'),
+        (with_("metrics", '{"components": "one"}'), "metrics: expected numbers by name"),
+        (with_("descriptor", "[1]"), "descriptor: expected numbers by name"),
+        (with_("niche", "[0.5]"), "niche: expected whole numbers"),
+        (with_("format", '"another"'), "format: expected 'elitelanes map, version 1', got 'another'"),
+        ('{"codes": ' + "9" * 5000 + "}", "expected a readable JSON file"),
+        ('{"codes": [[6, true], [12, 9]]}', "expected tile codes 0 to 15, got true at row 0, column 1"),
+        ('{"codes": [[6, 3], [null, 9]]}', "expected tile codes 0 to 15, got null at row 1, column 0"),
+        ('{"codes": [["6", 3], [12, 9]]}', 'expected tile codes 0 to 15, got "6" at row 0, column 0'),
+        ('{"codes": [[6, 3], [12, 1' + "0" * 23 + "]]}", "got 1" + "0" * 23 + " at row 1, column 1"),
+        ('{"codes": [[6, 3], [12, 1' + "0" * 999 + "]]}", "got 1" + "0" * 76 + r"\.\.\. at row 1, column 1$"),
+        (with_("format", f'"{"a" * 999}"'), r"got 'a{76}\.\.\.$"),
+        (with_("fitness", f'"{"a" * 999}"'), r'got "a{76}\.\.\.$'),
+        ("[" * 100_000, "expected a map, got JSON nested too deeply"),
+    ],
+)
+def test_bad_files_are_named(text, message, tmp_path):
+    file = tmp_path / "map.json"
+    file.write_text(text)
+    with pytest.raises(ValueError, match=f"map.json: .*{message}"):
+        read_map(file)
+    with pytest.raises(ValueError, match="nowhere.json: expected a readable JSON file, got: No such file"):
+        read_map(tmp_path / "nowhere.json")

@@ -1,0 +1,359 @@
+"""Networks for SUMO: the plain XML against the graph of tiles, and what SUMO makes of it."""
+
+import math
+import os
+import random
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+from pathlib import Path
+
+import jax
+import networkx as nx
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import assume, example, given
+from oracle import road_graph
+
+from elitelanes_jax import InputError, evolve
+from elitelanes_jax.formats.sumo import Streets, convert, network, plain_xml, write_sumo
+from elitelanes_jax.network.wfc import generate_batch
+
+KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
+RING = np.array([[6, 3], [12, 9]], np.int8)
+CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
+TO_SCALE = Streets(tile=8.43, right_of_way="right_before_left")
+
+
+def points(text):
+    return [complex(*map(float, point.split(","))) for point in text.split()]
+
+
+def elements(text):
+    return [element.attrib for element in ET.fromstring(text)]
+
+
+def read(plain):
+    """Nodes as places, edges as attributes with their shapes as points, connections as pairs."""
+    nodes = {node["id"]: complex(float(node["x"]), float(node["y"])) for node in elements(plain.nodes)}
+    edges = {edge["id"]: edge | {"shape": points(edge["shape"])} for edge in elements(plain.edges)}
+    return nodes, edges, [(pair["from"], pair["to"]) for pair in elements(plain.connections)]
+
+
+def opposites(edges):
+    """For each edge the one that has the same shape the other way round."""
+    by_shape = {tuple(edge["shape"]): name for name, edge in edges.items()}
+    assert len(by_shape) == len(edges)
+    return {name: by_shape[tuple(edge["shape"][::-1])] for name, edge in edges.items()}
+
+
+def linked(grid):
+    """The tiles that roads lead through, and their links."""
+    graph = road_graph(grid)
+    return graph.subgraph([tile for tile in graph if graph.degree(tile)])
+
+
+@given(grids())
+@example(CITY)
+@example(KNOT)
+@example(RING)
+def test_roads_are_the_links_in_both_directions(grid):
+    graph = linked(grid)
+    assume(graph)
+    plain = plain_xml(grid, Streets(tile=10))
+    nodes, edges, _ = read(plain)
+    stops = {node["id"] for node in elements(plain.nodes) if node["type"] == "allway_stop"}
+    assert stops == {f"{row}_{column}" for row, column in graph if graph.degree((row, column)) > 2}
+
+    # Each tile that is no node joins two links to one.
+    assert len(edges) == 2 * (graph.number_of_edges() - (len(graph) - len(nodes)))
+    met = {tile for tile in graph if graph.degree(tile) != 2 or int(grid[tile]).bit_count() > 2}
+    extra = 0
+    for road in nx.connected_components(graph.subgraph(set(graph) - met)):
+        ends = {end for tile in road for end in graph[tile]} - road
+        extra += 2 - len(ends) if len(road) > 1 else 0  # none on a road, one on a loop, two on a ring
+    assert len(nodes) == len(met) + extra
+
+    height, width = grid.shape
+    length = 0.0
+    for edge in edges.values():
+        shape = edge["shape"]
+        assert edge["from"] != edge["to"]
+        assert shape[0] == nodes[edge["from"]] and shape[-1] == nodes[edge["to"]]
+        assert all(0 < point.real < 10 * width and 0 < point.imag < 10 * height for point in shape)
+        length += sum(abs(b - a) for a, b in pairwise(shape))
+    opposite = opposites(edges)
+    assert all(edges[opposite[name]]["from"] == edge["to"] for name, edge in edges.items())
+    across = {True: 10, False: 10 * 8 * math.sin(math.pi / 32)}  # a straight, or a quarter circle of eight chords
+    assert length == pytest.approx(
+        2
+        * sum(across[_straight(graph[tile])] if graph.degree(tile) == 2 else 5 * graph.degree(tile) for tile in graph),
+        abs=0.05,
+    )
+
+
+def _straight(neighbours):
+    (a, b), (c, d) = neighbours
+    return a == c or b == d
+
+
+@given(grids())
+@example(CITY)
+@example(KNOT)
+@example(RING)
+def test_traffic_may_go_on_everywhere_and_back_at_dead_ends(grid):
+    graph = linked(grid)
+    assume(graph)
+    _, edges, connections = read(plain_xml(grid))
+    opposite = opposites(edges)
+    expected = set()
+    for name, edge in edges.items():
+        onward = {other for other in edges if edges[other]["from"] == edge["to"]} - {opposite[name]}
+        expected |= {(name, other) for other in onward or {opposite[name]}}
+    assert len(connections) == len(expected) and set(connections) == expected
+
+    # Every edge is reached from every other: on a ring alone nobody turns round.
+    parts = [graph.subgraph(part) for part in nx.connected_components(graph)]
+    directions = sum(2 if all(part.degree(tile) == 2 for tile in part) else 1 for part in parts)
+    assert nx.number_strongly_connected_components(nx.DiGraph(connections)) == directions
+
+
+def test_a_ring_is_two_roads_around_a_circle():
+    nodes, edges, connections = read(plain_xml(RING, Streets(tile=20)))
+    assert list(nodes) == ["0_0", "1_1"]
+    assert list(edges) == ["0_0_east", "0_0_south", "1_1_north", "1_1_west"]
+    assert ("0_0_east", "1_1_west") in connections and len(connections) == 4
+    for edge in edges.values():
+        np.testing.assert_allclose(np.abs(np.array(edge["shape"]) - (20 + 20j)), 10, atol=1e-3)
+        assert len(edge["shape"]) == 17
+
+
+def test_north_is_up_and_crossings_are_junctions():
+    plain = plain_xml(KNOT, Streets(10, 2, 5, "traffic_light"))
+    nodes = {node["id"]: node for node in elements(plain.nodes)}
+    assert list(nodes) == ["0_0", "1_1", "1_2", "2_1"]
+    assert nodes["1_1"] == {"id": "1_1", "x": "15.0000", "y": "15.0000", "type": "traffic_light", "radius": "2.5000"}
+    assert nodes["2_1"] == {"id": "2_1", "x": "15.0000", "y": "5.0000", "type": "priority", "radius": "2.5000"}
+    edge = next(edge for edge in elements(plain.edges) if edge["id"] == "2_1_north")
+    assert edge["shape"] == "15.0000,5.0000 15.0000,15.0000"
+    assert (edge["width"], edge["speed"], edge["numLanes"]) == ("2", "5", "1")
+    assert plain == plain_xml(KNOT.tolist(), Streets(10, 2, 5, "traffic_light"))
+    tight = elements(plain_xml(KNOT, TO_SCALE).nodes)
+    assert all(3.2 + float(node["radius"]) < 8.43 / 2 for node in tight)
+
+
+def test_files_are_the_texts(tmp_path):
+    files = write_sumo(tmp_path / "city", KNOT)
+    assert [file.name for file in files] == ["city.nod.xml", "city.edg.xml", "city.con.xml"]
+    assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
+
+
+def test_measures_may_be_numbers_of_numpy():
+    streets = Streets(np.int64(30), np.float32(3.2), np.float64(8.33))
+    assert plain_xml(KNOT, streets) == plain_xml(KNOT)
+
+
+def test_no_file_is_replaced_before_all_are_written(tmp_path, small_files_only):
+    files = write_sumo(tmp_path / "new" / "city", KNOT)
+    nodes, edges, _ = plain_xml(RING)
+    assert len(nodes) < len(edges)
+    small_files_only(len(nodes))
+    with pytest.raises(InputError, match="city.nod.xml: expected a place that can be written to, got: file too large"):
+        write_sumo(tmp_path / "new" / "city", RING)
+    small_files_only(-1)
+    assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
+    assert sorted((tmp_path / "new").iterdir()) == sorted(files)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"tile": -1}, "tile: expected a number, 0.01 to 1000, got -1"),
+        ({"tile": np.array(math.nan)}, r"tile: expected a number, .*, got array\(nan\)"),
+        ({"tile": np.array([30.0, 40.0])}, "tile: expected a number, .*, got array"),
+        ({"lane": True}, "lane: expected a number, 0.001 to 500, got True"),
+        ({"tile": 6.4}, "tile: expected more than two lanes, 6.4 m, got 6.4 m"),
+        ({"speed": "fast"}, "speed: expected a number, 0.001 to 100, got 'fast'"),
+        ({"right_of_way": "mine"}, "right_of_way: expected one of allway_stop, .*, got 'mine'"),
+    ],
+)
+def test_measures_are_checked(change, message):
+    with pytest.raises(InputError, match=message):
+        Streets(**change)
+
+
+@pytest.mark.parametrize(
+    ("codes", "streets", "message"),
+    [
+        (np.zeros((3, 3), int), Streets(), "grid: expected a road, two tiles that connect to each other, got none"),
+        ([[4, 16], [0, 0]], Streets(), "grid: expected tile codes 0 to 15, got 16"),
+    ],
+)
+def test_what_makes_no_streets_is_refused(codes, streets, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        write_sumo(tmp_path / "city", codes, streets)
+    assert not list(tmp_path.iterdir())
+
+
+class _FakeSumo:
+    """A package whose netconvert is a script."""
+
+    def __init__(self, folder, script):
+        self.SUMO_HOME = str(folder)
+        self.program = folder / "bin" / "netconvert"
+        self.program.parent.mkdir(parents=True)
+        self.program.write_text("#!/bin/sh\n" + script)
+        self.program.chmod(0o755)
+
+
+def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    out.mkdir()
+    with pytest.raises(InputError, match="to: expected one of net, opendrive, got 'osm'"):
+        convert(out / "city", KNOT, "osm")
+    monkeypatch.setitem(sys.modules, "sumo", None)
+    with pytest.raises(InputError, match=r"^netconvert is SUMO's: pip install eclipse-sumo$"):
+        convert(out / "city.net.xml", KNOT)
+
+    fails = _FakeSumo(tmp_path / "fails", "echo 'Error: No nodes.' >&2; echo 'Quitting (on error).' >&2; exit 1\n")
+    monkeypatch.setitem(sys.modules, "sumo", fails)
+    with pytest.raises(InputError, match=r"^netconvert: expected a network of the map, got: Error: No nodes.$"):
+        convert(out / "city.net.xml", KNOT)
+    assert not list(out.iterdir())
+
+    fails.program.chmod(0o644)
+    with pytest.raises(InputError, match=r"netconvert: expected a program, got: permission denied$"):
+        convert(out / "city.net.xml", KNOT)
+
+    works = _FakeSumo(tmp_path / "works", 'echo "Warning: hm" >&2; cat "$2" > "$8"; echo "Success."\n')
+    monkeypatch.setitem(sys.modules, "sumo", works)
+    assert convert(out / "city.xodr", KNOT, "opendrive") == ("Warning: hm",)
+    assert [file.name for file in out.iterdir()] == ["city.xodr"]
+    assert (out / "city.xodr").read_text() == plain_xml(KNOT).nodes
+    with pytest.raises(
+        InputError, match="city.xodr/a.xodr: expected a place that can be written to, got .*: not a dir"
+    ):
+        convert(out / "city.xodr" / "a.xodr", KNOT, "opendrive")
+
+
+# From here on SUMO itself, in an environment of its own: make sumo.
+
+
+def run(program, *arguments):
+    """What one of SUMO's programs says on standard error."""
+    home = pytest.importorskip("sumo", reason="SUMO is not here: make sumo").SUMO_HOME
+    command = [Path(home, "bin", program), *map(str, arguments)]
+    done = subprocess.run(command, env={**os.environ, "SUMO_HOME": home}, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stderr
+
+
+def drive(net, connections, folder, seed, vehicles=20, kind=""):
+    """Routes vehicles between random edges and lets them drive; returns how many arrive, and what SUMO complains of."""
+    onward, rng = nx.DiGraph(connections), random.Random(seed)
+    trips = []
+    for number in range(vehicles):
+        start = rng.choice(sorted(onward))
+        end = rng.choice(sorted(nx.descendants(onward, start)))
+        trips.append(f'<trip id="{number}" depart="{number}" from="{start}" to="{end}"/>')
+    (folder / "trips.xml").write_text(f"<routes>{kind}{''.join(trips)}</routes>")
+    said = run("duarouter", "-n", net, "-r", folder / "trips.xml", "-o", folder / "routes.xml")
+    said += run(
+        "sumo", "-n", net, "-r", folder / "routes.xml", "--tripinfo-output", folder / "trips.out", "--end", 3600
+    )
+    return len(ET.parse(folder / "trips.out").findall("tripinfo")), said
+
+
+def keeps_right(net, opposite):
+    """Whether each lane lies to the right of the one that goes the other way."""
+    lanes = {edge.get("id"): points(edge.find("lane").get("shape")) for edge in net.iter("edge") if edge.get("from")}
+    for name, lane in lanes.items():
+        across = lane[0] - lanes[opposite[name]][-1]
+        if (across * (lane[1] - lane[0]).conjugate()).imag >= 0:
+            return False
+    return lanes.keys() == opposite.keys()
+
+
+def harmful(warnings):
+    """The warnings but for the one that does no harm.
+
+    Cars that turn left towards each other may be in each other's way; the network then makes one of them wait. So it is
+    on crossings of Duckietown's proportions; and on some of others, where OpenDRIVE has smoother curves.
+    """
+    return [warning for warning in warnings if "Intersecting left turns at junction" not in warning]
+
+
+def maps_of(source):
+    if source == "wfc":
+        return generate_batch(np.random.default_rng(0), 80, (12, 12), border="closed").grid
+    rules = {"rules": "duckietown"} if source == "duckietown" else {"fill": True}
+    keys = jax.random.split(jax.random.key(0), 4)
+    elites = evolve(keys, preset="tuned", evaluations=20_000, **rules).elites
+    some = np.asarray(elites.valid & (elites.metrics.edges > 0))
+    found = np.unique(np.asarray(elites.grids)[some], axis=0)
+    return found[np.linspace(0, len(found) - 1, 60).astype(int)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("source", ["wfc", "evolved", "duckietown"])
+def test_two_hundred_maps_convert_and_all_vehicles_arrive(source, tmp_path):
+    run("netconvert", "--version")
+    maps = maps_of(source)
+    assert len(np.unique(maps, axis=0)) == len(maps) == {"wfc": 80, "evolved": 60, "duckietown": 60}[source]
+    assert (maps == 0).any() == (source == "duckietown")
+    net, xodr, back = (tmp_path / name for name in ("city.net.xml", "city.xodr", "back.net.xml"))
+    for seed, grid in enumerate(maps):
+        _, edges, connections = read(plain_xml(grid))
+        assert convert(net, grid) == ()
+        assert harmful(convert(xodr, grid, "opendrive")) == []
+        if seed % 20 == 0:
+            assert network(grid).text == net.read_text()
+            assert network(grid, "opendrive").text == xodr.read_text()
+            assert "date=" not in xodr.read_text()
+        built = ET.parse(net)
+        made = [(pair.get("from"), pair.get("to")) for pair in built.iter("connection")]
+        assert sorted(pair for pair in made if pair[0][0] != ":") == sorted(connections)
+        assert keeps_right(built, opposites(edges))
+        assert drive(net, connections, tmp_path, seed) == (20, "")
+
+        roads = [road for road in ET.parse(xodr).iter("road") if road.get("junction") == "-1"]
+        assert len(roads) == len(edges)
+        assert harmful(run("netconvert", "--opendrive-files", xodr, "-o", back).splitlines()) == []
+
+
+@pytest.mark.slow
+def test_to_scale_cars_as_long_as_duckiebots_arrive(tmp_path):
+    run("netconvert", "--version")
+    net = tmp_path / "city.net.xml"
+    shorter = '<vType id="DEFAULT_VEHTYPE" length="2.6" minGap="1"/>'
+    for seed, grid in enumerate(maps_of("duckietown")):
+        assert harmful(convert(net, grid, streets=TO_SCALE)) == []
+        assert drive(net, read(plain_xml(grid))[2], tmp_path, seed, kind=shorter) == (20, "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("right_of_way", ["allway_stop", "priority", "right_before_left", "traffic_light"])
+@pytest.mark.parametrize("grid", [KNOT, RING], ids=["knot", "ring"])
+def test_loops_dead_ends_and_rings_are_driven(grid, right_of_way, tmp_path):
+    run("netconvert", "--version")
+    net = tmp_path / "city.net.xml"
+    assert convert(net, grid, streets=Streets(right_of_way=right_of_way)) == ()
+    assert (f'type="{right_of_way}"' in net.read_text()) == (grid is KNOT or right_of_way == "priority")
+    assert drive(net, read(plain_xml(grid))[2], tmp_path, 0) == (20, "")
+
+
+@pytest.mark.slow
+def test_the_page_works(tmp_path, monkeypatch):
+    run("netconvert", "--version")
+    page = (Path(__file__).parents[2] / "docs" / "sumo.md").read_text()
+    program, commands = (re.search(rf"```{kind}\n(.*?)```", page, re.DOTALL)[1] for kind in ("python", "sh"))
+    monkeypatch.chdir(tmp_path)
+    exec(compile(program, "sumo.md", "exec"), {})
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    subprocess.run(["sh", "-e", "-c", commands], env={**os.environ, "PATH": path}, check=True)
+    arrived = ET.parse("city.tripinfo.xml").findall("tripinfo")
+    assert len(arrived) == len(ET.parse("city.rou.xml").findall("vehicle")) > 150
+    assert Path("city-40.net.xml").exists() and Path("city.xodr").exists()

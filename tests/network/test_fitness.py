@@ -1,0 +1,90 @@
+"""Weights."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, Metrics, Weights, fitness, measure
+from elitelanes_jax.network.weights import check_weights
+
+
+def some_metrics(count=50):
+    grids = np.random.default_rng(4).integers(0, 16, (count, 5, 6)).astype(np.int8)
+    return jax.vmap(lambda grid: measure(grid, [3, 5, 10]))(grids)
+
+
+def test_each_weight_weighs_its_own_metric():
+    metrics = some_metrics()
+    nothing = Weights(*(0 for _ in Weights._fields))
+    for name in Weights._fields:
+        found = fitness(metrics, nothing._replace(**{name: 7}))
+        if name == "constant":
+            expected = np.full(50, 7)
+        elif name == "components":
+            expected = 7 * (np.asarray(metrics.components) - 1)
+        else:
+            expected = 7 * np.asarray(getattr(metrics, name))
+        np.testing.assert_array_equal(found, expected, err_msg=name)
+    assert set(Weights._fields) - {"constant"} == set(Metrics._fields) - {"coverage"}
+
+
+def test_the_empty_grid_gets_no_bonus_for_having_no_component():
+    assert fitness(measure(np.zeros((4, 4), np.int8))) == 0
+
+
+def test_weights_can_be_swept():
+    metrics = some_metrics()
+    sweep = jnp.array([-5, 0, 100, 480])
+    many = jax.jit(jax.vmap(lambda weight: fitness(metrics, Weights(bridges=weight))))(sweep)
+    assert many.dtype == jnp.int32
+    for row, weight in zip(many, sweep.tolist(), strict=True):
+        np.testing.assert_array_equal(row, fitness(metrics, Weights(bridges=weight)))
+
+
+def test_checked_weights():
+    assert check_weights(Weights(bridges=np.int64(5)), (12, 12)) == Weights(bridges=5)
+    for wrong, message in (
+        (Weights(bridges=0.5), "weights: expected whole numbers, got bridges=0.5"),
+        (Weights(tiles=float("nan")), "weights: expected whole numbers, got tiles=nan"),
+        (Weights(tiles="many"), "weights: expected whole numbers, got tiles='many'"),
+        (Weights(edges=True), "weights: expected whole numbers, got edges=True"),
+        (Weights(dead_ends=2 * 10**7), "weights: expected a fitness within int32 for every grid of 12 x 12"),
+        ({"bridges": 1}, "weights: expected Weights, got dict"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            check_weights(wrong, (12, 12))
+
+
+PAIRS = ("bridges", "edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours")
+
+
+def test_the_bound_on_the_fitness_holds():
+    """Whatever grid: no metric is over what `check_weights` reckons with, and some grids come near."""
+    grids = np.random.default_rng(6).integers(0, 16, (300, 4, 9)).astype(np.int8)
+    grids[0], grids[1], grids[2], grids[3] = 5, 10, 15, 1
+    metrics = jax.vmap(lambda grid: measure(grid, [3]))(grids)
+    area = 36
+    for name, values in metrics._asdict().items():
+        share = {"straight_score": 9, "adjacent_crossing_score": 16, "adjacent_crossings": 4, "mismatches": 4}.get(
+            name, 2 if name in PAIRS else 1
+        )
+        assert (np.asarray(values) >= 0).all(), name
+        assert (np.asarray(values) <= share * area).all(), name
+        if name not in ("coverage", "constant"):
+            most = (2**31 - 1) // (share * area)
+            nothing = Weights(*(0 for _ in Weights._fields))
+            check_weights(nothing._replace(**{name: -most}), (4, 9))
+            with pytest.raises(InputError, match="got weights with which it might reach"):
+                check_weights(nothing._replace(**{name: most + 1}), (4, 9))
+
+
+def test_weights_that_are_not_integers_are_refused():
+    metrics = some_metrics(3)
+    for weight in (2**40, np.int64(2**32), np.array([0, -(2**31) - 1, 0])):
+        with pytest.raises(InputError, match="weights: expected integers of 32 bits, got bridges="):
+            fitness(metrics, Weights(bridges=weight))
+    for weight in (0.5, np.float32(2), jnp.array(1.0), True, "many"):
+        with pytest.raises(InputError, match="weights: expected integers, got bridges of type"):
+            fitness(metrics, Weights(bridges=weight))
+    assert fitness(metrics, Weights(bridges=np.int8(3), edges=jnp.uint8(4))).dtype == jnp.int32

@@ -1,0 +1,193 @@
+"""Metrics against the oracle: every grid of 2 x 2, many random ones, and the shapes that are hard on labelling."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from corridors import serpentine, spiral
+from oracle import fitness as oracle_fitness
+from oracle import measure as oracle
+
+from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metrics import stack_counts, unstack_counts
+from elitelanes_jax.network.repair import raster_rank
+
+SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
+
+measure_many = jax.jit(jax.vmap(measure))
+repair_many = jax.jit(jax.vmap(repair))
+mirror_many, rotate_many = jax.vmap(mirror), jax.vmap(rotate, in_axes=(0, None))
+fill_many = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))
+
+
+def compare(grids):
+    found = jax.device_get(measure_many(jnp.asarray(grids)))
+    worth = jax.device_get(jax.jit(fitness)(found))
+    for number, grid in enumerate(grids):
+        expected = oracle(grid)
+        got = {name: getattr(found, name)[number] for name in Metrics._fields}
+        assert got == expected, f"\n{grid}"
+        assert worth[number] == oracle_fitness(expected)
+
+
+def kinds_of_grids(rng, count, shape):
+    """Unrepaired, repaired in several ways, sparse."""
+    anything = rng.integers(0, 16, (count, *shape)).astype(np.int8)
+    yield anything
+    yield np.where(rng.random(anything.shape) < rng.random((count, 1, 1)), anything, 0).astype(np.int8)
+    yield np.array(repair_many(anything))
+    rank = np.broadcast_to(raster_rank(shape), anything.shape)
+    yield np.array(repair_many(anything, rank))
+    sparse = np.where(rng.random(anything.shape) < 0.6, anything, 0).astype(np.int8)
+    yield np.array(repair_many(sparse, rank))
+    yield np.array(fill_many(sparse))
+
+
+def test_every_grid_of_two_by_two():
+    """Compares one grid of each class under rotation and mirroring with the oracle, and all others with that one."""
+    numbers = np.arange(16**4)
+    grids = np.stack(np.unravel_index(numbers, (16,) * 4), axis=-1).reshape(-1, 2, 2).astype(np.int8)
+    images = [rotate_many(side, turns) for side in (grids, mirror_many(grids)) for turns in range(4)]
+    places = np.min([image.reshape(-1, 4) @ (16 ** np.arange(4)[::-1]) for image in images], axis=0)
+    compare(grids[places == numbers])
+    found = measure_many(grids)
+    for name, values in found._asdict().items():
+        np.testing.assert_array_equal(values, values[places], err_msg=name)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_random_grids(shape):
+    rng = np.random.default_rng(shape)
+    for grids in kinds_of_grids(rng, max(2, 3000 // (shape[0] * shape[1])), shape):
+        compare(grids)
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_random_grids():
+    rng = np.random.default_rng(2026)
+    shares = {(2, 2): 500, (2, 9): 2500, (9, 2): 2500, (5, 7): 4000, (7, 8): 3500, (12, 12): 3500, (33, 17): 300}
+    compared = 0
+    for shape, count in shares.items():
+        for grids in kinds_of_grids(rng, count, shape):
+            compare(grids)
+            compared += len(grids)
+    assert compared >= 100_000
+
+
+@pytest.mark.parametrize("shape", [(12, 12), (16, 16), (17, 17), (64, 64), (40, 90)], ids=str)
+def test_long_corridors(shape):
+    """One slow grid among quick ones, every way round: labels have to travel its whole length, also upwards."""
+    rng = np.random.default_rng(5)
+    slow = [serpentine(shape), spiral(shape)]
+    mirrored = [np.where(grid & 4, 1, 0) | np.where(grid & 1, 4, 0) | grid & 10 for grid in slow]
+    slow += [grid[:, ::-1].astype(np.int8) for grid in mirrored]
+    quick = np.array(repair_many(rng.integers(0, 16, (3, *shape)).astype(np.int8)))
+    compare(np.concatenate([np.stack(slow), quick]))
+
+
+# A label is one byte up to 254 inner corners, two up to 65,534 places, then four.
+@pytest.mark.parametrize(
+    "shape",
+    [
+        (2, 255),
+        (2, 256),
+        (254, 256),
+        *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((253, 255), (254, 255))),
+    ],
+    ids=str,
+)
+def test_where_labels_get_wider(shape):
+    """A long corridor above, faces of all kinds below."""
+    grid, below = serpentine(shape), shape[0] // 2 + 1
+    grid[below:] = np.random.default_rng(shape).integers(0, 16, grid[below:].shape)
+    compare(grid[None])
+
+
+def test_a_batch_of_none():
+    for name, values in jax.vmap(measure)(jnp.zeros((0, 12, 12), jnp.int8))._asdict().items():
+        assert values.shape == (0,), name
+
+
+def test_the_empty_grid_and_the_full_one():
+    compare(np.stack([np.zeros((4, 6), np.int8), np.full((4, 6), 15, np.int8)]))
+
+
+def test_a_ring_by_hand():
+    ring = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
+    metrics = measure(ring)
+    assert metrics.components == metrics.cyclomatic == 1
+    assert metrics.tiles == metrics.edges == 8
+    assert metrics.bridges == metrics.dead_ends == metrics.crossings == metrics.adjacent_turns == 0
+    assert metrics.straight_score == 4
+    assert metrics.coverage == np.float32(8 / 9)
+    assert fitness(metrics) == -2 - 8
+
+
+def test_two_rings_joined_by_a_bridge():
+    grid = np.array([[6, 3, 0, 6, 3], [12, 13, 5, 13, 9]])
+    metrics = measure(grid)
+    assert (metrics.components, metrics.cyclomatic, metrics.bridges) == (1, 2, 2)
+
+
+@pytest.mark.parametrize("shape", [(12, 12), (20, 20)], ids=str)
+def test_alone_in_a_batch_under_jit_and_nested_vmap(shape):
+    grids = np.random.default_rng(8).integers(0, 16, (2, 3, *shape)).astype(np.int8)
+    nested = jax.vmap(jax.vmap(measure))(grids)
+    compiled = jax.jit(jax.vmap(jax.vmap(measure)))(grids)
+    last = jax.jit(jax.vmap(measure, in_axes=-1))(np.moveaxis(grids[0], 0, -1))
+    for outer, inner in np.ndindex(2, 3):
+        alone = measure(grids[outer, inner])
+        for name in Metrics._fields:
+            value = getattr(alone, name)
+            assert value == getattr(nested, name)[outer, inner] == getattr(compiled, name)[outer, inner]
+            assert outer or value == getattr(last, name)[inner]
+
+
+def test_types_and_shapes():
+    for array in measure(np.zeros((3, 3), np.int8)):
+        assert array.shape == ()
+    types = {name: getattr(measure(np.zeros((3, 3), np.int32)), name).dtype for name in Metrics._fields}
+    assert types.pop("coverage") == jnp.float32
+    assert set(types.values()) == {jnp.dtype("int32")}
+
+
+def test_metrics_side_by_side_and_back():
+    grids = np.random.default_rng(2).integers(0, 16, (2, 3, 7, 9)).astype(np.int8)
+    metrics = jax.vmap(jax.vmap(measure))(grids)
+    counts = stack_counts(metrics)
+    assert counts.shape == (2, 3, len(COUNT_NAMES))
+    assert counts.dtype == jnp.int32
+    for back in (unstack_counts(counts, 63), jax.jit(unstack_counts, static_argnums=1)(counts, 63)):
+        for name in Metrics._fields:
+            np.testing.assert_array_equal(getattr(back, name), getattr(metrics, name), err_msg=name)
+
+
+def test_codes_outside_the_alphabet_are_counted():
+    grids = np.random.default_rng(3).integers(0, 16, (20, 4, 5)).astype(np.int8)
+    for alphabet in ([3, 5, 10], range(16), [0], [15, 15, 7]):
+        counted = jax.vmap(lambda grid, alphabet=alphabet: measure(grid, alphabet).off_alphabet)(grids)
+        np.testing.assert_array_equal(counted, [oracle(grid, alphabet)["off_alphabet"] for grid in grids])
+
+
+@pytest.mark.parametrize(
+    ("grid", "message"),
+    [
+        ([[0, 16], [0, 0]], "grid: expected tile codes 0 to 15, got 16 at row 0, column 1"),
+        ([[0, 0], [-1, 0]], "got -1 at row 1, column 0"),
+        ([[0.0, 1.0], [2.0, 3.0]], "grid: expected integer tile codes, got float64"),
+        ([[True, False], [True, False]], "grid: expected integer tile codes, got bool"),
+        ([[1, 2, 3]], "shape: expected sides from 2 to 1024, got 1 x 3"),
+        ([1, 2, 3], "grid: expected two dimensions"),
+        (np.zeros((2, 3, 3), np.int8), r"grid: expected two dimensions \(rows, columns\), got shape \(2, 3, 3\)"),
+        ("road", "grid: expected"),
+    ],
+)
+def test_what_is_no_grid_is_refused(grid, message):
+    for kernel in (measure, repair):
+        with pytest.raises(ValueError, match=message):
+            kernel(grid)
+    with pytest.raises(ValueError, match="alphabet: expected tile codes"):
+        measure([[0, 0], [0, 0]], alphabet=[3, 16])
+    with pytest.raises(ValueError, match="alphabet: expected tile codes"):
+        measure([[0, 0], [0, 0]], alphabet=[])

@@ -1,0 +1,70 @@
+"""Random choices from raw bits."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax.network.random_bits import UNIT, bernoulli, categorical, randint, random_bits, random_bits16
+
+
+def test_below_is_the_upper_half_of_the_product():
+    words = np.random.default_rng(0).integers(0, 2**32, 1000, np.uint32)
+    words[:2] = 0, 2**32 - 1
+    for count in (1, 2, 3, 11, 144, 65_535, 65_536, 65_537, 2**27 + 12_345, 2**31 - 1):
+        expected = [int(word) * count >> 32 for word in words]
+        np.testing.assert_array_equal(randint(jnp.asarray(words), count), expected)
+    counts = np.arange(1, 1001)
+    np.testing.assert_array_equal(randint(jnp.asarray(words), counts), words.astype(object) * counts >> 32)
+
+
+def test_chance():
+    words = jnp.array([0, 2**31 - 1, 2**31, 2**32 - 1], jnp.uint32)
+    np.testing.assert_array_equal(bernoulli(words, 0.5), [True, True, False, False])
+    assert not bernoulli(words, 0.0).any()
+    assert bernoulli(words, 1.0).all()
+    assert float(bernoulli(random_bits(jax.random.key(1), (100_000,)), 0.7).mean()) == pytest.approx(0.7, abs=0.006)
+
+
+def test_words_are_jax_randoms_own():
+    key = jax.random.key(3)
+    np.testing.assert_array_equal(random_bits(key, (4, 5)), jax.random.bits(key, (4, 5), jnp.uint32))
+
+
+def test_halves_are_all_bits_of_the_words():
+    key = jax.random.key(4)
+    words = np.asarray(random_bits(key, (13,)))
+    halves = np.asarray(random_bits16(key, (5, 5)))
+    assert halves.dtype == np.int32
+    np.testing.assert_array_equal(halves.ravel(), np.concatenate([words & 0xFFFF, words >> 16])[:25])
+
+
+@pytest.mark.parametrize(
+    "logits",
+    [[-4, -1, 0, 0.25, 2, 4], [0] * 11, [3], [16, -16, 15.5], [-7.5] * 15 + [-7]],
+    ids=lambda logits: len(logits),
+)
+def test_categorical_draws_from_the_softmax(logits):
+    """All 2**16 words that differ in their upper half, one after another: shares are exact but for the last bits."""
+    units = np.rint(np.array(logits) * UNIT).astype(np.int32)
+    words = np.arange(2**16, dtype=np.uint32) << 16 | 0x8000
+    drawn = np.asarray(jax.jit(categorical)(words, np.broadcast_to(units[:, None], (len(units), 2**16))))
+    shares = np.bincount(drawn, minlength=len(units)) / 2**16
+    expected = np.exp(np.array(logits) - max(logits))
+    np.testing.assert_allclose(shares, expected / expected.sum(), atol=1e-4)
+    assert (np.diff(drawn) >= 0).all()
+
+
+def test_categorical_is_the_rule_in_python_numbers():
+    """The place of the first cumulative weight over the product's upper half, weights within 1 / 5,000."""
+    rng = np.random.default_rng(7)
+    logits = rng.integers(-4 * UNIT, 4 * UNIT, (11, 200)).astype(np.int32)
+    words = rng.integers(0, 2**32, 200, np.uint32)
+    weights = np.exp((logits - logits.max(axis=0)) / UNIT)
+    cumulative = np.cumsum(weights, axis=0) / weights.sum(axis=0)
+    lot = words / 2**32
+    clear = (abs(cumulative - lot) > 2e-4).all(axis=0)
+    assert clear.mean() > 0.98
+    expected = (cumulative <= lot).sum(axis=0)
+    drawn = np.asarray(categorical(jnp.asarray(words), jnp.asarray(logits)))
+    np.testing.assert_array_equal(drawn[clear], expected[clear])

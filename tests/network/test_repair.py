@@ -1,0 +1,93 @@
+"""Repair against its definition, edge by edge, and what must hold of every repaired grid."""
+
+import jax
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+from hypothesis import strategies as st
+from oracle import measure as oracle
+from oracle import repair as oracle_repair
+
+from elitelanes_jax import InputError, measure, repair
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.repair import raster_rank
+
+
+@given(grids(), st.integers(0, 2**32 - 1))
+def test_repair_is_the_rule_applied_to_every_edge(grid, seed):
+    rng = np.random.default_rng(seed)
+    mask = rng.random(grid.shape) < rng.random()
+    for dirty in (mask, rng.integers(0, 4, grid.shape), raster_rank(grid.shape)):
+        np.testing.assert_array_equal(repair(grid, dirty), oracle_repair(grid, dirty))
+    np.testing.assert_array_equal(repair(grid), oracle_repair(grid, np.zeros(grid.shape)))
+
+
+def test_every_two_by_two_grid_with_every_mask():
+    codes = np.stack(np.unravel_index(np.arange(16**4), (16,) * 4), axis=-1).reshape(-1, 2, 2).astype(np.int8)
+    for bits in range(16):
+        dirty = np.array([bits >> place & 1 for place in range(4)], bool).reshape(2, 2)
+        repaired = np.array(jax.jit(jax.vmap(lambda grid, dirty=dirty: repair(grid, dirty)))(codes))
+        for number in range(bits, len(codes), 97):
+            np.testing.assert_array_equal(repaired[number], oracle_repair(codes[number], dirty))
+        metrics = jax.vmap(measure)(repaired)
+        assert not metrics.mismatches.any()
+        assert not metrics.boundary_violations.any()
+
+
+@given(grids())
+def test_a_repaired_grid_fits_together_and_stays_as_it_is(grid):
+    repaired = np.array(repair(grid))
+    found = oracle(repaired)
+    assert found["mismatches"] == found["boundary_violations"] == 0
+    np.testing.assert_array_equal(repair(repaired), repaired)
+
+
+@given(grids(), st.booleans())
+def test_a_filled_grid_has_a_picture_for_every_tile(grid, ranked):
+    dirty = raster_rank(grid.shape) if ranked else None
+    plain, filled = np.array(repair(grid, dirty)), np.array(repair(grid, dirty, fill=True))
+    found = oracle(filled, ROAD_ALPHABET)
+    assert found["mismatches"] == found["boundary_violations"] == found["dead_ends"] == found["off_alphabet"] == 0
+    assert found["coverage"] == 1
+    assert (filled & plain == plain).all(), "filling removes nothing"
+    np.testing.assert_array_equal(repair(filled, fill=True), filled)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 11), (11, 2), (12, 12), (33, 17), (64, 64)], ids=str)
+def test_what_holds_after_repair_holds_at_every_size(shape):
+    rng = np.random.default_rng(shape)
+    codes = rng.integers(0, 16, (200, *shape)).astype(np.int8)
+    codes[50:100] = np.where(rng.random((50, *shape)) < 0.2, codes[50:100], 0)
+    codes[0], codes[1] = 0, 15
+    dirty = rng.random(codes.shape) < 0.3
+    for fill in (False, True):
+        repaired = jax.vmap(lambda grid, dirty, fill=fill: repair(grid, dirty, fill=fill))(codes, dirty)
+        metrics = jax.vmap(lambda grid: measure(grid, ROAD_ALPHABET))(repaired)
+        assert not metrics.mismatches.any()
+        assert not metrics.boundary_violations.any()
+        if fill:
+            assert (metrics.coverage == 1).all()
+            assert not metrics.dead_ends.any()
+            assert not metrics.off_alphabet.any()
+
+
+def test_a_dirty_tile_dictates():
+    grid = np.array([[0, 0, 0], [0, 15, 0], [0, 0, 0]])
+    only = np.zeros((3, 3), bool)
+    only[1, 1] = True
+    np.testing.assert_array_equal(repair(grid, only), [[0, 2, 0], [4, 15, 1], [0, 8, 0]])
+    np.testing.assert_array_equal(repair(grid, ~only), np.zeros((3, 3)))
+    np.testing.assert_array_equal(repair(grid), [[0, 2, 0], [4, 15, 1], [0, 8, 0]])
+
+
+def test_a_stub_leads_straight_on():
+    grid = np.array([[0, 0, 0, 0], [4, 1, 0, 0], [0, 0, 0, 0]])
+    assert repair(grid, fill=True)[1, 1] & 4
+
+
+def test_bad_masks_are_refused():
+    beyond = np.array([[2**32, 0], [0, 0]])
+    for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True, "x", [[1], [1, 2]], beyond):
+        with pytest.raises(InputError, match="dirty: expected bool or 32-bit integers of the grid's shape"):
+            repair([[0, 0], [0, 0]], dirty)

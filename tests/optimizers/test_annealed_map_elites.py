@@ -1,0 +1,148 @@
+"""The tuned MAP-Elites: who knows which elites, and how cycles go."""
+
+from functools import cache
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, Weights, evolve, fitness, measure
+from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.constraints import bounds_of, parse_ranges
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, tuned_axes
+from elitelanes_jax.problem.road_problem import road_problem
+
+SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
+
+
+@cache
+def search(axes, restart):
+    """The states of a search with short cycles, from the first on."""
+    problem = road_problem(SHAPE, axes, fill=True)
+    annealing = AnnealingConfig(population=CHAINS, chains=1, cycle=CYCLE)
+    optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(annealing, restart=restart, restart_length=2))
+    step, state = jax.jit(optimizer.step), optimizer.init(jax.random.key(0))
+    states = [state]
+    for number in range(STEPS):
+        state, _ = step(jax.random.fold_in(jax.random.key(0), number), state)
+        states.append(state)
+    return problem, optimizer, jax.tree.map(np.asarray, states)
+
+
+def usual():
+    return search(tuned_axes(SHAPE), 0.5)
+
+
+def test_the_last_archive_holds_the_best_of_all_and_is_the_result():
+    problem, optimizer, states = usual()
+    archives = states[-1].archives.fitness.reshape(-1, 400)
+    np.testing.assert_array_equal(archives[-1], archives.min(axis=0))
+    elites = optimizer.elites(jax.tree.map(jnp.asarray, states[-1]))
+    np.testing.assert_array_equal(elites.fitness, archives[-1])
+    evaluation = problem.evaluate(elites.grids)
+    np.testing.assert_array_equal(evaluation.fitness[elites.valid], elites.fitness[elites.valid])
+
+
+def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():
+    problem, _, states = usual()
+    groups = len(states[0].archives.fitness) // 400 - 1
+    isolated = CHAINS // 2
+    expected = np.full((groups, 400), VACANT)
+    for state in states:  # a chain's grid is one of those evaluated; rejected ones may have entered the archive too
+        niche = niche_index(compute_descriptor(state.chains.counts, problem.axes), problem.axes)
+        for chain in range(isolated):
+            group = chain * groups // isolated
+            expected[group, niche[chain]] = min(expected[group, niche[chain]], state.chains.fitness[chain])
+    found = states[-1].archives.fitness.reshape(-1, 400)[:-1]
+    assert (found <= expected).all()
+    assert (found != states[-1].archives.fitness.reshape(-1, 400)[-1]).any(axis=1).all()
+
+
+def test_a_cycle_keeps_its_target_and_only_isolated_chains_restart():
+    _, _, states = usual()
+    isolated = np.arange(CHAINS) < CHAINS // 2
+    lengths = set()
+    for before, after in pairwise(states):
+        goes_on = before.cooling.step > 0
+        np.testing.assert_array_equal(after.cycles.target[goes_on], before.cycles.target[goes_on])
+        np.testing.assert_array_equal(after.cycles.directed[goes_on], before.cycles.directed[goes_on])
+        length = after.cooling.length
+        assert (length[~isolated] == CYCLE).all()
+        assert (length[after.cycles.directed] == 49 * CYCLE).all()
+        assert not (after.cycles.directed & ~isolated).any()
+        assert (after.cycles.target[:, 1:] == 0).all(), "wanted niches"
+        lengths |= set(length[isolated].tolist())
+    assert lengths == {CYCLE, 2 * CYCLE, 49 * CYCLE}
+
+
+def test_a_cycle_that_does_not_restart_begins_with_an_elite_that_its_chain_knows():
+    _, _, states = search(tuned_axes(SHAPE), 0)
+    group = np.append(np.arange(CHAINS // 2) * 4 // (CHAINS // 2), np.full(CHAINS // 2, 4))
+    begun = 0
+    for before, after in pairwise(states):
+        for chain in np.flatnonzero(before.cooling.step == 0):
+            known = before.archives.grids.reshape(-1, 400, *SHAPE)[group[chain]]
+            assert (known == after.chains.grids[chain]).all(axis=(1, 2)).any()
+            begun += 1
+    assert begun > 500
+
+
+def test_directions_go_to_the_ends_and_count_penalties_alone():
+    """Of two grids with the same penalties a chain may take the one of worse fitness, whatever its temperature."""
+    problem, _, states = usual()
+    worse = 0
+    for before, after in pairwise(states):
+        directed = after.cycles.directed
+        assert np.isin(after.cycles.target[directed, 0], (0, 24)).all()
+        goes_on = directed & (before.cooling.step > 0)
+        pursued = []
+        for counts in (before.chains.counts, after.chains.counts):
+            cyclomatic = np.asarray(compute_descriptor(counts, problem.axes))[:, 0].clip(0, 24)
+            distance = abs(cyclomatic - after.cycles.target[:, 0])
+            pursued.append(np.asarray(problem.penalties(jnp.asarray(counts))) + 200 * distance)
+        # At 5 x 5 temperatures start at 50 x 5 / 12; the largest step up is 8.4 temperatures.
+        assert (pursued[1] - pursued[0] <= 8.4 * 50 * 5 / 12)[goes_on].all()
+        same = goes_on & (pursued[0] == pursued[1])
+        worse += (after.chains.fitness > before.chains.fitness)[same].sum()
+    assert worse > 10
+
+
+def test_where_no_niche_is_vacant_no_cycle_goes_in_a_direction():
+    _, _, states = search((Axis("tiles", 1),), 0.5)
+    assert not np.any([state.cycles.directed for state in states])
+
+
+def test_penalties_are_the_fitness_without_rewards():
+    grids = np.random.default_rng(5).integers(0, 16, (40, 5, 6)).astype(np.int8)
+    weights = Weights(turns=-7, tiles=3, constant=11)
+    bounds = bounds_of(parse_ranges(["crossings=2..4"]))
+    problem = road_problem((5, 6), tuned_axes((5, 6)), weights=weights, bounds=bounds)
+    rewards = Weights(*(0 for _ in Weights._fields))
+    rewards = rewards._replace(turns=-7, cyclomatic=-2, straight_score=-2, constant=11)
+    evaluation = problem.evaluate(jnp.asarray(grids))
+    expected = evaluation.fitness - fitness(jax.vmap(measure)(jnp.asarray(grids)), rewards)
+    np.testing.assert_array_equal(problem.penalties(evaluation.counts), expected)
+
+
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (AnnealedMapElitesConfig(restart_length=0), "config.restart_length: expected a whole number, 1 or more, got 0"),
+        (AnnealedMapElitesConfig(restart=2), "config.restart: expected a number, 0 to 1, got 2"),
+        (AnnealedMapElitesConfig(bin_penalty=10**6), "config.bin_penalty: expected a whole number, 1 to 10000"),
+        (AnnealedMapElitesConfig(AnnealingConfig(coldest=90)), "config.annealing: expected coldest <= hottest"),
+    ],
+)
+def test_settings_are_checked(config, message):
+    with pytest.raises(InputError, match=message):
+        evolve(jax.random.key(0), (4, 4), config=config)
+
+
+def test_it_runs_with_one_chain():
+    annealing = AnnealingConfig(population=1, chains=1)
+    result = evolve(jax.random.key(0), (3, 3), config=AnnealedMapElitesConfig(annealing), evaluations=300, fill=True)
+    assert result.history.best_fitness[-1] == -10, "the optimum"

@@ -1,0 +1,310 @@
+"""The contract of all optimisers: each promise of the convention, tested on each alike.
+
+Each optimiser is compiled once: a step for one seed, and a run for several.
+"""
+
+from dataclasses import replace
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracle import fitness as oracle_fitness
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.optimizers.annealed import (
+    AnnealedGwoConfig,
+    AnnealedPsoConfig,
+    annealed_ea,
+    annealed_gwo,
+    annealed_pso,
+)
+from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers.ea import ea
+from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
+from elitelanes_jax.optimizers.map_elites import MapElitesConfig, map_elites
+from elitelanes_jax.optimizers.moves import Mix
+from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.optimizers.pso import PsoConfig, pso
+from elitelanes_jax.optimizers.run import advance, run, start
+from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
+from elitelanes_jax.problem.road_problem import road_problem
+
+SHAPE = (5, 6)
+AXES = paper_axes(SHAPE)
+PROBLEMS = {fill: road_problem(SHAPE, fill=fill) for fill in (False, True)}
+# Cycles so short that several start within the tests.
+TUNED = AnnealingConfig(population=12, chains=4, cycle=7)
+MAKERS = {
+    "ea": ea,
+    "map-elites": map_elites,
+    "map-elites, parents from the archive": partial(map_elites, config=MapElitesConfig(parents="archive")),
+    "pso": pso,
+    "gwo": partial(gwo, config=GwoConfig(horizon=100)),
+    "ea, tuned": partial(annealed_ea, config=TUNED),
+    "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
+    "pso, tuned": partial(annealed_pso, config=AnnealedPsoConfig(TUNED)),
+    "gwo, tuned": partial(annealed_gwo, config=AnnealedGwoConfig(TUNED)),
+    "gwo, the worst as omega": partial(gwo, config=GwoConfig(horizon=100, omega="worst")),
+}
+KEYS = jax.random.split(jax.random.key(11), 3)
+GENERATIONS = 30
+
+# The tuned swarms are the tuned EA with other mates, and two others differ from theirs in a choice: slow proofs.
+SLOW = {"pso, tuned", "gwo, tuned", "map-elites, parents from the archive", "gwo, the worst as omega"}
+every_optimizer = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in MAKERS]
+)
+
+
+class Compiled(NamedTuple):
+    optimizer: Optimizer
+    first: Any  # the states of generation 0, seeds in front
+    run: Any  # from states, and the first and the last generation, to states and reports
+    step: Any
+
+
+@cache
+def compiled(name, fill=False, /):
+    optimizer = MAKERS[name](PROBLEMS[fill])
+    init = jax.jit(optimizer.init)
+    first = [init(jax.random.fold_in(key, 0)) for key in KEYS]
+    moving = jax.jit(partial(advance, optimizer, most=GENERATIONS))
+    return Compiled(
+        optimizer,
+        jax.tree.map(lambda *parts: jnp.stack(parts), *first),
+        lambda states, begin, end: moving(KEYS, states, begin, end),
+        jax.jit(optimizer.step),
+    )
+
+
+@cache
+def whole_run(name):
+    """A run of all generations: states and reports."""
+    one = compiled(name)
+    return one.run(one.first, 1, GENERATIONS)
+
+
+@jax.jit
+@jax.vmap
+@jax.vmap
+def measured(grid):
+    return measure(grid)
+
+
+def shapes(tree):
+    return jax.tree.map(lambda array: (array.shape, array.dtype), tree)
+
+
+@pytest.mark.parametrize(
+    ("name", "fill"),
+    [
+        pytest.param(name, fill, marks=[pytest.mark.slow] if name in SLOW or (fill and name != "ea, tuned") else [])
+        for name in MAKERS
+        for fill in (False, True)
+    ],
+)
+def test_each_step_leaves_valid_grids_and_a_best_that_never_gets_worse(name, fill):
+    one = compiled(name, True) if fill else compiled(name)
+    found = jax.jit(jax.vmap(one.optimizer.elites))
+    states, best = one.first, found(one.first).fitness.min(axis=1)
+    for generation in range(1, 16):
+        before = shapes(states)
+        states, infos = one.run(states, generation, generation)
+        assert shapes(states) == before
+        elites = found(states)
+        metrics = measured(elites.grids)
+        for bad in (metrics.mismatches, metrics.boundary_violations, *([metrics.dead_ends] if fill else [])):
+            assert not (np.asarray(bad) * elites.valid).any()
+        lowest = np.where(elites.valid, elites.fitness, np.iinfo(np.int32).max).min(axis=1)
+        np.testing.assert_array_equal(infos.best_fitness[0], lowest)
+        assert (lowest <= best).all()
+        np.testing.assert_array_equal(infos.elite_count[0], elites.valid.sum(axis=1))
+        best = lowest
+
+
+@every_optimizer
+def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
+    elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
+    chex.assert_type([elites.grids, elites.fitness, elites.counts, elites.valid], [jnp.int8, int, int, bool])
+    grids, fitness, counts = (np.asarray(array) for array in elites[:3])
+    for place in map(tuple, np.argwhere(elites.valid)[::3]):
+        found = oracle(grids[place])
+        assert fitness[place] == oracle_fitness(found)
+        assert counts[place].tolist() == [found[name] for name in COUNT_NAMES]
+
+
+@every_optimizer
+def test_a_run_in_parts_is_the_whole_run(name):
+    one = compiled(name)
+    whole, infos = whole_run(name)
+    states, rows = one.first, []
+    for begin, end in ((1, 1), (2, 13), (14, 13), (14, GENERATIONS)):
+        states, info = one.run(states, begin, end)
+        rows.append(jax.tree.map(lambda row, count=end - begin + 1: row[:count], info))
+    chex.assert_trees_all_equal(states, whole)
+    chex.assert_trees_all_equal(jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows), infos)
+
+
+@every_optimizer
+def test_many_seeds_are_each_seed_alone(name):
+    one = compiled(name)
+    whole, infos = whole_run(name)
+    for number, key in enumerate(KEYS):
+        state = jax.tree.map(lambda array, number=number: array[number], one.first)
+        for generation in range(1, GENERATIONS + 1):
+            state, info = one.step(jax.random.fold_in(key, generation), state)
+            assert info.best_fitness == infos.best_fitness[generation - 1, number]
+        chex.assert_trees_all_equal(state, jax.tree.map(lambda array, number=number: array[number], whole))
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW or "tuned" in name else []) for name in MAKERS]
+)
+def test_compiled_or_not_it_is_the_same(name):
+    one = compiled(name)
+    key, state = jax.random.key(6), jax.tree.map(lambda array: array[0], whole_run(name)[0])
+    chex.assert_trees_all_equal(one.optimizer.step(key, state), one.step(key, state))
+
+
+@every_optimizer
+def test_one_compilation_serves_every_call(name):
+    one, traces = compiled(name), []
+
+    @jax.jit
+    def traced(keys, states, begin, end):
+        traces.append(None)
+        return advance(one.optimizer, keys, states, begin, end, most=5)
+
+    kept = traced.eval_shape(KEYS, one.first, 1, 5)[0]
+    assert shapes(kept) == shapes(one.first), "a state goes in as it came out"
+    traced.eval_shape(jax.random.split(jax.random.key(1), 3), kept, 6, 7)
+    assert len(traces) == 1
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in sorted(set(MAKERS) - {"pso"})],
+)
+def test_searching_finds_better_than_chance(name):
+    """The paper's PSO does not: it draws nearly at random from its velocities (see the experiments)."""
+    evaluations = GENERATIONS * compiled(name).optimizer.evaluations_per_step
+    problem = PROBLEMS[False]
+    chance = jax.jit(jax.vmap(lambda key: problem.evaluate(problem.random(key, evaluations)).fitness.min()))
+    assert whole_run(name)[1].best_fitness[-1].mean() < chance(jax.random.split(jax.random.key(0), 8)).mean()
+
+
+def test_a_run_is_a_start_and_all_its_generations():
+    """The first population has number 0, generation i number i: this keeps results the same for ever."""
+    one = compiled("ea")
+    chex.assert_trees_all_equal(jax.jit(partial(start, one.optimizer))(KEYS), one.first)
+    states, infos = jax.jit(partial(run, one.optimizer, generations=3))(KEYS)
+    for number, key in enumerate(KEYS):
+        state = one.optimizer.init(jax.random.fold_in(key, 0))
+        for generation in (1, 2, 3):
+            state, info = one.step(jax.random.fold_in(key, generation), state)
+        chex.assert_trees_all_equal(state, jax.tree.map(lambda array, number=number: array[number], states))
+        assert info.best_fitness == infos.best_fitness[-1, number]
+
+
+def test_an_archive_holds_each_elite_in_its_niche():
+    states, infos = whole_run("map-elites")
+    elites = jax.vmap(compiled("map-elites").optimizer.elites)(states)
+    niches = jnp.broadcast_to(jnp.arange(elites.valid.shape[1]), elites.valid.shape)
+    found = niche_index(compute_descriptor(elites.counts, AXES), AXES)
+    np.testing.assert_array_equal(found[elites.valid], niches[elites.valid])
+    assert (jnp.diff(infos.elite_count, axis=0) >= 0).all()
+
+
+def test_an_archive_changes_nothing_about_the_population():
+    """The paper's MAP-Elites is its evolutionary algorithm with an archive beside it."""
+    chex.assert_trees_all_equal(whole_run("ea")[0], whole_run("map-elites")[0].population)
+
+
+def test_comma_selection_may_lose_the_best_and_goes_on():
+    optimizer = ea(PROBLEMS[False], EvolutionConfig(survivors="comma"))
+    _, infos = jax.jit(partial(run, optimizer), static_argnums=1)(KEYS, 100)
+    assert (jnp.diff(infos.best_fitness, axis=0) > 0).any()
+
+
+@pytest.mark.parametrize(
+    ("factory", "config", "field", "values"),
+    [
+        (ea, EvolutionConfig(), "tile_rate", (0.0, 0.7)),
+        (gwo, GwoConfig(), "horizon", (3, 200)),
+        pytest.param(pso, PsoConfig(), "inertia", (0.2, 0.7), marks=pytest.mark.slow),
+        pytest.param(annealed_ea, TUNED, "cycle", (3, 7), marks=pytest.mark.slow),
+        pytest.param(annealed_ea, TUNED, "moves", (Mix(transplant=0), Mix()), marks=pytest.mark.slow),
+        pytest.param(annealed_gwo, AnnealedGwoConfig(TUNED), "leaders", (1, 3), marks=pytest.mark.slow),
+        pytest.param(
+            annealed_map_elites, AnnealedMapElitesConfig(TUNED), "bin_penalty", (1, 400), marks=pytest.mark.slow
+        ),
+    ],
+)
+def test_numbers_of_a_configuration_can_be_swept(factory, config, field, values):
+    """Whole or not: one program serves them all, and vmap runs over them."""
+
+    chex.clear_trace_counter()
+
+    @chex.assert_max_traces(n=1)
+    def search(config):
+        return run(factory(PROBLEMS[False], config), KEYS, 12)[1].best_fitness
+
+    configs = [replace(config, **{field: value}) for value in values]
+    program = jax.jit(search)
+    alone = [program(one) for one in configs]
+    assert (alone[0] != alone[1]).any()
+    chex.clear_trace_counter()
+    together = jax.jit(jax.vmap(search))(jax.tree.map(lambda *numbers: jnp.stack(numbers), *configs))
+    np.testing.assert_array_equal(together, alone)
+
+
+def test_parents_from_the_archive_come_from_every_filled_niche_alike():
+    """With no mutation the offspring are the parents: 20,000 of them, from an archive of a few."""
+    loop = EvolutionConfig(population=12, offspring=20_000, tile_rate=0.0, crossing_rate=0.0)
+    config = MapElitesConfig(loop, parents="archive")
+    state = jax.jit(map_elites(PROBLEMS[False], config).init)(jax.random.key(3))
+    grids = np.asarray(state.archive.grids)[np.asarray(state.archive.valid)]
+    drawn = []
+    spy = PROBLEMS[False]._replace(
+        evaluate=lambda grids: jax.debug.callback(drawn.append, grids) or PROBLEMS[False].evaluate(grids)
+    )
+    jax.block_until_ready(jax.jit(map_elites(spy, config).step)(jax.random.key(4), state))
+    jax.effects_barrier()
+    found = np.asarray(drawn[0])
+    counts = [(found == grid).all(axis=(1, 2)).sum() for grid in grids]
+    assert sum(counts) == 20_000
+    expected = 20_000 / len(grids)
+    assert (abs(np.array(counts) - expected) < 5 * np.sqrt(expected)).all()
+
+
+@pytest.mark.slow
+def test_parents_from_the_archive_leave_the_first_population_as_it_is():
+    name = "map-elites, parents from the archive"
+    chex.assert_trees_all_equal(whole_run(name)[0].population, compiled(name).first.population)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_settings_are_checked_when_an_optimizer_is_made():
+    for factory, config, message in (
+        (ea, EvolutionConfig(population=0), "config.population: expected a whole number"),
+        (ea, EvolutionConfig(tile_rate=2), "config.tile_rate: expected a number, 0 to 1, got 2"),
+        (
+            map_elites,
+            MapElitesConfig(parents="none"),
+            "config.parents: expected one of population, archive, got 'none'",
+        ),
+        (map_elites, MapElitesConfig(EvolutionConfig(tournament=0)), "config.loop.tournament: expected"),
+        (pso, PsoConfig(inertia=-1), "config.inertia: expected a number, 0 to 3, got -1"),
+        (gwo, GwoConfig(horizon=2**15), "config.horizon: expected a whole number, 1 to 32767, got 32768"),
+        (annealed_ea, AnnealingConfig(moves=Mix(link=-1)), "config.moves.link: expected a whole number, 0 or more"),
+    ):
+        with pytest.raises(InputError, match=message):
+            factory(PROBLEMS[False], config)

@@ -1,0 +1,121 @@
+"""Emitters against what they say, niche by niche."""
+
+import itertools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.emitters import (
+    Niches,
+    draw_direction,
+    draw_target,
+    draw_valid,
+    nearest_elite,
+    penalise_distance,
+    reachable,
+)
+from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.descriptor import Axis
+
+# Two free axes, and one with a target bin between them.
+AXES = (Axis("crossings", 4), Axis("dead_ends", 2, target=0), Axis("cyclomatic", 3))
+NICHES = Niches.of(AXES)
+PLACES = list(itertools.product(range(4), range(2), range(3)))
+
+
+def archives():
+    """Which niches are filled, in many archives: none, all, and random ones."""
+    rng = np.random.default_rng(0)
+    return [np.zeros(24, bool), np.ones(24, bool), *(rng.random((60, 24)) < rng.random((60, 1)))]
+
+
+def slow_reachable(valid):
+    filled = {place for place, is_filled in zip(PLACES, valid, strict=True) if is_filled}
+    columns = {(place[0], place[2]) for place in filled}
+    steps = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]
+    return {
+        (x, 0, z)
+        for x, y, z in PLACES
+        if y == 0 and (x, 0, z) not in filled and any((x + dx, z + dz) in columns for dx, dz in steps)
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    """For each archive, niches and directions drawn many times."""
+    bits = random_bits(jax.random.key(0), (400, 2))
+    targets = jax.jit(jax.vmap(lambda bits, valid: draw_target(NICHES, bits, valid, 0.5), (0, None)))
+    directions = jax.jit(jax.vmap(lambda bits, valid: draw_direction(NICHES, bits, valid), (0, None)))
+    return [
+        tuple(
+            [tuple(row) for row in np.asarray(draw).tolist()] for draw in (targets(bits, v), directions(bits[:, 1], v))
+        )
+        for v in map(jnp.asarray, archives())
+    ]
+
+
+def test_niches_are_in_the_order_of_their_indices():
+    assert [tuple(place) for place in NICHES.places.tolist()] == PLACES
+    assert NICHES.wanted.tolist() == [place[1] == 0 for place in PLACES]
+
+
+def test_a_vacant_niche_beside_a_filled_column_is_reachable():
+    for valid in archives():
+        found = np.asarray(reachable(NICHES, jnp.asarray(valid)))
+        assert {PLACES[niche] for niche in np.flatnonzero(found)} == slow_reachable(valid)
+
+
+def test_targets_are_reachable_vacant_niches_and_filled_ones_alike(drawn):
+    for valid, (targets, _) in zip(archives(), drawn, strict=True):
+        near = slow_reachable(valid)
+        kept = {place for place, is_filled in zip(PLACES, valid, strict=True) if is_filled and place[1] == 0}
+        if not kept:  # those beside the target bin stand for the ones in it
+            kept = {(x, 0, z) for (x, _, z), is_filled in zip(PLACES, valid, strict=True) if is_filled}
+        kept = kept or {place for place in PLACES if place[1] == 0}
+        assert set(targets) <= near | kept
+        vacant = sum(target in near - kept for target in targets)
+        if near and not near & kept:
+            assert 0.35 < vacant / 400 < 0.65
+            assert set(targets) == near | kept
+
+
+def test_directions_lead_to_the_ends_of_the_axes_away_from_most_filled_niches(drawn):
+    for valid, (_, directions) in zip(archives(), drawn, strict=True):
+        filled = [place for place, is_filled in zip(PLACES, valid, strict=True) if is_filled and place[1] == 0]
+        ends = set()
+        for vacant in slow_reachable(valid):
+            signs = [sum(np.sign(vacant[axis] - place[axis]) for place in filled) for axis in (0, 2)]
+            ends.add((3 if signs[0] > 0 else 0, 0, 2 if signs[1] > 0 else 0))
+        if ends:
+            assert set(directions) == ends
+
+
+def test_the_nearest_elite_has_the_lowest_penalised_fitness_and_no_vacant_niche_has():
+    rng = np.random.default_rng(1)
+    fitness = np.where(rng.random((80, 24)) < 0.5, rng.integers(-900, 900, (80, 24)), VACANT).astype(np.int32)
+    target = np.array(PLACES, np.int32)[rng.integers(0, 24, 80)]
+    nearest = jax.jit(jax.vmap(lambda fitness, target: nearest_elite(fitness, NICHES.places, target, 300)))
+    found = nearest(fitness, target)
+    for row, goal, niche in zip(fitness, target, np.asarray(found), strict=True):
+        prices = [int(f) + 300 * sum(abs(goal - np.array(place))) for f, place in zip(row, PLACES, strict=True)]
+        prices = [2**40 if f == VACANT else price for f, price in zip(row, prices, strict=True)]
+        if min(prices) < 2**40:
+            assert niche == np.argmin(prices)
+
+
+def test_each_axis_may_have_a_penalty_of_its_own():
+    place, target = np.array([3, 1, 0], np.int32), np.array([0, 0, 2], np.int32)
+    assert penalise_distance(jnp.int32(-7), place, target, 10) == -7 + 60
+    assert penalise_distance(jnp.int32(-7), place, target, np.array([100, 0, 1], np.int32)) == -7 + 302
+
+
+def test_places_that_are_true_are_drawn_alike():
+    valid = jnp.asarray([False, True, False, True, True, False])
+    drawn = np.asarray(draw_valid(random_bits(jax.random.key(2), (6000,)), valid))
+    counts = np.bincount(drawn, minlength=6)
+    assert (counts[[0, 2, 5]] == 0).all()
+    assert (abs(counts[[1, 3, 4]] - 2000) < 200).all()
+    assert draw_valid(jnp.uint32(5), jnp.zeros(6, bool)) == 5

@@ -1,0 +1,311 @@
+"""The moves on networks: each against its definition, written out tile by tile, and what holds of all."""
+
+from dataclasses import replace
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import networkx as nx
+import numpy as np
+import pytest
+from oracle import measure as oracle
+from oracle import road_graph
+
+from elitelanes_jax import InputError, mirror, repair, rotate
+from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.moves import (
+    Mix,
+    clear_block,
+    lay_straight,
+    mirror_block,
+    random_move,
+    slide_lines,
+    toggle_corner,
+    toggle_link,
+    toggle_outline,
+    toggle_street,
+    transplant,
+    with_filling,
+    with_opposite,
+)
+
+CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
+# By the names of their shares in a mix.
+MOVES = CYCLES | {
+    "link": toggle_link(),
+    "street": toggle_street(),
+    "straight": lay_straight(),
+    "clear": clear_block(),
+    "mirror": mirror_block(),
+    "slide": slide_lines(),
+    "transplant": transplant(),
+    "displaced": transplant(displaced=True),
+}
+SHAPES = [(6, 6), (4, 7)]
+
+# Each code after half a turn.
+TURNED = np.array([(code << 2 | code >> 2) & 15 for code in range(16)], np.int8)
+
+NONE = Mix(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, filling=0)
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(None, 0, 0, 0))
+def moved(mix, bits, grid, mate):
+    """A move of a mix, what it leaves after repair, and the same move with filling, and at the opposite place."""
+    move = random_move(mix, fill=True)
+    varied = move.apply(bits[:-1], grid, mate)
+    filled = with_filling(1.0, move).apply(bits, grid, mate)
+    both, never = (with_opposite(share, move).apply(bits, grid, mate) for share in (1.0, 0.0))
+    return varied, repair(*varied), repair(*varied, fill=True), repair(*filled), both, never
+
+
+def random_moves(shape, mix, count=60):
+    """Random grids and mates of any codes, and what `moved` makes of them."""
+    rng = np.random.default_rng([7, *shape])
+    bits = rng.integers(0, 2**32, (count, random_move(mix, fill=True).bits + 1), np.uint32)
+    before, mates = (rng.integers(0, 16, (count, *shape)).astype(np.int8) for _ in range(2))
+    found = moved(mix, *map(jnp.asarray, (bits, before, mates)))
+    return before, jax.tree.map(np.asarray, found)
+
+
+def network(shape, seed=0):
+    codes = np.random.default_rng([seed, *shape]).integers(0, 16, shape).astype(np.int8)
+    return np.asarray(repair(codes))
+
+
+def many(move, grid, mate=None, count=3000, seed=0):
+    bits = random_bits(jax.random.key(seed), (count, move.bits))
+    apply = jax.jit(jax.vmap(move.apply, (0, None, None)))
+    return jax.tree.map(np.asarray, apply(bits, jnp.asarray(grid), None if mate is None else jnp.asarray(mate)))
+
+
+def edges(grid):
+    return {frozenset(edge) for edge in road_graph(np.asarray(grid)).edges}
+
+
+def different(varied):
+    """Each distinct result once."""
+    seen = {grid.tobytes() + dirty.tobytes(): (grid, dirty) for grid, dirty in zip(*varied, strict=True)}
+    return list(seen.values())
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 5), (3, 4), (6, 6)])
+def test_of_any_grid_by_any_move(shape):
+    """What is not dirty stays, all can be repaired, filling fills, and the opposite place changes too if it is to."""
+    for mix in (Mix(), *(replace(NONE, **{name: 1}) for name in MOVES)):
+        before, (varied, settled, filled, filling, both, never) = random_moves(shape, mix)
+        assert varied.grid.dtype == np.int8
+        assert varied.dirty.dtype == bool
+        np.testing.assert_array_equal(np.where(varied.dirty, before, varied.grid), before)
+        assert 0 <= varied.grid.min() <= varied.grid.max() <= 15
+        for grid in settled[::5]:
+            found = oracle(grid)
+            assert found["mismatches"] == found["boundary_violations"] == 0
+        np.testing.assert_array_equal(filling, filled)
+        np.testing.assert_array_equal(never.grid, varied.grid)
+        np.testing.assert_array_equal(never.dirty, varied.dirty)
+        for plain, dirty, grid, both_dirty in zip(varied.grid, varied.dirty, both.grid, both.dirty, strict=True):
+            np.testing.assert_array_equal(grid, at_the_opposite_place_too(plain, dirty))
+            np.testing.assert_array_equal(both_dirty, dirty | dirty[::-1, ::-1])
+
+
+def at_the_opposite_place_too(plain, dirty):
+    """A grid after a move, and the same change rotated by half a turn; the first half of the grid decides."""
+    turned, expected = TURNED[plain][::-1, ::-1], plain.copy()
+    for number, place in enumerate(np.ndindex(plain.shape)):
+        opposite = tuple(side - 1 - at for side, at in zip(plain.shape, place, strict=True))
+        second = number > plain.size - 1 - number
+        if dirty[opposite] and (second or not dirty[place]):
+            expected[place] = turned[place]
+    return expected
+
+
+def test_batches_and_compilation_change_nothing():
+    move, grid, mate = random_move(Mix(), fill=False), jnp.asarray(network((4, 7))), jnp.asarray(network((4, 7), 1))
+    bits = random_bits(jax.random.key(5), (20, move.bits))
+    together = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate)
+    for number in range(20):
+        alone = move.apply(bits[number], grid, mate)
+        np.testing.assert_array_equal(together.grid[number], alone.grid)
+        np.testing.assert_array_equal(together.dirty[number], alone.dirty)
+
+
+@pytest.mark.parametrize("name", CYCLES)
+@pytest.mark.parametrize("shape", SHAPES)
+def test_loops_keep_the_parity_of_every_tile_and_undo_themselves(name, shape):
+    grid = network(shape)
+    for varied, dirty in different(many(CYCLES[name], grid)):
+        found = oracle(varied)
+        assert found["mismatches"] == found["boundary_violations"] == 0
+        assert (CONNECTIONS[varied] % 2 == CONNECTIONS[grid] % 2).all()
+        added = nx.Graph(tuple(edge) for edge in edges(grid) ^ edges(varied))
+        assert nx.is_connected(added)
+        assert {degree for _, degree in added.degree} == {2}, "one loop"
+        assert set(added) == set(map(tuple, np.argwhere(dirty).tolist()))
+        rows, columns = zip(*added, strict=True)
+        height, width = max(rows) - min(rows), max(columns) - min(columns)
+        assert len(added) == 2 * (height + width), "the outline of a rectangle"
+        assert name == "outline" or height == width == 1
+
+
+def test_every_corner_and_every_outline_comes():
+    assert len(different(many(toggle_corner(), network((4, 5))))) == 3 * 4
+    assert len(different(many(toggle_outline(), network((4, 5)), count=5000))) == 6 * 10
+
+
+def test_a_link_is_made_or_cut_and_each_comes_equally_often():
+    grid = network((4, 5))
+    results, counts = np.unique(many(toggle_link(), grid, count=6200).grid, axis=0, return_counts=True)
+    changes = [edges(grid) ^ edges(result) for result in results]
+    assert all(len(change) == 1 for change in changes)
+    counts = dict(zip(map(frozenset, changes), counts.tolist(), strict=True))
+    assert len(counts) == 4 * 4 + 3 * 5
+    assert max(abs(count - 200) for count in counts.values()) < 5 * np.sqrt(200)
+
+
+def test_a_street_is_a_stretch_of_a_line():
+    grid = network((4, 5))
+    for varied, _ in different(many(toggle_street(), grid)):
+        change = sorted(sorted(edge) for edge in edges(grid) ^ edges(varied))
+        if change:
+            street = nx.Graph(change)
+            rows, columns = ({place[axis] for place in street} for axis in (0, 1))
+            assert min(len(rows), len(columns)) == 1
+            assert nx.is_connected(street)
+
+
+def test_straights_lie_along_a_line():
+    grid = np.full((5, 6), 15, np.int8)
+    seen = different(many(lay_straight(), grid))
+    assert len(seen) == 5 * 21 + 6 * 15
+    for varied, dirty in seen:
+        rows, columns = np.argwhere(dirty).T
+        code = set(varied[dirty].tolist())
+        assert (code == {5} and len(set(rows)) == 1) or (code == {10} and len(set(columns)) == 1)
+
+
+def block_of(dirty):
+    """The rectangle of the dirty tiles: all tiles in it are dirty."""
+    rows, columns = np.argwhere(dirty).T
+    block = (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+    assert dirty[block].all()
+    assert dirty.sum() == dirty[block].size
+    return block
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_block_is_emptied(shape):
+    seen = different(many(clear_block(), network(shape), count=40_000))
+    for varied, dirty in seen:
+        assert not varied[block_of(dirty)].any()
+    height, width = shape
+    assert len(seen) == height * (height + 1) * width * (width + 1) // 4
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_block_is_mirrored_in_its_place(shape):
+    grid = network(shape)
+    for varied, dirty in different(many(mirror_block(), grid)):
+        block = block_of(dirty)
+        images = mirrored_block(grid[block]), mirrored_block(grid[block].T, swap=True).T
+        assert any((varied[block] == image).all() for image in images)
+
+
+def mirrored_block(block, swap=False):
+    """East to west; with `swap` the block is one of rows and columns exchanged, and so are the directions."""
+    first, second = (8, 2) if swap else (4, 1)
+    both = first | second
+    exchanged = (block & ~both) | np.where(block & first, second, 0) | np.where(block & second, first, 0)
+    return exchanged[:, ::-1]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_lines_slide_by_one(shape):
+    grid = network(shape)
+    for varied, dirty in different(many(slide_lines(), grid)):
+        block = block_of(dirty)
+        whole_rows = block[1] == slice(0, shape[1])
+        whole_columns = block[0] == slice(0, shape[0])
+        assert whole_rows or whole_columns
+        results = [np.roll(grid[block], step, axis) for axis in (0, 1) for step in (1, -1)]
+        assert any((varied[block] == result).all() for result in results)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("displaced", [False, True])
+def test_a_block_of_the_mate_is_set_in(shape, displaced):
+    grid, mate = network(shape), network(shape, 1)
+    turns = range(4) if shape[0] == shape[1] else (0, 2)
+    images = [np.asarray(rotate(side, turn)) for side in (mate, mirror(mate)) for turn in turns]
+    used = set()
+    for varied, dirty in different(many(transplant(displaced=displaced), grid, mate)):
+        block = block_of(dirty)
+        height, width = varied[block].shape
+        sources = [
+            (number, row, column)
+            for number, image in enumerate(images)
+            for row in range(shape[0] - height + 1)
+            for column in range(shape[1] - width + 1)
+            if (image[row : row + height, column : column + width] == varied[block]).all()
+        ]
+        here = (block[0].start, block[1].start)
+        fits = [source for source in sources if source[1:] == here]
+        if displaced:
+            fits = [source for source in sources if source[1] == here[0] or source[2] == here[1]]
+        assert fits
+        if height * width > 8:
+            used |= {number for number, *_ in fits}
+    assert used == set(range(len(images)))
+
+
+def test_without_a_mate_the_block_is_the_grids_own():
+    grid = network((5, 5))
+    alone, own = many(transplant(), grid), many(transplant(), grid, grid)
+    np.testing.assert_array_equal(alone.grid, own.grid)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_opposite_moves_keep_the_symmetry_of_half_a_turn(shape):
+    half = network(shape)
+    top = np.arange(half.size).reshape(shape) < half.size // 2
+    grid = np.where(top, half, rotate(half, 2))
+    varied = many(with_opposite(1.0, random_move(Mix(), fill=True)), grid, count=300)
+    for result, dirty in different(varied):
+        np.testing.assert_array_equal(result, rotate(result, 2))
+        np.testing.assert_array_equal(dirty, dirty[::-1, ::-1])
+    assert (varied.grid != grid).any()
+
+
+def test_moves_come_in_proportion_to_their_shares():
+    grid = np.full((5, 5), 15, np.int8)
+    varied = many(random_move(replace(NONE, clear=3, straight=1), fill=True), grid, count=20_000)
+    cleared = ((varied.grid == 0) == varied.dirty).all(axis=(1, 2))
+    assert cleared.mean() == pytest.approx(0.75, abs=0.02)
+
+
+def test_a_mix_of_one_move_is_that_move():
+    """Shares are numbers like any other: one program serves all mixes."""
+    grid, mate = jnp.asarray(network((5, 5))), jnp.asarray(network((5, 5), 1))
+    bits = random_bits(jax.random.key(1), (200, random_move(Mix(), fill=True).bits))
+
+    @jax.jit
+    def varied(mix):
+        return jax.vmap(random_move(mix, fill=True).apply, (0, None, None))(bits, grid, mate).grid
+
+    for name, move in MOVES.items():
+        alone = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate).grid
+        np.testing.assert_array_equal(varied(replace(NONE, **{name: 7})), alone)
+        assert (alone != grid).any(), name
+
+
+@pytest.mark.usefixtures("any_types")
+def test_a_mix_is_checked():
+    for wrong, message in (
+        (Mix(link=-1), "config.link: expected a whole number, 0 or more, got -1"),
+        (Mix(filling=2), "config.filling: expected a number, 0 to 1, got 2"),
+        (NONE, "config: expected a share over 0 for at least one move, got none"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong.checked()

@@ -1,0 +1,90 @@
+"""The paper's mutations: which tiles they change, and how often."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET
+from elitelanes_jax.network.random_bits import random_bits
+from elitelanes_jax.optimizers.mutations import change_tile, compose, insert_crossing, paper_mutation, with_probability
+
+ALPHABETS = (ROAD_ALPHABET, (3, 15), (7,))
+
+
+def many(move, grid, count, seed=0):
+    bits = random_bits(jax.random.key(seed), (count, move.bits))
+    return jax.jit(jax.vmap(move.apply, (0, None)))(bits, jnp.asarray(grid, jnp.int8))
+
+
+@given(grids(), st.sampled_from(ALPHABETS), st.integers(0, 2**32 - 1))
+def test_what_is_not_dirty_is_as_it_was(grid, alphabet, seed):
+    for move in (change_tile(alphabet), insert_crossing(alphabet), paper_mutation(alphabet)):
+        bits = np.random.default_rng(seed).integers(0, 2**32, move.bits, np.uint32)
+        varied = move.apply(jnp.asarray(bits), jnp.asarray(grid))
+        assert varied.grid.dtype == jnp.int8
+        assert varied.dirty.dtype == bool
+        np.testing.assert_array_equal(np.where(varied.dirty, grid, varied.grid), grid)
+        assert set(np.asarray(varied.grid)[np.asarray(varied.dirty)].tolist()) <= set(alphabet)
+
+
+def test_change_tile_takes_every_tile_and_every_other_code_equally_often():
+    grid = np.arange(15).reshape(3, 5)
+    varied = many(change_tile(ROAD_ALPHABET), grid, 33_000)
+    assert (varied.dirty.sum(axis=(1, 2)) == 1).all()
+    seen = np.zeros((15, 16), int)
+    np.add.at(seen, (np.argmax(varied.dirty.reshape(-1, 15), 1), np.asarray(varied.grid)[np.asarray(varied.dirty)]), 1)
+    for code in range(15):
+        others = [other for other in ROAD_ALPHABET if other != code]
+        assert set(np.flatnonzero(seen[code])) == set(others)
+        expected = 33_000 / 15 / len(others)
+        assert (abs(seen[code, others] - expected) < 5 * np.sqrt(expected)).all()
+
+
+def test_insert_crossing_takes_every_tile_and_every_crossing_equally_often():
+    varied = many(insert_crossing(ROAD_ALPHABET), np.full((2, 3), 7), 30_000)
+    seen = np.zeros((6, 16), int)
+    np.add.at(seen, (np.argmax(varied.dirty.reshape(-1, 6), 1), np.asarray(varied.grid)[np.asarray(varied.dirty)]), 1)
+    assert set(np.flatnonzero(seen.sum(0))) == set(CROSSINGS)
+    assert (abs(seen[:, CROSSINGS] - 1000) < 5 * np.sqrt(1000)).all()
+
+
+def test_an_alphabet_of_one_code_stays_as_it_is():
+    varied = many(change_tile((7,)), np.full((3, 3), 7), 100)
+    assert (varied.grid == 7).all()
+
+
+@pytest.mark.parametrize("rate", [0.0, 0.3, 1.0])
+def test_a_move_with_a_probability(rate):
+    varied = many(with_probability(rate, insert_crossing((15,))), np.zeros((3, 3)), 10_000)
+    happened = np.asarray(varied.dirty.any(axis=(1, 2)))
+    np.testing.assert_array_equal(happened, np.asarray((varied.grid == 15).any(axis=(1, 2))))
+    assert happened.mean() == pytest.approx(rate, abs=0.02)
+
+
+def test_moves_in_turn_use_bits_of_their_own():
+    first, second = insert_crossing((15,)), insert_crossing((7,))
+    both = compose(first, second)
+    assert both.bits == 6
+    bits = random_bits(jax.random.key(2), (6,))
+    grid = jnp.zeros((4, 4), jnp.int8)
+    one = first.apply(bits[:3], grid)
+    two = second.apply(bits[3:], one.grid)
+    varied = both.apply(bits, grid)
+    np.testing.assert_array_equal(varied.grid, two.grid)
+    np.testing.assert_array_equal(varied.dirty, one.dirty | two.dirty)
+
+
+def test_the_papers_rates():
+    varied = many(paper_mutation(ROAD_ALPHABET), np.zeros((12, 12)), 20_000)
+    dirty = np.asarray(varied.dirty.sum(axis=(1, 2)))
+    assert (dirty == 0).mean() == pytest.approx(0.3 * 0.5, abs=0.01)
+    assert (dirty == 2).mean() == pytest.approx(0.7 * 0.5 * 143 / 144, abs=0.01)
+
+
+def test_without_crossings_none_can_be_inserted():
+    with pytest.raises(ValueError, match="alphabet: expected at least one crossing"):
+        insert_crossing((3, 5, 10))

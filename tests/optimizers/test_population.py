@@ -1,0 +1,109 @@
+"""The evolutionary loop's parts."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError
+from elitelanes_jax.optimizers.mutations import Move, Variation
+from elitelanes_jax.optimizers.population import (
+    EvolutionConfig,
+    Population,
+    breed,
+    random_population,
+    survivors,
+    tournament,
+)
+from elitelanes_jax.problem.road_problem import road_problem
+
+PROBLEM = road_problem((4, 5))
+
+
+def population(fitness, start=0):
+    """Each with its own number in its counts."""
+    count = len(fitness)
+    numbers = jnp.arange(start, start + count)
+    return Population(jnp.zeros((count, 4, 5), jnp.int8), jnp.array(fitness, jnp.int32), numbers[:, None])
+
+
+def numbers(population):
+    return population.counts[:, 0].tolist()
+
+
+def test_survivors_are_sorted_and_ties_go_to_what_came_first():
+    config = EvolutionConfig(population=5)
+    parents, offspring = population([1, 3, 3, 7, 9]), population([3, 2, 3, 1], start=10)
+    kept = survivors(config, parents, offspring)
+    assert numbers(kept) == [0, 13, 11, 1, 2]
+    assert kept.fitness.tolist() == [1, 1, 2, 3, 3]
+    comma = survivors(replace(config, population=3, survivors="comma"), parents, offspring)
+    assert numbers(comma) == [13, 11, 10]
+
+
+def test_a_tournament_is_won_by_the_best_that_was_drawn():
+    grids = jnp.arange(20, dtype=jnp.int8)[:, None, None] * jnp.ones((20, 2, 2), jnp.int8)
+    sorted_population = Population(grids, jnp.arange(20), jnp.zeros((20, 5), jnp.int32))
+    bits = jnp.array([[2**32 - 1, 2**31, 2**31 + 5], [2**32 - 1] * 3, [0, 2**31, 9]], jnp.uint32)
+    winners = tournament(bits, sorted_population)
+    assert winners[:, 0, 0].tolist() == [10, 19, 0]
+
+
+def test_tournament_winners_are_as_good_as_they_should_be():
+    sorted_population = random_population(PROBLEM, jax.random.key(0), 20)._replace(
+        grids=jnp.broadcast_to(jnp.arange(20, dtype=jnp.int8)[:, None, None], (20, 4, 5))
+    )
+    bits = jax.random.bits(jax.random.key(1), (40_000, 3), jnp.uint32)
+    places = np.asarray(tournament(bits, sorted_population)[:, 0, 0])
+    share = np.bincount(places, minlength=20) / len(places)
+    better = (np.arange(20, 0, -1) / 20) ** 3
+    np.testing.assert_allclose(share, better - np.append(better[1:], 0), atol=0.006)
+
+
+def test_offspring_are_repaired_and_in_their_parents_order():
+    dirty = jnp.zeros((4, 5), bool).at[0, 0].set(True)
+    mark = Move(1, lambda bits, grid: Variation(jnp.where(dirty, bits[0].astype(jnp.int8), grid), dirty))
+    parents = random_population(PROBLEM, jax.random.key(2), 6).grids
+    offspring = breed(PROBLEM, mark, jnp.array([[15], [0], [4], [2], [9], [6]], jnp.uint32), parents)
+    assert offspring.grids[:, 0, 0].tolist() == [6, 0, 4, 2, 0, 6]
+    expected = PROBLEM.evaluate(offspring.grids)
+    np.testing.assert_array_equal(offspring.fitness, expected.fitness)
+    np.testing.assert_array_equal(offspring.counts, expected.counts)
+
+
+def test_the_first_population_is_sorted_and_repaired():
+    first = random_population(PROBLEM, jax.random.key(5), 30)
+    assert (jnp.diff(first.fitness) >= 0).all()
+    np.testing.assert_array_equal(first.grids, jax.vmap(PROBLEM.repair)(first.grids, jnp.zeros_like(first.grids, bool)))
+
+
+def test_an_evaluation_asks_for_what_it_was_made_for():
+    with pytest.raises(AssertionError):
+        PROBLEM.evaluate(jnp.zeros((3, 5, 4), jnp.int8))
+    with pytest.raises(AssertionError):
+        PROBLEM.evaluate(jnp.zeros((3, 4, 5), jnp.int32))
+
+
+def test_the_defaults_are_the_papers():
+    assert EvolutionConfig() == EvolutionConfig(20, 40, 3, "plus", 0.7, 0.5)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_settings_are_checked():
+    assert EvolutionConfig(tile_rate=1).checked().tile_rate == 1.0
+    swept = jnp.array([0.1, 0.2])
+    assert EvolutionConfig(tile_rate=swept).checked().tile_rate is swept
+    for wrong, message in (
+        ({"population": 0}, "config.population: expected a whole number, 1 or more, got 0"),
+        ({"offspring": 2.0}, "config.offspring: expected a whole number, 1 or more, got 2.0"),
+        ({"tournament": -1}, "config.tournament: expected"),
+        ({"survivors": "best"}, "config.survivors: expected one of plus, comma, got 'best'"),
+        ({"survivors": "comma", "offspring": 10}, "at least as many offspring as the population of 20 .*, got 10"),
+        ({"tile_rate": 1.5}, "config.tile_rate: expected a number, 0 to 1, got 1.5"),
+        ({"crossing_rate": "often"}, "config.crossing_rate: expected a number, 0 to 1, got 'often'"),
+        ({"crossing_rate": float("nan")}, "config.crossing_rate: expected a number"),
+    ):
+        with pytest.raises(InputError, match=message):
+            EvolutionConfig(**wrong).checked()

@@ -1,0 +1,145 @@
+"""The archive against a dictionary filled one grid at a time, and its ties."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.problem.archive import empty_archive, insert, insert_at
+from elitelanes_jax.problem.descriptor import (
+    Axis,
+    compute_descriptor,
+    niche_bins,
+    niche_index,
+    paper_axes,
+    resolve_axes,
+)
+
+AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
+
+
+insert_jit = jax.jit(insert, static_argnums=1)
+insert_at_jit = jax.jit(insert_at)
+
+
+def one_by_one(batches):
+    """Niche -> (grid, fitness, counts), the first of the best."""
+    best = {}
+    for grids, fitness, many_counts in batches:
+        for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
+            cyclomatic, dead_ends = counts[COUNT_NAMES.index("cyclomatic")], counts[COUNT_NAMES.index("dead_ends")]
+            niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
+            if niche not in best or value < best[niche][1]:
+                best[niche] = (grid, value, counts)
+    return best
+
+
+@st.composite
+def some_batches(draw):
+    count = draw(st.sampled_from([1, 4, 12]))  # each is compiled once
+    batches = []
+    for number in range(draw(st.integers(1, 3))):
+        fitness = draw(hnp.arrays(np.int32, count, elements=st.integers(-2, 2)))  # ties abound
+        counts = draw(hnp.arrays(np.int32, (count, len(COUNT_NAMES)), elements=st.integers(0, 7)))
+        grids = np.zeros((count, 2, 2), np.int8)
+        grids[:, 0, 0], grids[:, 0, 1] = number, np.arange(count)  # each bears its own number
+        batches.append((grids, fitness, counts))
+    return batches
+
+
+@given(some_batches())
+def test_insertion_is_that_of_one_after_another(batches):
+    archive = empty_archive(AXES, (2, 2))
+    for batch in batches:
+        archive = insert_jit(archive, AXES, *map(jnp.asarray, batch))
+    expected = one_by_one(batches)
+    assert set(np.flatnonzero(archive.valid)) == set(expected)
+    for niche, (grid, value, counts) in expected.items():
+        np.testing.assert_array_equal(archive.grids[niche], grid)
+        assert archive.fitness[niche] == value
+        np.testing.assert_array_equal(archive.counts[niche], counts)
+
+
+def test_ties():
+    """The elite that is there stays; of newcomers the first in the batch comes in."""
+    grids = jnp.arange(3, dtype=jnp.int8)[:, None, None] * jnp.ones((3, 2, 2), jnp.int8)
+    same = jnp.zeros((3, len(COUNT_NAMES)), jnp.int32)
+    archive = insert(empty_archive(AXES, (2, 2)), AXES, grids, jnp.array([5, 4, 4]), same)
+    assert (archive.grids[0] == 1).all()
+    archive = insert(archive, AXES, grids + 10, jnp.array([4, 9, 4]), same)
+    assert (archive.grids[0] == 1).all()
+    archive = insert(archive, AXES, grids + 10, jnp.array([9, 3, 3]), same)
+    assert (archive.grids[0] == 11).all()
+    assert archive.valid.sum() == 1
+
+
+@given(some_batches(), st.data())
+def test_several_places_are_a_batch_joined_to_itself(batches, data):
+    niches = st.lists(st.integers(0, 11), min_size=2, max_size=2)
+    one = two = empty_archive(AXES, (2, 2), copies=2)
+    for grids, *others in batches:
+        places = np.array(data.draw(st.lists(niches, min_size=len(grids), max_size=len(grids))), np.int32).T
+        one = insert_at_jit(one, places, grids, *others)
+        two = insert_at_jit(two, places.reshape(-1), *(np.concatenate([part, part]) for part in (grids, *others)))
+    jax.tree.map(np.testing.assert_array_equal, one, two)
+
+
+def test_the_papers_niches():
+    axes = paper_axes((12, 12))
+    assert [axis.metric for axis in axes] == [
+        "cyclomatic",
+        "components",
+        "dead_ends",
+        "adjacent_crossings",
+        "adjacent_turns",
+    ]
+    assert empty_archive(axes, (12, 12)).fitness.shape == (400,)
+    cases = {
+        (0, 0, 0, 0, 0): (0, 0, 0, 0, 0),
+        (1, 1, 0, 0, 0): (0, 0, 0, 0, 0),
+        (2, 2, 1, 2, 1): (1, 1, 1, 1, 1),
+        (47, 1, 9, 0, 0): (23, 0, 1, 0, 0),
+        (48, 5, 0, 30, 0): (24, 1, 0, 1, 0),
+        (121, 1, 0, 0, 8): (24, 0, 0, 0, 1),
+    }
+    descriptors, bins = np.array(list(cases)), np.array(list(cases.values()))
+    niches = [np.ravel_multi_index(tuple(bin_), (25, 2, 2, 2, 2)) for bin_ in bins]
+    for array in (np.asarray, jnp.asarray):
+        np.testing.assert_array_equal(niche_bins(array(descriptors), axes), bins)
+        np.testing.assert_array_equal(niche_index(array(descriptors), axes), niches)
+
+
+@pytest.mark.parametrize(("shape", "width"), [((12, 12), 2), ((2, 2), 1), ((24, 24), 8), ((8, 8), 1), ((14, 14), 3)])
+def test_bins_grow_with_the_area(shape, width):
+    assert paper_axes(shape)[0].width == width
+
+
+def test_descriptors_are_the_metrics_of_the_axes():
+    grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
+    metrics = jax.vmap(measure)(grids)
+    descriptor = compute_descriptor(stack_counts(metrics), AXES)
+    np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
+    np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_axes_are_checked():
+    assert resolve_axes([Axis("bridges", 3)], (12, 12)) == (Axis("bridges", 3, 24),)
+    for axes, message in (
+        (5, "axes: expected records of type Axis, got 5"),
+        ([], "axes: expected at least one axis, got none"),
+        (["bridges"], "axes 'bridges': expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"),
+        ([{"metric": "bridges", "size": 3}], "axes: expected records of type Axis, got {'metric'"),
+        ([Axis("speed", 3)], "axes: expected a metric, or a share such as straight_share, got 'speed'"),
+        ([Axis("bridges", 0)], "axes: expected whole numbers, at least one bin and no negative width, got Axis"),
+        ([Axis("bridges", 3, width=2**31)], "axes: expected numbers of at most 1,073,741,824, got Axis"),
+        ([Axis("bridges", 3, width=0.5)], "axes: expected whole numbers, at least one bin and no negative width"),
+    ):
+        with pytest.raises(InputError, match=message):
+            resolve_axes(axes, (12, 12))

@@ -1,0 +1,176 @@
+"""Features, ranges and templates."""
+
+from fractions import Fraction
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+from hypothesis import strategies as st
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, measure, repair
+from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.problem.constraints import Range, bounds_of, parse_ranges, satisfies, violation
+from elitelanes_jax.problem.descriptor import Axis, resolve_axes
+from elitelanes_jax.problem.features import FEATURES, SHARES, compute_features
+from elitelanes_jax.problem.template import parse_template
+
+
+@given(grids())
+def test_shares_are_parts_in_thousandths_rounded_down(grid):
+    found = oracle(grid)
+    features = dict(zip(FEATURES, compute_features(stack_counts(measure(grid))).tolist(), strict=True))
+    for name, (part, whole) in SHARES.items():
+        total = sum(found[metric] for metric in whole)
+        assert features[name] == (1000 * found[part] // total if total else 0)
+    assert {name: features[name] for name in COUNT_NAMES} == {name: found[name] for name in COUNT_NAMES}
+
+
+@given(grids(), st.sampled_from(FEATURES), st.integers(0, 20), st.integers(0, 20))
+def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
+    low, high = sorted((one, other))
+    unit = 20 if name in SHARES else 1
+    item = Range(name, Fraction(low, unit), Fraction(high, unit))
+    metrics = oracle(grid)
+    part, whole = SHARES.get(name, (name, ()))
+    total = sum(metrics[metric] for metric in whole) if whole else 1
+    inside = low * total <= unit * metrics[part] <= high * total
+    assert satisfies(metrics, [item]) == inside
+    short = int(violation(compute_features(stack_counts(measure(grid))), bounds_of([item]), grid.shape))
+    assert short >= 0
+    assert not (inside and total and short), "what meets it costs nothing"
+    if name not in SHARES:
+        assert (short == 0) == inside
+
+
+def test_the_farther_from_a_range_the_more_it_costs():
+    features = jnp.zeros((40, len(FEATURES)), jnp.int32).at[:, FEATURES.index("crossings")].set(jnp.arange(40))
+    cost = np.asarray(violation(features, bounds_of(parse_ranges(["crossings=10..20"])), (12, 12)))
+    assert (np.diff(cost[:11]) < 0).all()
+    assert (cost[10:21] == 0).all()
+    assert (np.diff(cost[20:]) > 0).all()
+
+
+@pytest.mark.usefixtures("any_types")
+def test_ranges_are_read():
+    assert parse_ranges(["crossings=6..10", "bridges=0", "straight_share=0.3..", "tiles=..9"]) == (
+        Range("crossings", Fraction(6), Fraction(10)),
+        Range("bridges", Fraction(0), Fraction(0)),
+        Range("straight_share", Fraction(3, 10), None),
+        Range("tiles", None, Fraction(9)),
+    )
+    assert parse_ranges({"crossings": (6, None), "bridges": 0}) == parse_ranges(["crossings=6..", "bridges=0"])
+    assert parse_ranges("bridges=0") == parse_ranges(["bridges=0"])
+    assert [str(item) for item in parse_ranges(["crossings=6..10", "bridges=0"])] == ["crossings=6..10", "bridges=0"]
+    third = (Range("straight_share", Fraction(1, 3), None),)
+    assert parse_ranges(["straight_share=1/3.."]) == parse_ranges({"straight_share": (1 / 3, None)}) == third
+    assert parse_ranges(["straight_share=0.33333333.."]) == parse_ranges(third) == third
+    assert parse_ranges({"straight_share": (0.1 + 0.2, 1)})[0].low == Fraction(3, 10)
+    assert parse_ranges(["straight_share=1e-99999999..", "tiles=1e1"])[0].low == 0
+    for wrong, message in (
+        (6, "where: expected ranges such as"),
+        (["crossings=6..x"], "expected a number, got 'x'"),
+        ({"crossings": ()}, "expected a number or two limits, got ()"),
+        ({"crossings": (1, 2, 3)}, "expected a number or two limits, got (1, 2, 3)"),
+        (["crossings=1e99999999"], "expected a number, got '1e99999999'"),
+        (["crossings=1234567..3"], "expected the lower limit first, got 1234567 before 3"),
+        ([Range("crossing", 1, 2)], "got 'crossing'; is it crossings?"),
+        ([Range("crossings", 5, 3)], "expected the lower limit first, got 5 before 3"),
+        ([Range("crossings", 2**40, None)], "expected 0 to 1,073,741,824, got 1099511627776"),
+        (["crossing=6"], "got 'crossing'; is it crossings?"),
+    ):
+        with pytest.raises(InputError) as error:
+            parse_ranges(wrong)
+        assert message in str(error.value)
+
+
+def test_axes_are_read():
+    assert resolve_axes("cyclomatic:25", (12, 12)) == (Axis("cyclomatic", 25, 1),)
+    assert resolve_axes("cyclomatic:25", (24, 24)) == (Axis("cyclomatic", 25, 4),)
+    assert resolve_axes(["straight_share:10", "crossings:8:3"], (12, 12)) == (
+        Axis("straight_share", 10, 100),
+        Axis("crossings", 8, 3),
+    )
+    assert resolve_axes([{"metric": "crossings", "bins": 8, "width": 3}], (12, 12)) == (Axis("crossings", 8, 3),)
+
+
+@given(grids(), st.integers(0, 2**32 - 1), st.booleans())
+def test_fixed_tiles_stay_and_decide(grid, seed, fill):
+    rng = np.random.default_rng(seed)
+    whole = np.asarray(repair(grid))  # given cells that agree with each other
+    fixed = rng.random(grid.shape) < 0.3
+    dirty = rng.random(grid.shape) < 0.5
+    mended = np.asarray(repair(np.where(fixed, whole, grid), dirty, fill=fill, fixed=fixed))
+    np.testing.assert_array_equal(mended[fixed], whole[fixed])
+    found = oracle(mended)
+    assert found["mismatches"] == found["boundary_violations"] == 0
+    if fill:
+        # A free tile has two connections, or no free neighbour that it lacks one to.
+        for row, column in np.argwhere(~fixed & (CONNECTIONS[mended] < 2)):
+            for side, down, right in ((8, -1, 0), (4, 0, 1), (2, 1, 0), (1, 0, -1)):
+                place = (row + down, column + right)
+                if 0 <= place[0] < grid.shape[0] and 0 <= place[1] < grid.shape[1] and not fixed[place]:
+                    assert mended[row, column] & side
+
+
+def test_templates_are_read(tmp_path):
+    file = tmp_path / "city.json"
+    file.write_text("[[6, 5, null], [null, 0, null]]")
+    template = parse_template(file)
+    assert template.shape == (2, 3)
+    assert template.rows == [[6, 5, None], [None, 0, None]]
+    assert template.codes == (6, 5, None, None, 0, None)
+    assert parse_template([[6, 5, None], [None, 0, None]]) == template == parse_template(template)
+    np.testing.assert_array_equal(template.fixed, [[1, 1, 0], [0, 1, 0]])
+    assert hash(template) == hash(parse_template(template.rows))
+    for text, message in (
+        ("[[", "expected JSON"),
+        (f"[[{'1' * 5000}]]", "expected JSON"),
+        ("{}", "expected rows of tile codes"),
+        ("7", "expected rows of tile codes"),
+        ("[[1, 2], [3]]", "expected rows of one length, got 2 rows of 1 or 2"),
+        ("[[5, 5]]", "shape: expected sides from 2 to 1024, got 1 x 2"),
+        (
+            "[[99, null, null], [null, null, null]]",
+            "0 to 15, or null for a free cell, got 99 at row 0, column 0",
+        ),
+        ("[[8, null, null], [null, null, null]]", "got one that leaves it to the north at row 0, column 0"),
+        (
+            "[[4, 0, null], [null, null, null]]",
+            "to the east at row 0, column 0 that row 0, column 1 does not",
+        ),
+        (
+            "[[0, 1, null], [null, null, null]]",
+            "to the west at row 0, column 1 that row 0, column 0 does not",
+        ),
+    ):
+        file.write_text(text)
+        with pytest.raises(InputError) as error:
+            parse_template(file)
+        assert str(error.value).startswith(str(file))
+        assert message in str(error.value)
+    with pytest.raises(InputError, match="no such file"):
+        parse_template(tmp_path / "none.json")
+
+
+def test_templates_are_of_lists_and_arrays():
+    whole = [[6, 5, 3], [12, 5, 9]]
+    array = np.array(whole, np.int8)
+    for cells in (array, jnp.asarray(array), array.astype(object), [[np.int8(code) for code in row] for row in whole]):
+        assert parse_template(cells) == parse_template(whole)
+    for cells in ([[6, 5, 0], [None] * 3], np.array([[6, 5, 0], [8, 0, 0]]), [list(np.int8([6, 5, 0])), [None] * 3]):
+        with pytest.raises(InputError, match="to the east at row 0, column 1 that row 0, column 2 does not return"):
+            parse_template(cells)
+    with pytest.raises(InputError, match="got 'x' at row 0, column 1"):
+        parse_template([[6, "x", None], [None] * 3])
+
+
+def test_violations_do_not_leave_32_bits():
+    features = jnp.full((1, len(FEATURES)), 2**20 * 1024, jnp.int32)
+    nothing = bounds_of([Range(name, Fraction(0), Fraction(0)) for name in FEATURES])
+    assert 0 < int(jax.jit(violation, static_argnums=2)(features, nothing, (1024, 1024))[0]) <= 2**30

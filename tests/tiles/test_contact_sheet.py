@@ -1,0 +1,38 @@
+"""The sheet of many maps."""
+
+import numpy as np
+import pytest
+
+from elitelanes_jax.tiles.contact_sheet import contact_sheet
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 16, 17])
+def test_every_picture_is_on_it_whole_and_once(count):
+    pictures = [np.full((60, 90, 3), 10 + number, np.uint8) for number in range(count)]
+    sheet = contact_sheet("title", pictures, [("first", "second")] * count)
+    assert sheet.dtype == np.uint8
+    for number in range(count):
+        rows, columns = np.nonzero((sheet == 10 + number).all(axis=2))
+        inside = sheet[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
+        assert inside.shape >= (60, 90, 3)
+        assert ((sheet == 10 + number).all(axis=2)).sum() >= 60 * 90
+
+
+def test_captions_leave_their_mark():
+    picture = [np.zeros((60, 90, 3), np.uint8)]
+    plain = contact_sheet("", picture, [("", "")])
+    assert (contact_sheet("title", picture, [("", "")]) != plain).any()
+    assert (contact_sheet("", picture, [("", "fitness 3")]) != plain).any()
+
+
+def test_no_text_is_cut_off_or_runs_into_its_neighbour():
+    """With a text of any length the sheet is as wide as the text needs, and the ground shows between the columns."""
+    pictures = [np.zeros((60, 90, 3), np.uint8)] * 4
+    sheet = contact_sheet(
+        "A title that is longer than all the pictures below it", pictures, [("a caption of some length",)] * 4
+    )
+    ground = sheet[0, 0]
+    assert (sheet[:, -10:] == ground).all()
+    below = sheet[3 * 28 + 60 : 3 * 28 + 60 + 19]
+    inked = np.flatnonzero((below != ground).any(axis=(0, 2)))
+    assert np.diff(inked).max() > 28 - 8

@@ -1,0 +1,133 @@
+"""Masks by colour: as good as those that were drawn with the tiles, and never laid over those that are there."""
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.tiles.masking import COLOURS, Colour, mask_folder, parse_colour, propose_masks
+from elitelanes_jax.tiles.tileset import MASKS
+
+
+def overlaps(tiles, change=lambda image: image):
+    """Intersection over union of proposed and given masks, over all tiles of a set."""
+    both, either = dict.fromkeys(MASKS, 0), dict.fromkeys(MASKS, 0)
+    for tile in tiles.tiles:
+        masks = propose_masks(change(tile.image))
+        for name in MASKS:
+            given = getattr(tile, name)
+            both[name] += (given & masks[name]).sum()
+            either[name] += (given | masks[name]).sum()
+        assert not (masks["red"] & masks["yellow"]).any()
+        assert not ((masks["red"] | masks["yellow"]) & ~masks["road"]).any()
+    return {name: both[name] / either[name] for name in MASKS}
+
+
+def test_proposals_are_close_to_the_drawn_masks(drawn_tiles):
+    found = overlaps(drawn_tiles)  # measured: 0.999, 0.987, 0.961
+    assert found["road"] > 0.995
+    assert found["red"] > 0.98
+    assert found["yellow"] > 0.95
+
+
+def test_proposals_are_close_to_the_photographs_masks(real_tiles):
+    found = overlaps(real_tiles)  # measured: 1.000, 0.998, 0.985
+    assert found["road"] > 0.995
+    assert found["red"] > 0.99
+    assert found["yellow"] > 0.97
+
+
+@pytest.mark.parametrize("light", [0.75, 1.25])
+def test_proposals_bear_other_light(light, drawn_tiles):
+    found = overlaps(drawn_tiles, lambda image: np.clip(image * light, 0, 255).astype(np.uint8))
+    assert found["road"] > 0.99
+    assert found["red"] > 0.95
+    assert found["yellow"] > 0.9
+
+
+def test_a_tile_of_another_size_gives_the_same_masks(drawn_tiles):
+    tile = drawn_tiles.tiles[8]
+    large = cv2.resize(tile.image, (1000, 1000), interpolation=cv2.INTER_CUBIC)
+    for name, mask in propose_masks(large).items():
+        given = cv2.resize(getattr(tile, name).astype(np.uint8), (1000, 1000), interpolation=cv2.INTER_NEAREST) > 0
+        assert (mask & given).sum() >= 0.97 * (mask | given).sum(), name
+
+
+def test_ranges_are_what_decides():
+    """Patches of one colour each on a grey ground; hues that go on over the end."""
+    image = np.full((96, 96, 3), 60, np.uint8)
+    for row, hue in enumerate((0, 172, 60, 120)):
+        image[8 + 20 * row : 24 + 20 * row, 30:60] = cv2.cvtColor(np.uint8([[[hue, 200, 200]]]), cv2.COLOR_HSV2RGB)[
+            0, 0
+        ]
+
+    def patches(mask):
+        return [bool(mask[16 + 20 * row, 45]) for row in range(4)]
+
+    assert patches(propose_masks(image)["red"]) == [True, True, False, False]
+    other = {**COLOURS, "red": Colour((100, 20), (150, 255), (90, 255)), "yellow": Colour((50, 70), (0, 255), (0, 255))}
+    masks = propose_masks(image, other)
+    assert patches(masks["red"]) == [True, True, False, True]
+    assert patches(masks["yellow"]) == [False, False, True, False]
+    assert masks["road"].all()
+    narrow = {**COLOURS, "road": Colour((0, 179), (0, 255), (0, 59))}
+    assert not propose_masks(image, narrow)["road"][:6].any()
+    assert not any(mask.any() for mask in propose_masks(np.full((96, 96, 3), 255, np.uint8)).values())
+
+
+def test_ranges_are_read_as_they_are_written():
+    for colour in COLOURS.values():
+        assert parse_colour(str(colour)) == colour
+    assert parse_colour(" 165..10, 0..9,1..2 ") == ((165, 10), (0, 9), (1, 2))
+    for text in (
+        "",
+        "1..2",
+        "1..2,3..4",
+        "1..2,3..4,5..6,7..8",
+        "0..180,0..1,0..1",
+        "0..1,9..2,0..1",
+        "0..1,0..256,0..1",
+    ):
+        with pytest.raises(InputError, match=r"expected H..H,S..S,V..V with hues 0 to 179, .* got '"):
+            parse_colour(text)
+
+
+def test_masks_that_are_there_stay(drawn_tiles, tmp_path):
+    (tmp_path / "turn_1").mkdir()
+    (tmp_path / "turn_2").mkdir()
+    for place in tmp_path.iterdir():
+        cv2.imwrite(str(place / "image.png"), drawn_tiles.tiles[0].image[..., ::-1])
+    mine = np.zeros((384, 384), np.uint8)
+    mine[:9] = 255
+    cv2.imwrite(str(tmp_path / "turn_1" / "yellow.png"), mine)
+    first, second = mask_folder(tmp_path)
+    assert (first.folder.name, first.proposed) == ("turn_1", ("road", "red"))
+    np.testing.assert_array_equal(first.masks["yellow"], mine > 0)
+    assert (second.folder.name, second.proposed) == ("turn_2", ("road", "red", "yellow"))
+    np.testing.assert_array_equal(first.masks["road"], second.masks["road"])
+    again = mask_folder(tmp_path, overwrite=True)[0]
+    assert again.proposed == ("road", "red", "yellow")
+    np.testing.assert_array_equal(again.masks["yellow"], second.masks["yellow"])
+    assert sorted(path.name for path in tmp_path.rglob("*.png")) == ["image.png", "image.png", "yellow.png"]
+
+
+def test_what_cannot_be_masked_is_named(tmp_path):
+    with pytest.raises(InputError, match="nowhere: expected a folder of tile pictures, got none"):
+        mask_folder(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="expected folders such as turn_1 with an image.png, got none"):
+        mask_folder(tmp_path)
+    place = tmp_path / "turn_1"
+    place.mkdir()
+    with pytest.raises(InputError, match="turn_1: expected a photograph of the tile, image.png, got none"):
+        mask_folder(tmp_path)
+    for picture, message in (
+        (np.zeros((40, 40), np.uint8), "turn_1/image.png: expected a picture in colours, got a grey one"),
+        (np.zeros((40, 30, 3), np.uint8), "turn_1/image.png: expected a square picture, got 30 x 40 pixels"),
+    ):
+        cv2.imwrite(str(place / "image.png"), picture)
+        with pytest.raises(InputError, match=message):
+            mask_folder(tmp_path)
+    (tmp_path / "turn_2").mkdir()
+    (place / "image.png").write_bytes(b"")
+    with pytest.raises(InputError, match=r"turn_1/image.png: expected a PNG picture .* \(and 1 more\)"):
+        mask_folder(tmp_path)

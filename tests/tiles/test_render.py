@@ -1,0 +1,245 @@
+"""Rendering: pictures, masks and labels go together, at every size."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, random_grids, repair, rotate
+from elitelanes_jax.tiles.render import (
+    LABEL_COLOURS,
+    LABELS,
+    Picture,
+    choose_tiles,
+    overlay,
+    recall_choice,
+    render,
+    write_picture,
+)
+from elitelanes_jax.tiles.tileset import TileSet
+
+PIXELS = ("image", "road", "red", "yellow", "labels")
+RNG = np.random.default_rng(12)
+GRID = np.array(repair(RNG.integers(0, 16, (4, 6)).astype(np.int8), fill=True))
+
+
+@pytest.fixture(params=["drawn_tiles", "real_tiles"])
+def tiles(request):
+    return request.getfixturevalue(request.param)
+
+
+@pytest.mark.parametrize("size", [16, 31, 64, 384, 400, 512])
+def test_shapes_types_and_values(tiles, size):
+    picture = render(GRID[:2, :3], tiles, tile_px=size)
+    assert picture.image.shape == (2 * size, 3 * size, 3)
+    for name in PIXELS:
+        pixels = getattr(picture, name)
+        assert pixels.dtype == np.uint8
+        assert pixels.shape[:2] == (2 * size, 3 * size)
+        if name in ("road", "red", "yellow"):
+            assert set(np.unique(pixels)) <= {0, 255}
+    assert picture.labels.max() < len(LABELS) == len(LABEL_COLOURS)
+
+
+def test_labels_are_lines_over_road_over_background(tiles):
+    picture = render(GRID, tiles, tile_px=40)
+    for row, column in np.ndindex(picture.labels.shape):
+        expected = 0
+        for label, mask in enumerate((picture.road, picture.red, picture.yellow), start=1):
+            if mask[row, column]:
+                expected = label
+        assert picture.labels[row, column] == expected
+    assert set(np.unique(picture.labels)) == {0, 1, 2, 3}
+
+
+def test_each_cell_is_its_tile_turned(drawn_tiles):
+    picture = render(GRID, drawn_tiles, tile_px=384, seed=4)
+    chosen = choose_tiles(GRID, drawn_tiles, seed=4)
+    for row, column in np.ndindex(GRID.shape):
+        place, turns = chosen[row, column]
+        tile = drawn_tiles.tiles[place]
+        here = np.s_[row * 384 : (row + 1) * 384, column * 384 : (column + 1) * 384]
+        np.testing.assert_array_equal(picture.image[here], np.rot90(tile.image, turns))
+        for name in ("road", "red", "yellow"):
+            np.testing.assert_array_equal(getattr(picture, name)[here] > 0, np.rot90(getattr(tile, name), turns))
+
+
+def test_roads_go_on_over_every_seam_and_end_at_every_border(drawn_tiles):
+    for seed in range(3):
+        grid = np.array(repair(random_grids_one(seed), fill=True))
+        for size in (16, 50, 384):
+            road = render(grid, drawn_tiles, tile_px=size, seed=seed).road > 0
+            assert not (road[0].any() or road[-1].any() or road[:, 0].any() or road[:, -1].any())
+            for column in range(1, grid.shape[1]):
+                west, east = road[:, column * size - 1], road[:, column * size]
+                np.testing.assert_array_equal(west, east)
+                linked = np.repeat(grid[:, column] & 1, size) > 0
+                assert not (west & ~linked).any()
+                assert west.any() == linked.any()
+            for row in range(1, grid.shape[0]):
+                np.testing.assert_array_equal(road[row * size - 1], road[row * size])
+
+
+def random_grids_one(seed):
+    import jax
+
+    return random_grids(jax.random.key(seed), 1, (5, 4))[0]
+
+
+def test_thin_lines_stay_at_every_size(drawn_tiles):
+    grid = np.array([[6, 5, 7, 3], [10, 6, 13, 11], [14, 13, 5, 11], [12, 5, 5, 9]])
+    large = render(grid, drawn_tiles, tile_px=384)
+    for size in (16, 20, 24, 32, 33, 48, 64, 100, 200, 300):
+        small = render(grid, drawn_tiles, tile_px=size)
+        for name in ("road", "red", "yellow"):
+            share, expected = (getattr(picture, name).mean() / 255 for picture in (small, large))
+            assert 0.6 * expected < share < 1.6 * expected, (name, size)
+
+
+def test_variants_are_drawn_at_random_and_the_same_every_time(drawn_tiles):
+    grid = np.full((30, 30), 10)
+    chosen = choose_tiles(grid, drawn_tiles, seed=1)
+    np.testing.assert_array_equal(chosen, choose_tiles(grid, drawn_tiles, seed=1))
+    assert (chosen != choose_tiles(grid, drawn_tiles, seed=2)).any()
+    draws, counts = np.unique(chosen.reshape(-1, 2), axis=0, return_counts=True)
+    assert {tuple(draw) for draw in draws} == set(drawn_tiles.rotations[10])
+    assert (abs(counts - 900 / 8) < 5 * np.sqrt(900 / 8)).all()
+    one, other = render(grid, drawn_tiles, tile_px=16, seed=1), render(grid, drawn_tiles, tile_px=16, seed=1)
+    for name in PIXELS:
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_a_turned_map_is_the_turned_picture(drawn_tiles):
+    chosen = choose_tiles(GRID, drawn_tiles)
+    turned = np.rot90(chosen, axes=(0, 1)).copy()
+    turned[..., 1] = (turned[..., 1] + 1) % 4
+    picture = render(GRID, drawn_tiles, tile_px=32, chosen=chosen)
+    quarter = render(rotate(GRID), drawn_tiles, tile_px=32, chosen=turned)
+    for name in PIXELS:
+        np.testing.assert_array_equal(np.rot90(getattr(picture, name)), getattr(quarter, name))
+
+
+def test_an_overlay_colours_each_label(drawn_tiles):
+    picture = render(GRID, drawn_tiles, tile_px=32)
+    solid = overlay(picture, opacity=1)
+    for label, colour in enumerate(LABEL_COLOURS):
+        assert (solid[picture.labels == label] == colour).all()
+    np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
+
+
+def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
+    chosen = choose_tiles(GRID, drawn_tiles, seed=3)
+    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
+    turns = chosen[..., 1].tolist()
+    np.testing.assert_array_equal(recall_choice(GRID, names, turns, drawn_tiles), chosen)
+    fewer = TileSet(drawn_tiles.name, "", drawn_tiles.pictures[4:])
+    for grid, tile_set in ((rotate(GRID, 2), drawn_tiles), (GRID[:2], drawn_tiles), (GRID, fewer)):
+        assert recall_choice(grid, names, turns, tile_set) is None
+
+
+def test_what_has_no_picture_is_named(drawn_tiles):
+    with pytest.raises(ValueError, match=r"codes 3, 5, .*\), got 8 \(stub\) at row 1, column 0"):
+        render([[6, 3], [8, 9]], drawn_tiles)
+    partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 15))
+    with pytest.raises(ValueError, match=r"the set 'partial' can draw .* got 15 \(crossing4\)"):
+        choose_tiles([[15, 15], [15, 15]], partial)
+
+
+@pytest.mark.parametrize("seed", ["a", -1, 2.5])
+def test_bad_seeds_are_refused(drawn_tiles, seed):
+    with pytest.raises(InputError, match="seed: expected whole numbers, 0 or more, got"):
+        render(GRID, drawn_tiles, seed=seed)
+
+
+@pytest.mark.parametrize("size", [15, 513, 0, -4, 32.0, "64"])
+def test_sizes_out_of_range_are_refused(drawn_tiles, size):
+    with pytest.raises(ValueError, match="tile_px: expected 16 to 512 pixels a tile"):
+        render(GRID, drawn_tiles, tile_px=size)
+
+
+def test_pictures_are_plain_arrays(drawn_tiles):
+    assert Picture._fields == (*PIXELS, "layers", "points")
+    assert json.dumps(LABELS)
+
+
+def test_a_choice_that_does_not_show_the_grid_is_refused(drawn_tiles):
+    chosen = choose_tiles(GRID, drawn_tiles)
+    wrong = chosen.copy()
+    wrong[1, 2, 1] = (wrong[1, 2, 1] + 1) % 4 if GRID[1, 2] != 15 else 7
+    outside = chosen.copy()
+    outside[0, 0, 0] = 99
+    for choice, message in (
+        (chosen[:2], r"chosen: expected integers of shape \(4, 6, 2\), got int64 of shape \(2, 6, 2\)"),
+        (chosen * 1.0, r"chosen: expected integers of shape \(4, 6, 2\), got float64"),
+        (outside, "chosen: expected a tile of the set .* at row 0, column 0, got tile 99"),
+        (-1 - chosen, "chosen: expected a tile of the set .* at row 0, column 0"),
+        (wrong, "chosen: expected a tile of the set .* at row 1, column 2, got tile"),
+    ):
+        with pytest.raises(InputError, match=message):
+            render(GRID, drawn_tiles, chosen=choice)
+
+
+def test_what_is_no_grid_is_refused(drawn_tiles):
+    for grid, message in (([[6.0, 3.0], [12.0, 9.0]], "integer tile codes"), ([6, 3], "two dimensions")):
+        with pytest.raises(InputError, match=f"grid: expected {message}"):
+            render(grid, drawn_tiles)
+
+
+@pytest.fixture
+def marked_tiles(drawn_tiles):
+    """The drawn tiles, of which all turns have a square cone, a point in its middle, and its corners."""
+    tiles = []
+    for number, tile in enumerate(drawn_tiles.tiles):
+        cones = np.zeros(tile.road.shape, bool)
+        left, top = 20 + 8 * number, 40 + 4 * number
+        cones[top : top + 24, left : left + 24] = True
+        points = {
+            "cones": np.array([[left + 12.0, top + 12.0]]),
+            "corners": np.array([[left, top], [left + 24, top], [left + 24, top + 24.0]]),
+        }
+        tiles.append(tile._replace(layers={"cones": cones}, points=points) if tile.code == 3 else tile)
+    tiles[-1] = tiles[-1]._replace(layers={"signs": tiles[-1].road})
+    return TileSet("marked", "", tuple(tiles))
+
+
+def test_masks_and_points_of_ones_own_go_where_their_tile_goes(marked_tiles):
+    grid = np.full((4, 6), 5)
+    grid[:, :3] = [[6, 9, 12], [12, 3, 9], [3, 6, 3], [9, 12, 6]]
+    for size in (64, 96, 384):
+        picture = render(grid, marked_tiles, tile_px=size, seed=2)
+        assert list(picture.layers) == ["cones", "signs"]
+        assert not picture.layers["signs"].any()
+        cones = picture.layers["cones"]
+        assert cones.dtype == np.uint8 and cones.shape == picture.road.shape
+        assert set(np.unique(cones)) == {0, 255}
+        assert not cones[:, 3 * size :].any()
+        # The middles of the squares, found in the mask, are where the points are.
+        _, _, stats, middles = cv2.connectedComponentsWithStats(cones)
+        assert len(middles) - 1 == len(picture.points["cones"]) == 12
+        order = np.lexsort((middles[1:, 0] // size, middles[1:, 1] // size))
+        np.testing.assert_allclose(middles[1:][order] + 0.5, picture.points["cones"], atol=0.51 if size < 384 else 1e-9)
+        assert picture.points["corners"].shape == (36, 2)
+        # A square's three corners turn with it: the second is the right angle, and the third is clockwise of the first.
+        first, second, third = picture.points["corners"].reshape(12, 3, 2).transpose(1, 0, 2)
+        one, other = first - second, third - second
+        np.testing.assert_allclose(one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0], -((24 * size / 384) ** 2))
+        if size == 384:
+            low, high = np.minimum(first, third)[np.argsort(order)], np.maximum(first, third)[np.argsort(order)]
+            np.testing.assert_allclose(stats[1:, :2], low)
+            np.testing.assert_allclose(stats[1:, :2] + stats[1:, 2:4], high)
+
+
+def test_masks_and_points_of_ones_own_are_written(marked_tiles, drawn_tiles, tmp_path):
+    picture = render([[6, 3], [12, 9]], marked_tiles, tile_px=32)
+    write_picture(tmp_path, picture)
+    written = sorted(path.name for path in tmp_path.iterdir())
+    assert written == sorted([f"{name}.png" for name in (*PIXELS, "cones", "signs")] + ["points.json"])
+    np.testing.assert_array_equal(
+        cv2.imread(str(tmp_path / "cones.png"), cv2.IMREAD_UNCHANGED), picture.layers["cones"]
+    )
+    points = json.loads((tmp_path / "points.json").read_text())
+    assert points == {name: listed.tolist() for name, listed in picture.points.items()}
+    plain = render([[6, 3], [12, 9]], drawn_tiles, tile_px=32)
+    assert (plain.layers, plain.points) == ({}, {})
+    np.testing.assert_array_equal(plain.image, picture.image)

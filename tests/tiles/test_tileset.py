@@ -1,0 +1,318 @@
+"""Tile sets: the drawn one, the photographed one, and all that can be wrong with a folder."""
+
+import shutil
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
+from elitelanes_jax.tiles.tileset import default_tiles, describe_tiles, inspect_tiles, load_tiles
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A copy of the default set that may be spoilt."""
+    copy = tmp_path / "tiles"
+    shutil.copytree(default_tiles(), copy, ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    return copy
+
+
+def test_the_drawn_set(drawn_tiles):
+    kinds = [tile.name.rpartition("_")[0] for tile in drawn_tiles.tiles]
+    assert kinds == ["turn"] * 4 + ["straight"] * 4 + ["crossing3"] * 3 + ["crossing4"]
+    assert drawn_tiles.alphabet == ROAD_ALPHABET
+    assert drawn_tiles.licence == "Apache-2.0"
+    assert min(tile.image.shape[0] for tile in drawn_tiles.tiles) >= 256
+    counts = {code: len(draws) for code, draws in drawn_tiles.rotations.items()}
+    # An empty cell is bare ground, which looks the same from all sides.
+    assert counts == {code: {2: 4, 3: 3, 4: 4}[int(CONNECTIONS[code])] for code in ROAD_ALPHABET} | {5: 8, 10: 8, 0: 4}
+
+
+def test_the_photographed_set(real_tiles):
+    assert [tile.name for tile in real_tiles.tiles] == ["turn_1", "straight_1", "crossing3_1", "crossing4_1"]
+    assert real_tiles.alphabet == ROAD_ALPHABET
+    assert real_tiles.name == "real_tiles"
+
+
+def test_a_description(drawn_tiles):
+    text = describe_tiles(drawn_tiles)
+    assert "Elite Lanes drawn tiles: 12 tiles, licence Apache-2.0" in text
+    assert "crossing3_2  opens NSW   384 x 384 pixels" in text
+    assert "48 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15" in text
+
+
+def test_sides_may_be_stated(folder):
+    for file in (folder / "turn_2").iterdir():
+        picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+        cv2.imwrite(str(file), np.ascontiguousarray(np.rot90(picture)))
+    (folder / "tileset.toml").write_text('[opens]\nturn_2 = "SE"\n')
+    tiles = load_tiles(folder)
+    assert tiles.name == "tiles"
+    assert tiles.licence == ""
+    assert [tile.code for tile in tiles.tiles[:3]] == [3, 6, 3]
+
+
+def test_a_set_may_lack_the_four_way_crossing(folder):
+    shutil.rmtree(folder / "crossing4_1")
+    assert load_tiles(folder).alphabet == ROAD_ALPHABET[:-1]
+
+
+def test_numbers_are_sorted_as_numbers(folder):
+    shutil.copytree(folder / "turn_1", folder / "turn_10")
+    assert [tile.name for tile in load_tiles(folder).tiles][:5] == ["turn_1", "turn_2", "turn_3", "turn_4", "turn_10"]
+
+
+def test_masks_of_zeros_and_ones_and_grey_pictures_are_fine(folder):
+    mask = cv2.imread(str(folder / "turn_1" / "road.png"), cv2.IMREAD_GRAYSCALE)
+    cv2.imwrite(str(folder / "turn_1" / "road.png"), mask // 255)
+    cv2.imwrite(str(folder / "turn_1" / "image.png"), mask)
+    tile = load_tiles(folder).tiles[0]
+    np.testing.assert_array_equal(tile.road, mask > 0)
+    np.testing.assert_array_equal(tile.image[..., 2], mask)
+
+
+def write(folder, name, picture):
+    cv2.imwrite(str(folder / name), picture)
+
+
+def test_masks_and_points_of_ones_own(folder):
+    cones = np.zeros((384, 384), np.uint8)
+    cones[3:9, 5:7] = 255
+    write(folder, "turn_1/cones.png", cones)
+    write(folder, "turn_2/wet_floor.png", cones // 255)
+    (folder / "turn_1" / "._cones.png").write_bytes(b"what a file manager left")
+    (folder / "straight_3" / "points.json").write_text('{"cones": [[0, 384], [12.5, 7]], "none": []}')
+    tiles = load_tiles(folder)
+    assert tiles.layers == ("cones", "wet_floor")
+    assert tiles.points == ("cones", "none")
+    np.testing.assert_array_equal(tiles.tiles[0].layers["cones"], cones > 0)
+    assert [sorted(tile.layers) for tile in tiles.tiles[:3]] == [["cones"], ["wet_floor"], []]
+    points = tiles.tiles[6].points
+    assert points["cones"].tolist() == [[0, 384], [12.5, 7]]
+    assert points["none"].shape == (0, 2)
+    assert describe_tiles(tiles).endswith("layers: cones, wet_floor\npoints: cones, none")
+
+
+def clear(folder, part):
+    mask = cv2.imread(str(folder / "straight_1" / "road.png"), cv2.IMREAD_GRAYSCALE)
+    mask[part] = 0
+    write(folder, "straight_1/road.png", mask)
+
+
+def png(width, height, rows, cut=False):
+    """A PNG file of a grey picture, chunk by chunk."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    packed = zlib.compress(rows)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0))
+        + chunk(b"IDAT", packed[:-6] if cut else packed)
+        + chunk(b"IEND", b"")
+    )
+
+
+SPOILS = {
+    "missing mask": (
+        lambda folder: (folder / "turn_2" / "red.png").unlink(),
+        r"turn_2: expected image.png, road.png, red.png and yellow.png, got no red.png",
+    ),
+    "mask of another size": (
+        lambda folder: write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8)),
+        r"straight_1/road.png: expected 384 x 384 pixels like image.png, got 90 x 100",
+    ),
+    "mask with more values": (
+        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[0, 7, 9] * 128], np.uint8)),
+        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 3: 0, 7, 9",
+    ),
+    "mask without zero": (
+        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[1, 255] * 192], np.uint8)),
+        r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 2: 1, 255",
+    ),
+    "mask in colours": (
+        lambda folder: write(folder, "turn_1/red.png", np.full((384, 384, 3), [0, 0, 255], np.uint8)),
+        r"turn_1/red.png: expected a grey mask, got one in colours",
+    ),
+    "unreadable picture": (
+        lambda folder: (folder / "crossing4_1" / "image.png").write_bytes(b"no picture"),
+        r"crossing4_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "truncated picture": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
+            (folder / "turn_1" / "image.png").read_bytes()[:9000]
+        ),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "damaged picture": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
+            (folder / "turn_1" / "image.png").read_bytes().replace(b"\x55", b"\x56")
+        ),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "empty file": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(b""),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "sixteen bits": (
+        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 384, 3), np.uint16)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got uint16",
+    ),
+    "oblong picture": (
+        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 300, 3), np.uint8)),
+        r"turn_1/image.png: expected a square picture, got 300 x 384 pixels",
+    ),
+    "no crossings": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("crossing*")],
+        r"expected tiles of every kind a map needs .*, got no crossing",
+    ),
+    "no straights": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("straight*")],
+        r"expected tiles of every kind a map needs .*, got no straight",
+    ),
+    "no tiles": (
+        lambda folder: [shutil.rmtree(place) for place in folder.glob("*_*")],
+        r"got no straight and no turn and no crossing",
+    ),
+    "misspelt folder": (
+        lambda folder: (folder / "turn_1").rename(folder / "trun_1"),
+        r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4",
+    ),
+    "bad toml": (
+        lambda folder: (folder / "tileset.toml").write_text("name ="),
+        r"tileset.toml: expected a readable TOML file, got: ",
+    ),
+    "name no text": (
+        lambda folder: (folder / "tileset.toml").write_text("name = 3"),
+        r"tileset.toml: expected name to be text, got 3",
+    ),
+    "opens no table": (
+        lambda folder: (folder / "tileset.toml").write_text("opens = 3"),
+        r"tileset.toml: expected a table \[opens\], got 3",
+    ),
+    "opens a tile that is not there": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn_9 = "SW"'),
+        r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'",
+    ),
+    "sides no text": (
+        lambda folder: (folder / "tileset.toml").write_text("[opens]\nturn_1 = true\nturn = 5"),
+        r"tileset.toml: expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
+    ),
+    "misspelt key": (
+        lambda folder: (folder / "tileset.toml").write_text('license = "MIT"'),
+        r"tileset.toml: expected the keys name, licence, opens, got 'license'",
+    ),
+    "masks without a picture in a misspelt folder": (
+        lambda folder: (
+            [(folder / "turn_1" / f"{name}.png").unlink() for name in ("image", "red")],
+            (folder / "turn_1").rename(folder / "Turn_1"),
+        ),
+        r"Turn_1: expected a folder <kind>_<number>",
+    ),
+    "no pixels": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(0, 0, b"")),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "pixels without end": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(60_000, 60_000, b"\0" * 99)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "pixels that stop short": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 99, cut=True)),
+        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+    ),
+    "a mask of one's own of another size": (
+        lambda folder: write(folder, "turn_1/cones.png", np.zeros((100, 90), np.uint8)),
+        r"turn_1/cones.png: expected 384 x 384 pixels like image.png, got 90 x 100",
+    ),
+    "a mask named as a map's labels": (
+        lambda folder: write(folder, "turn_1/labels.png", np.zeros((384, 384), np.uint8)),
+        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, got 'labels'",
+    ),
+    "a mask named as another in capitals": (
+        lambda folder: write(folder, "turn_1/Road.png", np.zeros((384, 384), np.uint8)),
+        r"turn_1/Road.png: expected a mask's name in small letters, .*, got 'Road'",
+    ),
+    "points that are no JSON": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text("{"),
+        r"turn_1/points.json: expected a readable JSON file, got: ",
+    ),
+    "points without names": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text("[[1, 2]]"),
+        r'turn_1/points.json: expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]',
+    ),
+    "points that are none": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 2], [true, 4]]}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[true, 4\]",
+    ),
+    "points that are not listed": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": 3}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got 3",
+    ),
+    "points without end": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, NaN]]}'),
+        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[1, NaN\]",
+    ),
+    "points outside": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 384.5]]}'),
+        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
+    ),
+    "points far outside": (
+        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 1%s]]}' % ("0" * 400)),
+        r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 10000",
+    ),
+    "a road that ends short of a side": (
+        lambda folder: clear(folder, np.s_[:3]),
+        r"straight_1/road.png: expected the road to reach the side N, which the tile opens \(see \[opens\] in "
+        r"tileset.toml\), got road on 0 of its 384 pixels; it ends 3 pixels short of it",
+    ),
+    "a road to a closed side": (
+        lambda folder: (folder / "crossing3_1" / "road.png").write_bytes(
+            (folder / "crossing4_1" / "road.png").read_bytes()
+        ),
+        r"crossing3_1/road.png: expected the road to end before the side E \(see .*\), got road on 284 of its 384",
+    ),
+    "opens unknown": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),
+        r"tileset.toml: expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'",
+    ),
+    "a turn that is straight": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn = "NS"'),
+        r"tileset.toml: expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
+    ),
+    "sides that are none": (
+        lambda folder: (folder / "tileset.toml").write_text('[opens]\nstraight_2 = "NX"'),
+        r"tileset.toml: expected straight_2 to open 2 sides that face each other, as letters of NESW, got 'NX'",
+    ),
+}
+
+
+@pytest.mark.parametrize("spoil", SPOILS)
+def test_what_is_wrong_is_named(spoil, folder, capfd):
+    damage, message = SPOILS[spoil]
+    damage(folder)
+    with pytest.raises(ValueError, match=message):
+        load_tiles(folder)
+    assert not "".join(capfd.readouterr()), "libraries keep silent"
+
+
+def test_all_that_is_wrong_is_found_at_once(folder):
+    (folder / "turn_2" / "red.png").unlink()
+    write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8))
+    tiles, problems = inspect_tiles(folder)
+    assert tiles is None
+    assert len(problems) == 2
+    with pytest.raises(ValueError, match="turn_2: .* \\(and 1 more; see: elitelanes tiles check\\)"):
+        load_tiles(folder)
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(ValueError, match="nowhere: expected a folder of tile pictures, got none"):
+        load_tiles(tmp_path / "nowhere")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="file: expected a folder of tile pictures, got a file"):
+        load_tiles(tmp_path / "file")
