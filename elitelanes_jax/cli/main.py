@@ -9,22 +9,17 @@ from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
-from elitelanes_jax.cli.program import guarded, leave
+from elitelanes_jax.cli.program import guarded
 from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.tiles import add_tiles
 
-__all__ = ["main", "make_parser", "run"]
+__all__ = ["main", "make_parser"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
     return guarded("elitelanes", lambda: options.action(options), interrupted=options.interrupted)
-
-
-def run() -> NoReturn:
-    """Runs the console script."""
-    leave(main)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -42,9 +42,12 @@ def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:
 
 
 def leave(main: Callable[[], int]) -> NoReturn:
-    """Runs a program's main function as the program."""
+    """Runs a program's main function as the program; interrupted outside of `guarded`, it ends without a word."""
     with catch_interrupts():
-        code = main()
+        try:
+            code = main()
+        except KeyboardInterrupt:
+            code = _INTERRUPTED
         if code == _INTERRUPTED:
             # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
             sys.stderr.flush()

@@ -18,16 +18,17 @@ def catch_interrupts() -> Iterator[None]:
 
     An exception can be lost: Python only prints one that is raised in a callback of the garbage collector, and JAX's
     native code drops one that is raised in a comparison that it asks for. So it is raised again every tenth of a
-    second, except while it is being handled, so that cleaning up is not disturbed.
+    second, except while it is being handled, so that cleaning up is not disturbed, and while a module loads: native
+    modules, as those of NumPy and JAX, crash or print a traceback if one is raised then.
     """
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     hook = sys.unraisablehook
     repeats = hasattr(signal, "setitimer")  # not on every system
 
-    def interrupt(number: int, _: FrameType | None) -> None:
+    def interrupt(number: int, frame: FrameType | None) -> None:
         if repeats and number != signal.SIGALRM:
             signal.setitimer(signal.ITIMER_REAL, _AGAIN, _AGAIN)
-        if not _is_handled():
+        if not _is_handled() and not (repeats and _is_loading(frame)):
             raise KeyboardInterrupt
 
     def unraisable(lost: "sys.UnraisableHookArgs") -> None:
@@ -48,6 +49,13 @@ def catch_interrupts() -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
         sys.unraisablehook = hook
+
+
+def _is_loading(frame: FrameType | None) -> bool:
+    """Tells whether a module is being loaded."""
+    while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
+        frame = frame.f_back
+    return frame is not None
 
 
 def _is_handled() -> bool:

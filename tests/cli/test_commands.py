@@ -29,7 +29,7 @@ from elitelanes_jax.tiles.tileset import default_tiles
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]
 SMALL += ["--method", "ea", "--preset", "paper"]
 
-COMMAND = "from elitelanes_jax.cli.main import run; run()"
+COMMAND = "from elitelanes_jax.__main__ import run; run()"
 
 
 @pytest.fixture(scope="module")
@@ -358,6 +358,23 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
     assert process.returncode == 130
     assert said == "elitelanes: interrupted; nothing was written\n"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_a_command_that_is_told_to_end_while_its_modules_load_prints_no_traceback(tmp_path):
+    """An exception within the loading of NumPy or JAX would end in a traceback or a crash."""
+    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True)"
+    command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--generations", "9999999"]
+    for number in range(10):
+        files = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        with subprocess.Popen([*command, "--out", str(tmp_path / "out")], **files) as process:
+            assert process.stdout.readline() == "\n"
+            time.sleep(0.1 + 0.06 * number)  # the package's own first modules have no handler yet
+            process.send_signal(signal.SIGINT)
+            _, said = process.communicate(timeout=60)
+        assert process.returncode == 130
+        assert said in ("", "elitelanes: interrupted; nothing was written\n")
+        assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")

@@ -1,0 +1,29 @@
+"""The console script ``elitelanes``, and ``python -m elitelanes_jax``."""
+
+import os
+import signal
+import sys
+from typing import NoReturn
+
+__all__ = ["run"]
+
+
+def run() -> NoReturn:
+    """Runs the command line of the process; modules load within, so that an interruption is caught from the start."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)  # not on every system
+        if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
+    from elitelanes_jax.cli.program import leave
+
+    leave(_main)
+
+
+def _main() -> int:
+    from elitelanes_jax.cli.main import main
+
+    return main(sys.argv[1:])
+
+
+if __name__ == "__main__":
+    run()
