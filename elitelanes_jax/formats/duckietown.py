@@ -10,11 +10,11 @@ import reprlib
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax.formats.graph import linked_tiles
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
@@ -104,9 +104,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     Raises:
       InputError: if it is no such map, or has a kind of tile that is not known, or a side under 2 or over 1024 tiles:
         of the 44 maps that come with duckietown-world, 3 have a side of 1.
-      MissingPackageError: where PyYAML is not installed.
     """
-    yaml = import_optional("yaml", "Duckietown maps need PyYAML", "pyyaml")
     try:
         values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except yaml.YAMLError as error:

@@ -85,7 +85,6 @@ def read_map(file: str | Path) -> RoadMap:
 
     Raises:
       InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
-      MissingPackageError: for a map of Duckietown where PyYAML is not installed.
     """
     is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"

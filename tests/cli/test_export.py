@@ -179,12 +179,8 @@ def test_a_terminal_without_box_drawing(maps, monkeypatch):
     assert stream.buffer.getvalue().startswith(b"+-+\n+-+\n\n2 x 2 tiles")
 
 
-def test_libraries_that_are_not_there_are_named(maps, tmp_path, monkeypatch, capsys):
-    (tmp_path / "map.yaml").write_text("tiles: [[grass, grass], [grass, grass]]")
-    for module in ("yaml", "networkx"):
-        monkeypatch.setitem(sys.modules, module, None)
-    assert main(["show", str(tmp_path / "map.yaml")]) == 2
-    assert capsys.readouterr().err == "elitelanes: Duckietown maps need PyYAML: pip install pyyaml\n"
+def test_a_library_that_is_not_there_is_named(maps, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "networkx", None)
     assert main(["export", maps[0], "--to", "graphml", "--out", str(tmp_path / "out.graphml")]) == 2
     assert capsys.readouterr().err == "elitelanes: graphs need NetworkX: pip install networkx\n"
     assert main(["export", maps[0], "--to", "duckietown", "--out", str(tmp_path / "out.yaml")]) == 0
