@@ -2,13 +2,15 @@
 
 PYTHON ?= python3
 BIN := .venv/bin
+# The environment holds what runs the program, and after that what the tests and all else here need.
+PROGRAM := .venv/.program
 READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 
 .PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum segmentation throughput clean
 
-demo: $(READY)
+demo: $(PROGRAM)
 	rm -rf $(DEMO)
 	$(BIN)/elitelanes generate --size 12 12 --method map-elites --seeds 16 --maps 16 --out $(DEMO)
 
@@ -83,10 +85,16 @@ throughput: $(READY)
 clean:
 	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
 
-$(READY): pyproject.toml constraints.txt
+$(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "elitelanes_jax: expected Python 3.11 or later as $(PYTHON), got $$($(PYTHON) --version 2>&1)"; exit 2; }
 	$(PYTHON) -m venv .venv
+	@echo "installing what runs the program, most of it JAX"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	touch $@
+
+$(READY): $(PROGRAM)
+	@echo "installing what the tests need"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
 	  -e '.[dev,docs,experiments,segmentation]'
-	touch $(READY)
+	touch $@
