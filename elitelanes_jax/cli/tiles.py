@@ -1,6 +1,7 @@
 """The commands ``elitelanes tiles``: checks of a tile set, and proposed masks."""
 
 import argparse
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,7 +64,11 @@ def _add_masks(commands: Commands) -> None:
     command.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
         command.add_argument(f"--{mask}", type=checked_by(name), metavar="RANGE", help=f"colours of {what}")
-    command.add_argument("--overwrite", action="store_true", help="propose also masks that exist")
+    command.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="remake also masks that exist: those whose colours are given, else all; a copy is kept beside each",
+    )
     command.add_argument(
         "--sheet", type=_png, metavar="FILE", help="PNG file for all of them on one sheet; by default DIR/masks.png"
     )
@@ -81,18 +86,23 @@ def _masks(options: argparse.Namespace) -> int:
             except InputError as error:
                 raise InputError(f"--{mask}: {error}") from None
     sheet = _beside(options.folder, options.sheet or options.folder / "masks.png")
-    proposals = mask_folder(options.folder, colours, options.overwrite)
+    named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
+    proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
     masks = {
         proposal.folder / f"{mask}.png": proposal.masks[mask].astype("uint8") * 255
         for proposal in proposals
         for mask in proposal.proposed
     }
+    replaced = [file for file in masks if file.exists()]
+    for file in replaced:
+        shutil.copy2(file, file.with_name(f".{file.name}.before"))
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
         f"{len(masks)} masks of {len(proposals)} tiles in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
+        + (f", {len(replaced)} replaced and kept as .{replaced[0].name}.before and the like" if replaced else "")
         + f"; all of them on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )

@@ -5,7 +5,7 @@ white tape along its edges.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -112,13 +112,15 @@ class Proposal(NamedTuple):
     proposed: tuple[str, ...]
 
 
-def mask_folder(folder: str | Path, colours: Mapping[str, Colour] = COLOURS, overwrite: bool = False) -> list[Proposal]:
+def mask_folder(
+    folder: str | Path, colours: Mapping[str, Colour] = COLOURS, overwrite: Collection[str] = ()
+) -> list[Proposal]:
     """Proposes the masks that the tiles of a set lack; writes nothing.
 
     Args:
       folder: of a tile set, as `load_tiles` takes it, in which masks may be missing.
       colours: see `propose_masks`.
-      overwrite: whether to propose also masks that exist.
+      overwrite: names of masks to propose even where they exist.
 
     Raises:
       InputError: if there are no tiles, or a file is not as it should be; the message names it.
@@ -142,9 +144,9 @@ def mask_folder(folder: str | Path, colours: Mapping[str, Colour] = COLOURS, ove
             image = np.ascontiguousarray(image[..., :3])
             masks, found = propose_masks(image, colours), {}
             for name in MASKS:
-                kept = None if overwrite else read_mask(place / f"{name}.png", image, problems)
+                kept = None if name in overwrite else read_mask(place / f"{name}.png", image, problems)
                 found[name] = masks[name] if kept is None else kept
-            proposed = tuple(name for name in MASKS if overwrite or not (place / f"{name}.png").exists())
+            proposed = tuple(name for name in MASKS if name in overwrite or not (place / f"{name}.png").exists())
             proposals.append(Proposal(place, image, found, proposed))
     if problems:
         raise InputError(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))

@@ -109,6 +109,12 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert after == before
     assert main(["tiles", "masks", str(folder), "--overwrite", "--yellow", "0..5,0..1,0..1"]) == 0
     assert not read(folder / "straight_1" / "yellow.png").any()
+    assert "4 masks of 4 tiles" in capsys.readouterr().out
+    # The others are as they were, and what was replaced is kept where no tile set looks.
+    remade = files(folder)
+    assert all("yellow" in name for name in after if remade[name] != after[name])
+    assert all(remade[f"{first(name)}/.yellow.png.before"] == after[name] for name in after if "yellow" in name)
+    assert main(["tiles", "check", str(folder)]) == 0
     assert read(sheet).shape[2] == read(folder / "masks.png").shape[2] == 3
 
 
