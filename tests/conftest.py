@@ -1,9 +1,11 @@
 """Fixtures and helpers that several tests share."""
 
+import ctypes
+import gc
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import jax
@@ -15,6 +17,7 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     folder = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = folder.name
     os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=1"
+    os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
 jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
@@ -82,6 +85,9 @@ def compiled_programs_are_let_go() -> Iterator[None]:
     """One process that keeps the programs of all modules runs out of memory mappings, and crashes."""
     yield
     jax.clear_caches()
+    gc.collect()
+    with suppress(OSError, AttributeError):  # not every system has glibc, which keeps freed memory unless it is told
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
 
 
 _compiled: list[str] = []

@@ -33,9 +33,13 @@ def same(one, other):
     chex.assert_trees_all_equal(one.history[:4], other.history[:4])
 
 
-@pytest.mark.parametrize(
-    "method", ["ea", "map-elites", *(pytest.param(method, marks=pytest.mark.slow) for method in ("pso", "gwo"))]
+# The swarms keep the same promises by the same code: slow proofs.
+every_method = pytest.mark.parametrize(
+    "method", [pytest.param(method, marks=[pytest.mark.slow] if method in ("pso", "gwo") else []) for method in METHODS]
 )
+
+
+@every_method
 def test_shapes_and_types(method):
     places = {"ea": 20, "map-elites": 400, "pso": 40, "gwo": 42}[method]
     alone = search(KEY, SHAPE, method=method, generations=7)
@@ -55,7 +59,7 @@ def test_shapes_and_types(method):
         assert result.state.generation == 7
 
 
-@pytest.mark.parametrize("method", METHODS)
+@every_method
 def test_stopped_and_continued_is_the_whole_run_and_a_seed_is_the_same_alone(method):
     keys = jax.random.split(KEY, 3)
     whole = search(keys, SHAPE, method=method, generations=50)
@@ -212,7 +216,7 @@ def test_evaluations_are_rounded_up_to_generations():
         assert search(KEY, SHAPE, evaluations=evaluations).state.generation == generations
 
 
-@pytest.mark.parametrize("preset", [pytest.param("paper", marks=pytest.mark.slow), "tuned"])
+@pytest.mark.parametrize("preset", ["paper", pytest.param("tuned", marks=pytest.mark.slow)])
 def test_a_result_is_a_pytree_of_arrays(preset):
     result = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=0)
     for copy in (jax.jit(lambda result: result)(result), jax.device_put(result)):

@@ -365,11 +365,11 @@ def test_a_command_that_is_told_to_end_while_its_modules_load_prints_no_tracebac
     """An exception within the loading of NumPy or JAX would end in a traceback or a crash."""
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True)"
     command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--generations", "9999999"]
-    for number in range(10):
+    for number in range(6):
         files = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen([*command, "--out", str(tmp_path / "out")], **files) as process:
             assert process.stdout.readline() == "\n"
-            time.sleep(0.1 + 0.06 * number)  # the package's own first modules have no handler yet
+            time.sleep(0.1 + 0.1 * number)  # the package's own first modules have no handler yet
             process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=60)
         assert process.returncode == 130

@@ -20,9 +20,9 @@ from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 
-# The tuned swarms are the tuned EA with other mates: slow proofs.
+# The tuned EA and swarms differ in their mates alone: slow proofs.
 every_method = pytest.mark.parametrize(
-    "method", [pytest.param(method, marks=[pytest.mark.slow] if method in ("pso", "gwo") else []) for method in METHODS]
+    "method", [pytest.param(method, marks=[] if method == "map-elites" else [pytest.mark.slow]) for method in METHODS]
 )
 
 
@@ -51,9 +51,7 @@ def optimum(side, fill):
 @pytest.mark.parametrize(
     ("method", "fill"),
     [
-        pytest.param(
-            method, fill, marks=[] if (method, fill) in (("ea", True), ("map-elites", False)) else [pytest.mark.slow]
-        )
+        pytest.param(method, fill, marks=[] if (method, fill) == ("map-elites", False) else [pytest.mark.slow])
         for method in METHODS
         for fill in (True, False)
     ],
@@ -119,7 +117,7 @@ def test_what_is_asked_for_is_found_and_other_ranges_need_no_second_compilation(
     ("method", "preset"),
     [
         ("ea", "tuned"),
-        ("pso", "paper"),
+        pytest.param("pso", "paper", marks=pytest.mark.slow),
         pytest.param("ea", "paper", marks=pytest.mark.slow),
         pytest.param("map-elites", "tuned", marks=pytest.mark.slow),
     ],

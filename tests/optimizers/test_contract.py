@@ -106,7 +106,7 @@ def shapes(tree):
 @pytest.mark.parametrize(
     ("name", "fill"),
     [
-        pytest.param(name, fill, marks=[pytest.mark.slow] if name in SLOW or (fill and name != "ea, tuned") else [])
+        pytest.param(name, fill, marks=[pytest.mark.slow] if name in SLOW or (fill != (name == "ea, tuned")) else [])
         for name in MAKERS
         for fill in (False, True)
     ],

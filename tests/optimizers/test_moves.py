@@ -124,9 +124,9 @@ def at_the_opposite_place_too(plain, dirty):
 
 def test_batches_and_compilation_change_nothing():
     move, grid, mate = random_move(Mix(), fill=False), jnp.asarray(network((4, 7))), jnp.asarray(network((4, 7), 1))
-    bits = random_bits(jax.random.key(5), (20, move.bits))
+    bits = random_bits(jax.random.key(5), (6, move.bits))
     together = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate)
-    for number in range(20):
+    for number in range(6):
         alone = move.apply(bits[number], grid, mate)
         np.testing.assert_array_equal(together.grid[number], alone.grid)
         np.testing.assert_array_equal(together.dirty[number], alone.dirty)
