@@ -103,7 +103,7 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
             "dead_ends": ((own == 1) | (own != returned), 1),
             "boundary_violations": (outward > 0, 1),
             "crossings": (layout.here(crossing), 1),
-            "adjacent_crossings": (2 * (east_pair.astype(jnp.int8) + south_pair), 4),
+            "adjacent_crossings": (east_pair.astype(jnp.int8) + south_pair, 2),
             "adjacent_crossing_score": (
                 jnp.where(east_pair, own + layout.east(connections), 0)
                 + jnp.where(south_pair, own + layout.south(connections), 0),
@@ -123,6 +123,7 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
         area,
     )
     counts["components"] = counts["tiles"] - counts["edges"] + counts["cyclomatic"]
+    counts["adjacent_crossings"] *= 2
     counts["unlinked_neighbours"] = counts.pop("neighbours") - counts["edges"]
     counts["empty_cells"] = area - counts["tiles"]
     return Metrics(**counts, coverage=_coverage(counts["tiles"], area))
