@@ -150,7 +150,7 @@ def evolve(
       InputError: for an argument out of its range, or a state of a run with another key or other settings.
     """
     keys, single = _check_keys(key)
-    shape = check_shape(shape)
+    shape = check_shape(shape, new=True)
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
     fingerprint = _fingerprint(program, numbers, keys)

@@ -85,7 +85,7 @@ def check_size(size: Any) -> tuple[int, int]:
       InputError: as `check_shape`.
     """
     try:
-        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in size])
+        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in size], new=True)
     except (TypeError, InputError) as error:
         words = str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
         raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None

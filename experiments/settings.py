@@ -44,7 +44,7 @@ def add_settings(parser: argparse.ArgumentParser, *, sizes: list[tuple[int, int]
 def _size(text: str) -> tuple[int, int]:
     try:
         sides = [int(side) for side in text.split("x")]
-        return check_shape(sides * 2 if len(sides) == 1 else sides)
+        return check_shape(sides * 2 if len(sides) == 1 else sides, new=True)
     except ValueError:
         raise argparse.ArgumentTypeError(f"expected a size, 12 or 9x14, sides from 2 to 1024, got {text!r}") from None
 

@@ -41,9 +41,9 @@ settings.load_profile("ci")
 REAL_TILES = Path(__file__).parents[2] / "shared" / "real_tiles"
 
 
-def grids():
-    """Hypothesis: grids of any codes, of a few shapes (each is compiled once)."""
-    shapes = st.sampled_from([(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)])
+def grids(*, thin=False):
+    """Hypothesis: grids of any codes, of a few shapes (each is compiled once), also one tile wide where asked for."""
+    shapes = st.sampled_from([(2, 2), (2, 5), (5, 2), (3, 4), (6, 6)] + [(1, 1), (1, 4), (5, 1)] * thin)
     return shapes.flatmap(lambda shape: hnp.arrays(np.int8, shape, elements=st.integers(0, 15)))
 
 

@@ -40,7 +40,7 @@ def artist(ax, label):
 
 
 @settings(max_examples=40)
-@given(grids())
+@given(grids(thin=True))
 def test_a_map_has_a_ribbon_for_each_link_and_a_bar_for_each_end(grid):
     """Repaired or not: what is not answered is drawn to the tile's side, and ends there."""
     _, ax = plt.subplots()
@@ -58,7 +58,7 @@ def test_a_map_has_a_ribbon_for_each_link_and_a_bar_for_each_end(grid):
 
 
 @settings(max_examples=40)
-@given(grids())
+@given(grids(thin=True))
 def test_lanes_lead_from_tile_to_tile_over_the_middle_of_their_side(grid):
     grid = np.asarray(repair(grid))
     _, ax = plt.subplots()

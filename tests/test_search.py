@@ -260,7 +260,7 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"key": 3}, "key: expected a jax.random.key or an array of them, got 3"),
         ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
-        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024, got 1 x 5"),
+        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
         ({"method": "annealing"}, "method: expected one of map-elites, ea, pso, gwo, got 'annealing'"),
         ({"preset": "best"}, "preset: expected one of tuned, paper, standard for map-elites, got 'best'"),
         ({"presets": "paper"}, "presets: expected one of method, .*, got 'presets'; is it preset?"),

@@ -102,8 +102,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
       int8 ``[H, W]``.
 
     Raises:
-      InputError: if it is no such map, or has a kind of tile that is not known, or a side under 2 or over 1024 tiles:
-        of the 44 maps that come with duckietown-world, 3 have a side of 1.
+      InputError: if it is no such map, or has a kind of tile that is not known, or a side over 1024 tiles.
     """
     try:
         values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))

@@ -13,18 +13,23 @@ LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
 
 
-def check_shape(shape: Any) -> tuple[int, int]:
+def check_shape(shape: Any, *, new: bool = False) -> tuple[int, int]:
     """Checks a grid's shape; returns (height, width) as two ints.
 
+    Args:
+      shape: to check.
+      new: whether maps of it are to be made: no road leads round to itself on a map one tile wide.
+
     Raises:
-      InputError: unless it is two whole numbers from 2 to `LONGEST_SIDE`.
+      InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
     """
     try:
         height, width = (int(side) for side in shape if int(side) == side)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"shape: expected (height, width), two whole numbers, got {shape!r}") from None
-    if min(height, width) < 2 or max(height, width) > LONGEST_SIDE:
-        raise InputError(f"shape: expected sides from 2 to {LONGEST_SIDE}, got {height} x {width}")
+    least, purpose = (2, " for new maps") if new else (1, "")
+    if min(height, width) < least or max(height, width) > LONGEST_SIDE:
+        raise InputError(f"shape: expected sides from {least} to {LONGEST_SIDE}{purpose}, got {height} x {width}")
     return height, width
 
 
@@ -35,7 +40,7 @@ def check_grid(grid: Any) -> Any:
     gives meaningless results there.
 
     Raises:
-      InputError: if it is not two-dimensional, has a side under 2 or over `LONGEST_SIDE`, holds anything but integers,
+      InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds anything but integers,
         or a code outside 0..15.
     """
     jax = sys.modules.get("jax")

@@ -21,7 +21,7 @@ def random_grids(
     Args:
       key: consumed. With JAX's default key type grid i depends on the key and i alone, not on `count`.
       count: how many, at least 0.
-      shape: (height, width), each at least 2.
+      shape: (height, width), each at least 1.
       alphabet: the tile codes to draw from.
 
     Returns:

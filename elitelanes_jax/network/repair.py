@@ -27,7 +27,8 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False, fixed: Any = Non
       grid: integer codes ``[H, W]``.
       dirty: bool ``[H, W]``, the tiles that decide; none by default. Integers rank the tiles: the higher one decides.
       fill: afterwards add connections to every tile with fewer than two, until all tiles are straights, turns or
-        crossings. A stub is continued straight ahead where the grid goes on. Every grid can be filled.
+        crossings. A stub is continued straight ahead where the grid goes on. Every grid can be filled, but for those
+        one tile wide.
       fixed: bool ``[H, W]``, tiles that stay as they are: they decide over all others, and filling adds no connection
         to them. Tiles beside them may then be left with fewer than two. None by default.
 
@@ -35,9 +36,12 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False, fixed: Any = Non
       int8 ``[H, W]``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or a mask of another shape or kind.
+      InputError: for a bad grid (see `check_grid`), a mask of another shape or kind, or a grid to fill that is one
+        tile wide.
     """
     grid = check_grid(grid)
+    if fill and min(grid.shape) < 2:
+        raise InputError(f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}")
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
     return _repair(grid, dirty, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
 

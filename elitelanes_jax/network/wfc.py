@@ -104,7 +104,7 @@ def generate_batch(
     if border not in ("open", "closed"):
         raise InputError(f"border: expected 'open' or 'closed', got {border!r}")
     n, attempts = check_named("n", whole(1), n), check_named("attempts", whole(1), attempts)
-    shape = check_shape(shape)
+    shape = check_shape(shape, new=True)
     constraints = check_alphabet(alphabet), border, bool(crossing_ban)
     rules, start = _rules(*constraints), _start(*constraints, shape)
     grids, success, tries = np.zeros((n, *shape), np.int8), np.zeros(n, bool), np.zeros(n, int)

@@ -92,7 +92,7 @@ def road_problem(
     Raises:
       InputError: for a bad shape, alphabet or axis; of `Problem.random`, for more initial grids than it is to return.
     """
-    shape = check_shape(shape)
+    shape = check_shape(shape, new=True)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape)
     allowed = (*alphabet, *KINDS["stub"], *KINDS["empty"])

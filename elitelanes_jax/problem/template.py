@@ -68,7 +68,7 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
         got = f"{len(rows)} rows of {' or '.join(map(str, lengths)) or 0}"
         raise InputError(f"{name}: expected rows of one length, got {got}")
     try:
-        shape = check_shape((len(rows), *lengths))
+        shape = check_shape((len(rows), *lengths), new=True)
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     for row, column in np.ndindex(*shape):

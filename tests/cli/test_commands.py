@@ -164,7 +164,7 @@ WRONG = {
     "no preset": (["--preset", ""], "--preset: expected a name, got ''"),
     "no folder": (["--out", ""], "generate: argument --out: expected a name, got ''"),
     "no tiles": (["--tiles", ""], "--tiles: expected a name, got ''"),
-    "a thin grid": (["--size", "1", "5"], "--size: expected sides from 2 to 1024, got 1 x 5"),
+    "a thin grid": (["--size", "1", "5"], "--size: expected sides from 2 to 1024 for new maps, got 1 x 5"),
     "half a grid": (
         ["--size", "5", "x"],
         "--size: expected a whole number, 0 or more, got 'x'",

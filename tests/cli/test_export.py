@@ -41,6 +41,18 @@ def test_a_map_in_boxes():
         assert {side for side, signs in sides.items() if sign and sign in signs} == {s for s in sides if code & s}
 
 
+def test_a_map_one_tile_wide_is_shown_and_written(tmp_path, capsys):
+    thin = tmp_path / "thin.yaml"
+    thin.write_text("tiles:\n- [straight/E, 4way, straight/E]\n")
+    assert main(["show", str(thin)]) == 0
+    assert capsys.readouterr().out.splitlines()[0] == "──┼───"
+    for to, file in (("duckietown", "again.yaml"), ("graphml", "a.graphml"), ("csv", "a.csv"), ("sumo-plain", "plain")):
+        assert main(["export", str(thin), "--to", to, "--out", str(tmp_path / file)]) == 0
+    assert read_map(tmp_path / "again.yaml").codes.tolist() == [[5, 15, 5]]
+    assert nx.read_graphml(tmp_path / "a.graphml").number_of_edges() == 2
+    assert main(["render", str(thin), "--tile-px", "16", "--out", str(tmp_path / "picture")]) == 0
+
+
 def test_a_table_is_what_measure_says():
     rows = measure_maps(["a", "b", "c"], [GRID, LOOP, GRID.T])
     for row, (name, grid) in zip(rows, (("a", GRID), ("b", LOOP), ("c", GRID.T)), strict=True):

@@ -39,7 +39,7 @@ objects:
 """
 
 tables = hnp.arrays(
-    np.int8, st.tuples(st.integers(2, 6), st.integers(2, 6)), elements=st.sampled_from((0, *ROAD_ALPHABET))
+    np.int8, st.tuples(st.integers(1, 6), st.integers(1, 6)), elements=st.sampled_from((0, *ROAD_ALPHABET))
 )
 
 
@@ -91,7 +91,7 @@ def test_all_kinds_and_sides():
             steps = [(-column, row) for row, column in steps]  # a quarter turn counter-clockwise
 
 
-@given(grids())
+@given(grids(thin=True))
 def test_without_dead_ends_nothing_is_left_that_leads_nowhere(grid):
     left = without_dead_ends(grid)
     metrics = measure(left)
@@ -135,7 +135,7 @@ def test_messages_are_short_whatever_a_file_unfolds_to():
         ("tiles: road", "tiles: expected rows of kinds of tiles, got 'road'"),
         ("tiles: [[floor, floor], road]", "tiles: expected rows of kinds of tiles"),
         ("tiles: [[floor, floor], [floor]]", "grid: expected rows of one length"),
-        ("tiles: [[floor, floor]]", "expected sides from 2 to 1024, got 1 x 2"),
+        ("tiles: [[]]", "expected sides from 1 to 1024, got 1 x 0"),
         ("tiles: [[floor, floor], [floor, river/N]]", "got 'river/N' at row 1, column 1"),
         ("tiles: [[floor, floor], [floor, 4]]", "got 4 at row 1, column 1"),
         ("tiles: [[straight/Q, floor], [floor, floor]]", "expected one of straight, .* got 'straight/Q' at row 0"),

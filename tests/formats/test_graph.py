@@ -19,7 +19,7 @@ def cyclomatic(graph):
     return graph.number_of_edges() - graph.number_of_nodes() + nx.number_connected_components(graph)
 
 
-@given(grids())
+@given(grids(thin=True))
 def test_the_tile_graph_has_what_is_measured(grid):
     graph, metrics = tile_graph(grid), measure(grid)
     assert nx.utils.graphs_equal(nx.Graph(graph.edges), nx.Graph(road_graph(grid).edges))
@@ -33,7 +33,7 @@ def test_the_tile_graph_has_what_is_measured(grid):
     assert sum(kind == "turn" for _, kind in graph.nodes(data="kind")) == metrics.turns
 
 
-@given(grids())
+@given(grids(thin=True))
 def test_the_reduced_graph_keeps_what_matters(grid):
     tiles, graph, metrics = tile_graph(grid), reduced_graph(grid), measure(grid)
     assert nx.number_connected_components(graph) == metrics.components

@@ -73,7 +73,7 @@ def drawn(tiles, turns):
         ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
         ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
         ('{"codes": [[1.5, 2], [3, 4]]}', "grid: expected tile codes 0 to 15, got 1.5 at row 0, column 0"),
-        ('{"codes": [[1, 2]]}', "expected sides from 2 to 1024, got 1 x 2"),
+        ('{"codes": [[]]}', "expected sides from 1 to 1024, got 1 x 0"),
         ('{"codes": "road"}', "grid: expected"),
         (with_("drawn", "3"), "drawn: expected a record of tile_set, tiles, quarter_turns, turns 0 to 3, got 3"),
         (with_("drawn", '{"tiles": []}'), "drawn: expected a record"),

@@ -56,7 +56,7 @@ def linked(grid):
     return graph.subgraph([tile for tile in graph if graph.degree(tile)])
 
 
-@given(grids())
+@given(grids(thin=True))
 @example(CITY)
 @example(KNOT)
 @example(RING)
@@ -100,7 +100,7 @@ def _straight(neighbours):
     return a == c or b == d
 
 
-@given(grids())
+@given(grids(thin=True))
 @example(CITY)
 @example(KNOT)
 @example(RING)

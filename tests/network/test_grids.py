@@ -28,10 +28,16 @@ def test_a_random_grid_does_not_depend_on_how_many_there_are():
     assert random_grids(key, 0).shape == (0, 12, 12)
 
 
-@pytest.mark.parametrize("shape", [(1, 5), (5, 0), (2,), (2, 2, 2), (2.5, 3), "ab", None, 7, (2, 2000)])
+@pytest.mark.parametrize("shape", [(5, 0), (2,), (2, 2, 2), (2.5, 3), "ab", None, 7, (2, 2000)])
 def test_bad_shapes_are_refused(shape):
     with pytest.raises(ValueError, match="shape: expected"):
         check_shape(shape)
+
+
+def test_new_maps_are_at_least_two_by_two():
+    assert check_shape((1, 5)) == (1, 5)
+    with pytest.raises(InputError, match="shape: expected sides from 2 to 1024 for new maps, got 1 x 5"):
+        check_shape((1, 5), new=True)
 
 
 def test_checked_grids_are_int8_and_the_same():

@@ -227,7 +227,7 @@ def test_the_papers_figures():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024, got 1 x 5"),
+        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
         ({"alphabet": [3, 16]}, "alphabet: expected tile codes"),
         ({"border": "ajar"}, "border: expected 'open' or 'closed', got 'ajar'"),
         ({"attempts": 0}, "attempts: expected a whole number, 1 or more, got 0"),

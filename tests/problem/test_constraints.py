@@ -134,7 +134,7 @@ def test_templates_are_read(tmp_path):
         ("{}", "expected rows of tile codes"),
         ("7", "expected rows of tile codes"),
         ("[[1, 2], [3]]", "expected rows of one length, got 2 rows of 1 or 2"),
-        ("[[5, 5]]", "shape: expected sides from 2 to 1024, got 1 x 2"),
+        ("[[5, 5]]", "shape: expected sides from 2 to 1024 for new maps, got 1 x 2"),
         (
             "[[99, null, null], [null, null, null]]",
             "0 to 15, or null for a free cell, got 99 at row 0, column 0",
