@@ -1,0 +1,1 @@
+"""Driving on maps: lanes, routes, environments for reinforcement learning, and what a camera sees."""

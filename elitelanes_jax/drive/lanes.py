@@ -1,0 +1,301 @@
+"""Lanes: the geometry that a grid of tiles implies, with traffic on the right.
+
+Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a place times the
+side of a tile in pixels is its place in a picture of the map. Angles are counter-clockwise as seen from above, in
+radians; 0 is east. Headings of movements are numbers, the places in `codes.SIDES`: 0 north, 1 east, 2 south, 3 west.
+
+A movement enters a tile with a heading and turns right, goes straight on or turns left. It follows the centre of its
+lane, 0.2 tile to the right of the road's middle: a line, or a quarter circle about the near corner (radius 0.3) or the
+far one (0.7). Both lanes of a turn are such arcs; a crossing has all three kinds where its sides are open. Nobody turns
+back, so a stub has no movement. Only links count: connections that the neighbour returns.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
+
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import SIDES
+
+__all__ = [
+    "EXIT",
+    "HALF_ROAD",
+    "LANE_OFFSET",
+    "MOVEMENTS",
+    "TURNS",
+    "LanePose",
+    "Movement",
+    "Place",
+    "Pose",
+    "lane_errors",
+    "lane_length",
+    "lane_point",
+    "lane_pose",
+    "linked",
+    "movements",
+    "on_road",
+]
+
+LANE_OFFSET = 0.2
+"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
+
+HALF_ROAD = 0.222 / 0.585
+"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
+
+TURNS = ("right", "straight", "left")
+"""The turns of a movement by their numbers."""
+
+EXIT = np.array([[(heading + turn) % 4 for turn in (1, 0, -1)] for heading in range(4)], np.int8)
+"""int8 ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
+
+_BITS = np.array([side.bit for side in SIDES], np.int8)
+_DOWN = np.array([side.down for side in SIDES], np.int32)
+_ACROSS = np.array([side.right for side in SIDES], np.int32)
+
+MOVEMENTS = np.array(
+    [
+        [[bool(code & SIDES[heading].opposite and code & _BITS[out]) for out in EXIT[heading]] for heading in range(4)]
+        for code in range(16)
+    ]
+)
+"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
+
+# A point lies at (forward, left) of the middle of the side that a movement enters by.
+_EAST_PART, _SOUTH_PART = np.array([0, 1, 0, -1], np.float32), np.array([-1, 0, 1, 0], np.float32)
+_ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
+_BEND = np.array([-1, 0, 1], np.float32)  # to the left
+_RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
+_LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
+
+
+class Place(NamedTuple):
+    """A tile and the heading with which it was entered: all that decides where one may drive next.
+
+    Attributes:
+      row: int32, from the north.
+      column: int32, from the west.
+      heading: int32, 0 north, 1 east, 2 south, 3 west.
+    """
+
+    row: Int[Array, "..."]
+    column: Int[Array, "..."]
+    heading: Int[Array, "..."]
+
+
+class Movement(NamedTuple):
+    """A way across a tile.
+
+    Attributes:
+      row: int32, from the north.
+      column: int32, from the west.
+      heading: int32, when the tile is entered: 0 north, 1 east, 2 south, 3 west.
+      turn: int32, 0 right, 1 straight, 2 left.
+    """
+
+    row: Int[Array, "..."]
+    column: Int[Array, "..."]
+    heading: Int[Array, "..."]
+    turn: Int[Array, "..."]
+
+    @property
+    def place(self) -> Place:
+        """The tile and the heading when it is entered."""
+        return Place(self.row, self.column, self.heading)
+
+    @property
+    def next_place(self) -> Place:
+        """The tile that the movement leads to, and the heading there."""
+        out = jnp.asarray(EXIT)[self.heading, self.turn].astype(jnp.int32)
+        return Place(self.row + jnp.asarray(_DOWN)[out], self.column + jnp.asarray(_ACROSS)[out], out)
+
+
+class Pose(NamedTuple):
+    """A position and a direction.
+
+    Attributes:
+      x: float32, tiles east of the north-west corner of the grid.
+      y: float32, tiles south of it.
+      theta: float32, radians counter-clockwise from east.
+    """
+
+    x: Float[Array, "..."]
+    y: Float[Array, "..."]
+    theta: Float[Array, "..."]
+
+
+class LanePose(NamedTuple):
+    """A pose as its lane has it.
+
+    Attributes:
+      d: float32, tiles to the left of the lane's centre.
+      phi: float32, radians that the pose is turned to the left of the lane, -pi to pi.
+      s: float32, tiles along the movement from where it enters its tile.
+      on_road: bool, the position lies on the road, between the inner edges of the white tape.
+      own_lane: bool, on the road and within 0.2 tile of the lane's centre, so not beyond the road's middle.
+      oncoming: bool, on the road, further to the left.
+      movement: whose lane it is.
+      found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane` and `oncoming` False.
+    """
+
+    d: Float[Array, "..."]
+    phi: Float[Array, "..."]
+    s: Float[Array, "..."]
+    on_road: Bool[Array, "..."]
+    own_lane: Bool[Array, "..."]
+    oncoming: Bool[Array, "..."]
+    movement: Movement
+    found: Bool[Array, "..."]
+
+
+def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
+    """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    grid = jnp.asarray(check_grid(grid))
+    height, width = grid.shape
+    padded = jnp.pad(grid, 1)
+    kept = jnp.zeros_like(grid)
+    for bit, _, _, down, right, opposite in SIDES:
+        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+        kept |= jnp.where(other & opposite > 0, grid & bit, 0).astype(jnp.int8)
+    return kept
+
+
+def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
+    """Tells which movements each tile of a grid has, by the heading when it is entered and the turn.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    return jnp.asarray(MOVEMENTS)[linked(grid)]
+
+
+def lane_length(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
+    """Returns the length of a movement's lane: 1 tile straight on, 0.3 or 0.7 times pi / 2 on an arc."""
+    return jnp.asarray(_LENGTH)[turn]
+
+
+def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
+    """Computes `d`, `phi` and `s` of a pose on a movement's lane (see `LanePose`), wherever the pose is.
+
+    Beyond its tile a lane goes on as the line or the circle that it is.
+    """
+    forward, left = _from_entry(pose, movement)
+    turned = pose.theta - jnp.asarray(_ANGLE)[movement.heading]
+    bend, radius = jnp.asarray(_BEND)[movement.turn], jnp.asarray(_RADIUS)[movement.turn]
+    across = 0.5 - bend * left  # with `forward`, from the corner that an arc goes about
+    angle = jnp.arctan2(forward, across)
+    straight = bend == 0
+    d = jnp.where(straight, left + LANE_OFFSET, bend * (radius - jnp.hypot(forward, across)))
+    s = jnp.where(straight, forward, radius * angle)
+    return d, _wrap(turned - bend * angle), s
+
+
+def lane_point(movement: Movement, s: Float[ArrayLike, "..."]) -> Pose:
+    """Returns the pose on the centre of a movement's lane, `s` tiles from where it enters; it may lie beyond."""
+    bend, radius = jnp.asarray(_BEND)[movement.turn], jnp.asarray(_RADIUS)[movement.turn]
+    angle = s / radius
+    straight = bend == 0
+    forward = jnp.where(straight, s, radius * jnp.sin(angle))
+    left = jnp.where(straight, -LANE_OFFSET, bend * (0.5 - radius * jnp.cos(angle)))
+    ahead_x, ahead_y = jnp.asarray(_EAST_PART)[movement.heading], jnp.asarray(_SOUTH_PART)[movement.heading]
+    x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
+    y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
+    return Pose(x, y, _wrap(jnp.asarray(_ANGLE)[movement.heading] + bend * angle))
+
+
+def on_road(
+    code: Int[ArrayLike, "..."], east: Float[ArrayLike, "..."], south: Float[ArrayLike, "..."]
+) -> Bool[Array, "..."]:
+    """Tells whether a point lies on the road of its tile, between the inner edges of the white tape.
+
+    The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
+    corner between its sides. A stub's road ends as far from the closed sides.
+
+    Args:
+      code: of the tile.
+      east: tiles from its western side, 0 to 1.
+      south: tiles from its northern side, 0 to 1.
+    """
+    code, east, south = jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)
+    edge = 0.5 - HALF_ROAD
+    depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north
+    opens = [(code & side.bit) > 0 for side in SIDES]
+    road = (code > 0) & (code < 16)
+    for depth, is_open in zip(depths, opens, strict=True):
+        road &= is_open | (depth >= edge)
+    for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        distance = jnp.hypot(depths[one], depths[other])
+        only_these = code == SIDES[one].bit | SIDES[other].bit
+        road &= ~(opens[one] & opens[other]) | (distance >= edge)
+        road &= ~only_these | (distance <= 1 - edge)
+    return road
+
+
+def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:
+    """Computes where a pose is on the lanes of a grid.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      pose: finite; beyond the grid it is on no road.
+      movement: whose lane to measure by. By default, of the movements on the pose's tile that point less than a quarter
+        turn away from it, the one with the smallest offset; if none does, the one with the smallest offset. Between
+        equals the first heading clockwise from north counts, then right before straight before left.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    return _lane_pose(check_grid(grid), pose, movement)
+
+
+@jax.jit
+def _lane_pose(grid: Array, pose: Pose, movement: Movement | None) -> LanePose:
+    height, width = grid.shape
+    row, column = jnp.floor(pose.y).astype(jnp.int32), jnp.floor(pose.x).astype(jnp.int32)
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    links = linked(grid)
+    if movement is None:
+        code = jnp.where(inside, links[row, column], 0)
+        movement = _nearest(code, pose, row, column)
+    else:
+        movement = Movement(*(jnp.asarray(part, jnp.int32) for part in movement))
+    within = (movement.row >= 0) & (movement.row < height) & (movement.column >= 0) & (movement.column < width)
+    found = within & jnp.asarray(MOVEMENTS)[links[movement.row, movement.column], movement.heading, movement.turn]
+    road = inside & on_road(links[row, column], pose.x - column, pose.y - row)
+    d, phi, s = (jnp.where(found, error, 0) for error in lane_errors(pose, movement))
+    return LanePose(
+        d,
+        phi,
+        s,
+        on_road=road,
+        own_lane=road & found & (jnp.abs(d) <= LANE_OFFSET),
+        oncoming=road & found & (d > LANE_OFFSET),
+        movement=movement,
+        found=found,
+    )
+
+
+def _nearest(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
+    heading, turn = (jnp.asarray(index, jnp.int32) for index in np.indices((4, 3)).reshape(2, 12))
+    every = Movement(row, column, heading, turn)
+    d, phi, _ = lane_errors(pose, every)
+    exists = jnp.asarray(MOVEMENTS)[code].reshape(12)
+    rank = jnp.abs(d) + 100 * (jnp.cos(phi) <= 0) + 10_000 * ~exists
+    best = jnp.argmin(rank)
+    return Movement(row, column, heading[best], turn[best])
+
+
+def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
+    """Returns a point's distances forward and left of the middle of the side that a movement enters by."""
+    east, south = pose.x - (movement.column + 0.5), pose.y - (movement.row + 0.5)
+    ahead_x, ahead_y = jnp.asarray(_EAST_PART)[movement.heading], jnp.asarray(_SOUTH_PART)[movement.heading]
+    return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
+
+
+def _wrap(angle: Array) -> Array:
+    return jnp.pi - (jnp.pi - angle) % (2 * jnp.pi)

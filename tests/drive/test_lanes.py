@@ -1,0 +1,183 @@
+"""Lanes: against polylines of ten thousand points, against the drawn roads, and what must hold of any map."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from driving_oracle import BITS, POINTS, links, polyline, polyline_errors, turned
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from oracle import OPPOSITE
+
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive.lanes import (
+    LANE_OFFSET,
+    MOVEMENTS,
+    Movement,
+    Pose,
+    lane_errors,
+    lane_length,
+    lane_point,
+    lane_pose,
+    linked,
+    movements,
+    on_road,
+)
+from elitelanes_jax.tiles.render import render
+
+SHAPE = (6, 7)
+TILE_PX = 64
+EVERY = [(heading, turn) for heading in range(4) for turn in range(3)]
+
+
+@pytest.fixture(scope="module")
+def grid():
+    return np.asarray(repair(random_grids(jax.random.key(5), 1, SHAPE)[0], fill=True))
+
+
+@pytest.fixture(scope="module")
+def locate():
+    return jax.jit(jax.vmap(lane_pose, in_axes=(None, 0)))
+
+
+def random_poses(count, seed=0, shape=SHAPE):
+    rng = np.random.default_rng(seed)
+    height, width = shape
+    drawn = rng.uniform(0, width, count), rng.uniform(0, height, count), rng.uniform(-np.pi, np.pi, count)
+    return Pose(*(part.astype(np.float32) for part in drawn))
+
+
+any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
+find_movements = jax.jit(movements)
+clean = jax.jit(linked)
+
+
+@settings(max_examples=60)
+@given(any_grids)
+def test_movements_are_those_of_links(grid):
+    found = np.asarray(find_movements(grid))
+    cleaned = np.asarray(clean(grid))
+    for row, column in np.ndindex(grid.shape):
+        open_sides = links(grid, row, column)
+        assert sum(open_sides) == cleaned[row, column]
+        for heading, turn in EVERY:
+            expected = OPPOSITE[BITS[heading]] in open_sides and BITS[turned(heading, turn)] in open_sides
+            assert found[row, column, heading, turn] == expected
+
+
+def agree(grid, poses, found):
+    """Compares with the polylines; returns the share of poses that were compared."""
+    tiles = np.floor(poses.y).astype(int), np.floor(poses.x).astype(int)
+    points = np.stack([poses.x - tiles[1], poses.y - tiles[0]], axis=1).astype(float)
+    allowed = np.asarray(movements(grid))[tiles].reshape(-1, 12)
+    errors = np.stack([polyline_errors(points, poses.theta, *one) for one in EVERY], axis=-1)  # [3, poses, 12]
+    rank = np.abs(errors[0]) + 100 * (np.cos(errors[1]) <= 0) + 1e6 * ~allowed
+    best = rank.argmin(axis=1)
+    ranks = np.sort(rank, axis=1)
+    # Where two lanes are as near, or one points a quarter turn away, rounding decides between them.
+    plain = (ranks[:, 1] - ranks[:, 0] > 1e-3) & (np.abs(np.cos(errors[1])).min(axis=1) > 1e-3)
+    exists = allowed.any(axis=1)
+    np.testing.assert_array_equal(found.found, exists)
+    same = plain & exists
+    chosen = np.array(EVERY)[best]
+    np.testing.assert_array_equal(found.movement.heading[same], chosen[same, 0])
+    np.testing.assert_array_equal(found.movement.turn[same], chosen[same, 1])
+    d, phi, s = errors[:, np.arange(len(best)), best]
+    assert np.abs(found.d - d)[same].max() < 1e-4
+    assert np.abs(np.angle(np.exp(1j * (found.phi - phi))))[same].max() < 1e-3
+    # Outside of its middle the foot of a point is anywhere on an arc.
+    assert np.abs(found.s - s)[same & (np.abs(d) < 0.2)].max() < 1e-3
+    road = np.asarray(found.on_road)
+    edge = np.abs(np.abs(d) - LANE_OFFSET) < 1e-3
+    np.testing.assert_array_equal(found.own_lane[same & ~edge], (road & (np.abs(d) <= LANE_OFFSET))[same & ~edge])
+    np.testing.assert_array_equal(found.oncoming[same & ~edge], (road & (d > LANE_OFFSET))[same & ~edge])
+    return same.mean()
+
+
+def test_lane_poses_are_those_of_polylines(grid, locate):
+    poses = random_poses(1000)
+    assert agree(grid, poses, jax.device_get(locate(grid, poses))) > 0.9
+
+
+@pytest.mark.slow
+def test_a_hundred_thousand_lane_poses_are_those_of_polylines(locate):
+    drawn = random_grids(jax.random.key(6), 100, SHAPE)
+    repaired = np.asarray(jax.vmap(lambda grid: repair(grid))(drawn))
+    compared = [
+        agree(grid, poses, jax.device_get(locate(grid, poses)))
+        for number, grid in enumerate(repaired)
+        for poses in [random_poses(1000, number)]
+    ]
+    assert np.mean(compared) > 0.8  # some tiles have no movement
+
+
+def test_points_on_a_lane_are_its_polyline_and_have_no_errors():
+    points, errors_of, end_of = jax.jit(lane_point), jax.jit(lane_errors), jax.jit(lambda one: one.next_place)
+    for heading, turn in EVERY:
+        length = float(lane_length(turn))
+        some = np.arange(0, POINTS, 99)
+        s = (some * (length / (POINTS - 1))).astype(np.float32)
+        one = Movement(3, 5, heading, turn)
+        pose = points(one, s)
+        np.testing.assert_allclose(np.stack([pose.x - 5, pose.y - 3], axis=1), polyline(heading, turn)[some], atol=1e-6)
+        errors = np.stack(errors_of(pose, one))
+        np.testing.assert_allclose(errors, np.stack([0 * s, 0 * s, s]), atol=3e-6)
+        # It ends where the lane of the next tile begins.
+        end, onward = points(one, length), points(Movement(*end_of(one), 1), 0.0)
+        np.testing.assert_allclose(np.stack(end), np.stack(onward), atol=1e-6)
+
+
+def test_a_given_movement_is_measured_by_also_from_outside_its_tile(grid):
+    (row, column, heading, turn), *_ = np.argwhere(np.asarray(movements(grid)))
+    start = lane_point(Movement(row, column, heading, turn), -0.1)
+    found = lane_pose(grid, start, Movement(row, column, heading, turn))
+    assert found.found
+    np.testing.assert_allclose([found.d, found.phi, found.s], [0, 0, -0.1], atol=1e-5)
+    for nowhere in (Movement(-1, 0, 0, 0), Movement(*SHAPE, 0, 0)):
+        lost = lane_pose(grid, start, nowhere)
+        assert not lost.found and lost.d == lost.phi == lost.s == 0 and not lost.own_lane
+
+
+def test_off_the_grid_there_is_no_road(grid, locate):
+    poses = Pose(*np.array([[-0.5, 2, 0], [3, -7, 1], [7.01, 2, 2], [1, 6.5, 3], [1e9, -1e9, 0]], np.float32).T)
+    found = locate(grid, poses)
+    assert not found.on_road.any() and not found.found.any()
+    assert np.isfinite(np.stack([found.d, found.phi, found.s])).all()
+
+
+def test_the_road_is_the_drawn_one(drawn_tiles):
+    """But for its edge: the drawn tiles are 60 cm wide, the lanes are as wide as on tiles of 58.5 cm."""
+    margin = 3
+    offsets = np.indices((2 * margin + 1,) * 2).reshape(2, -1) - margin
+    inner = (np.arange(TILE_PX) + 0.5) / TILE_PX
+    compared = 0
+    for code in drawn_tiles.alphabet:
+        grid = np.full((2, 2), code, np.int8)
+        road = render(grid, drawn_tiles, tile_px=TILE_PX).road[:TILE_PX, :TILE_PX] > 0
+        around = np.stack([np.roll(road, shift, axis=(0, 1)) for shift in offsets.T])[:, margin:-margin, margin:-margin]
+        ours = np.asarray(on_road(code, *np.meshgrid(inner, inner)))[margin:-margin, margin:-margin]
+        settled = around.all(axis=0) | ~around.any(axis=0)
+        np.testing.assert_array_equal(ours[settled], road[margin:-margin, margin:-margin][settled])
+        compared += settled.mean() / len(drawn_tiles.alphabet)
+    assert compared > 0.7
+    assert not np.asarray(on_road(0, 0.5, 0.5))
+
+
+def test_compiled_or_not_and_many_at_once_it_is_the_same(grid, locate):
+    poses = random_poses(64, 3)
+    found = locate(grid, poses)
+    for number in range(0, 64, 8):
+        one = lane_pose(grid, Pose(*(part[number] for part in poses)))
+        for alone, batched in zip(jax.tree.leaves(one), jax.tree.leaves(found), strict=True):
+            np.testing.assert_allclose(alone, batched[number], atol=1e-6)
+
+
+def test_a_wrong_grid_is_refused():
+    pose = Pose(0.5, 0.5, 0.0)
+    with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got 16"):
+        lane_pose(np.full((3, 3), 16), pose)
+    with pytest.raises(InputError, match="shape: expected sides from 2"):
+        movements(np.zeros((1, 4), int))
+    assert not MOVEMENTS[[0, 1, 2, 4, 8]].any()
+    assert jnp.asarray(MOVEMENTS[15]).all()
