@@ -1,4 +1,4 @@
-"""Draws the pictures of the README.
+"""Draws the pictures of the README and of docs/render.md.
 
 python docs/pictures.py
 """
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
+from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.tiles.render import overlay, render
 from elitelanes_jax.tiles.tileset import load_tiles
@@ -20,6 +21,9 @@ FOLDER = Path(__file__).parent
 
 def main() -> None:
     tiles = load_tiles()
+    village = render(read_map(FOLDER / "examples" / "village.json").codes, tiles, tile_px=128, seed=2)
+    write("village.jpg", np.hstack([village.image, overlay(village, opacity=0.85)]), 1)
+
     result = evolve(jax.random.split(jax.random.key(0), 16), evaluations=200_000)
     maps = sorted(choose_maps(result, 200).maps, key=lambda road_map: road_map.fitness or 0)
     best = {(road_map.metrics or {})["cyclomatic"]: road_map for road_map in reversed(maps)}  # of each number

@@ -73,7 +73,7 @@ def refuse_impossible(spec: SearchSpec) -> None:
             raise InputError(f"where {str(item)!r}: expected a range with {right}, which all maps have that are kept")
     if fix is None:
         return
-    stubs = np.argwhere(np.isin(fix.grid, KINDS["stub"])).tolist()
+    stubs = np.argwhere(np.isin(fix.grid, KINDS["end"])).tolist()
     if stubs:
         row, column = stubs[0]
         code = int(fix.grid[row, column])

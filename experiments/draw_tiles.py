@@ -41,7 +41,13 @@ YELLOW_TAPE = (235, 220, 80)
 RED_TAPE = (231, 59, 71)
 
 # kind -> open sides, number of variants
-TILES = {"turn": ("SW", 4), "straight": ("NS", 4), "crossing3": ("NSW", 3), "crossing4": ("NESW", 1)}
+TILES = {
+    "turn": ("SW", 4),
+    "straight": ("NS", 4),
+    "crossing3": ("NSW", 3),
+    "crossing4": ("NESW", 1),
+    "end": ("S", 2),
+}
 
 
 class Picture(NamedTuple):
@@ -67,7 +73,7 @@ def draw(opens: str, rng: np.random.Generator) -> Picture:
     depths = [rail.depth + _crooked(rail, rng) for rail in rails]
     white = np.max([_between(depth, TAPE_OUT, TAPE_IN) for depth in depths], axis=0)
     road = np.min([_beyond(depth, TAPE_IN) for depth in depths], axis=0)
-    yellow = _dashes(opens, x, y, rng) if len(opens) == 2 else np.zeros_like(x)
+    yellow = _dashes(opens, x, y, rng) if len(opens) < 3 else np.zeros_like(x)
     red = _stop_lines(opens, x, y, rng) if len(opens) > 2 else np.zeros_like(x)
     red = red * (1 - white)
 
@@ -154,10 +160,22 @@ def _from_corner(x: Field, y: Field) -> tuple[Field, Field]:
 _ARC = 2 * CENTRE + YELLOW_RADIUS * np.pi / 2
 
 
+def _around_end(x: Field, y: Field) -> Rail:
+    """Returns the tape around a dead end: along the western side, in a half circle about the middle, and back."""
+    right, up = x - TILE / 2, TILE / 2 - y
+    half = TILE / 2 - TAPE_OUT
+    angle = np.where(up > 0, np.arctan2(np.maximum(up, 0), -right), np.where(right < 0, 0, np.pi))
+    before, after = np.where(right < 0, np.minimum(up, 0), 0), np.where(right < 0, 0, np.maximum(-up, 0))
+    along = TILE / 2 + before + half * angle + after
+    return Rail(TILE / 2 - np.hypot(right, np.maximum(up, 0)), along, TILE + half * np.pi)
+
+
 def _rails(opens: str, x: Field, y: Field) -> list[Rail]:
     if len(opens) == 2 and opens == "SW":
         across, along = _from_corner(x, y)
         return [Rail(across, along, _ARC), Rail(TILE - across, along, _ARC)]
+    if opens == "S":
+        return [_around_end(x, y)]
     sides = {"W": (x, y), "N": (y, x), "E": (TILE - x, y), "S": (TILE - y, x)}
     closed = [Rail(*sides[side], TILE) for side in "NESW" if side not in opens]
     corners = {"SW": (x, y), "NW": (y, TILE - x), "NE": (TILE - x, TILE - y), "SE": (TILE - y, x)}
@@ -186,6 +204,8 @@ def _dashes(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Field:
     if opens == "SW":
         across, along = _from_corner(x, y)
         length, count = _ARC, 6
+    elif opens == "S":  # as far as the middle of the half circle, where cars turn round
+        across, along, length, count = x, TILE - y, TILE / 2, 4
     else:
         across, along, length, count = x, y, TILE, 8
     pitch = length / count

@@ -2,7 +2,7 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.checks import one_of, path, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, checked_by
 from elitelanes_jax.cli.program import say
@@ -38,17 +38,26 @@ def add_render(commands: Commands) -> None:
         metavar="N",
         help="draw other variants of the tiles; by default the map's own, if the set has them",
     )
+    command.add_argument(
+        "--dead-ends",
+        type=checked_by(one_of("grass")),
+        metavar="HOW",
+        help="grass: leave out roads that lead nowhere; by default they are drawn, by the set's tiles of the kind end",
+    )
     command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
     command.set_defaults(action=_render)
 
 
 def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import new_folder
+    from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.tiles.render import overlay, recall_choice, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    if options.dead_ends:
+        road_map = road_map._replace(codes=without_dead_ends(road_map.codes))
     drawn, chosen = road_map.drawn, None
     if drawn and drawn.tile_set == tiles.name and options.seed is None:
         chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)

@@ -77,7 +77,7 @@ CONNECTIONS = np.array([code.bit_count() for code in range(16)], np.int8)
 
 KINDS: dict[str, tuple[int, ...]] = {
     "empty": (0,),
-    "stub": (1, 2, 4, 8),
+    "end": (1, 2, 4, 8),
     "straight": (5, 10),
     "turn": (3, 6, 9, 12),
     "crossing3": (7, 11, 13, 14),

@@ -95,7 +95,7 @@ def road_problem(
     shape = check_shape(shape, new=True)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape)
-    allowed = (*alphabet, *KINDS["stub"], *KINDS["empty"])
+    allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
     def repair_dirty(grid: Array, dirty: Array) -> Array:

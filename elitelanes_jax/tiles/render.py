@@ -78,10 +78,11 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     """
     grid = np.asarray(check_grid(grid))
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
-        code = int(grid[row, column])
+        code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
+        remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends leaves such roads out"
         raise InputError(
-            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {', '.join(map(str, tiles.alphabet))}), "
-            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}"
+            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
+            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}" + remedy * (KIND_OF[code] == "end")
         )
     try:
         lots = np.random.default_rng(seed).random(grid.shape)

@@ -1,6 +1,6 @@
 """Tile sets: folders of elementary tile pictures with their masks.
 
-A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4. Each has
+A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4, end. Each has
 ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
 ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
@@ -10,7 +10,7 @@ tile without a mask or points that others have is empty there.
 
 An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
 single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
-N, S and W, a crossing4 all four.
+N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -48,7 +48,7 @@ __all__ = [
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""
 
-_OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW"}
+_OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "opens")
 _TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
@@ -134,8 +134,8 @@ class TileSet:
 
     @property
     def alphabet(self) -> tuple[int, ...]:
-        """The codes that the set's tiles draw, sorted."""
-        return tuple(code for code in self.rotations if code)
+        """The codes of new maps, sorted: those with two or more connections that the set's tiles draw."""
+        return tuple(code for code in self.rotations if CONNECTIONS[code] >= 2)
 
 
 def default_tiles() -> Path:
@@ -219,9 +219,12 @@ def describe_tiles(tiles: TileSet) -> str:
     for tile in tiles.tiles:
         sides = "".join(side.letter for side in SIDES if tile.code & side.bit)
         lines.append(f"  {tile.name:12} opens {sides:4}  {size_of(tile.image)} pixels")
-    rotated = sum(len(tiles.rotations[code]) for code in tiles.alphabet)
-    lines.append(f"rotated, {rotated} pictures of the codes {', '.join(map(str, tiles.alphabet))}")
-    lines += [f"no {kind}: maps will have none" for kind in _absent_kinds(tiles.tiles)]
+    drawn = {code: draws for code, draws in tiles.rotations.items() if code}
+    lines.append(f"rotated, {sum(map(len, drawn.values()))} pictures of the codes {', '.join(map(str, drawn))}")
+    lines += [
+        f"no {kind}: maps {'with dead ends cannot be drawn' if kind == 'end' else 'will have none'}"
+        for kind in _absent_kinds(tiles.tiles)
+    ]
     lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
     lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
     return "\n".join(lines)
@@ -256,8 +259,9 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
             problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {name!r}")
         elif not isinstance(sides, str) or _code(sides) not in KINDS[kind]:
             number = CONNECTIONS[KINDS[kind][0]]
+            count = f"{number} sides" if number > 1 else "1 side"
             how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
-            problems.append(f"{file}: expected {name} to open {number} sides{how}, as letters of NESW, got {sides!r}")
+            problems.append(f"{file}: expected {name} to open {count}{how}, as letters of NESW, got {sides!r}")
     return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
 
 

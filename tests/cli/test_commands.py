@@ -137,7 +137,7 @@ def test_rendering_a_map_again_gives_the_same_picture(generated, tmp_path):
 
 def test_tiles_are_described_or_all_their_faults_are(capsys, tmp_path):
     assert main(["tiles", "check", str(default_tiles())]) == 0
-    assert "12 tiles" in capsys.readouterr().out
+    assert "14 tiles" in capsys.readouterr().out
     shutil.copytree(default_tiles(), tmp_path / "tiles")
     (tmp_path / "tiles" / "turn_1" / "red.png").unlink()
     (tmp_path / "tiles" / "turn_2" / "red.png").unlink()
@@ -460,7 +460,7 @@ def test_names_that_the_terminal_cannot_show(tmp_path):
     command = [sys.executable, "-c", COMMAND, "tiles", "check", str(tmp_path / "tiles")]
     environment = os.environ | {"PYTHONIOENCODING": "ascii"}
     ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert ran.stdout.startswith("Stra\\xdfen: 12 tiles")
+    assert ran.stdout.startswith("Stra\\xdfen: 14 tiles")
 
 
 def test_no_generations_with_the_default_method(tmp_path):

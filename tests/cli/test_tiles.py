@@ -43,10 +43,11 @@ def test_a_good_set_is_described_with_its_seams(folder, tmp_path, capsys):
     assert main(["tiles", "check", str(folder), "--picture", str(picture)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0] == "tiles: 4 tiles"
+    assert lines[6] == "no end: maps with dead ends cannot be drawn"
     assert lines[5] == "rotated, 16 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15"
-    assert lines[6].startswith("seams: 66 pairs of sides may meet; the road is displaced by 0 pixels of 384 at most")
+    assert lines[7].startswith("seams: 66 pairs of sides may meet; the road is displaced by 0 pixels of 384 at most")
     assert lines[-2:] == [f"{folder / 'turn_1' / 'image.jpg'}: not used", f"the worst seam is in {picture}"]
-    assert len(lines) == 10
+    assert len(lines) == 11
     assert read(picture).shape[2] == 3
 
 
@@ -195,6 +196,17 @@ def test_maps_have_only_tiles_of_the_set(lacks, codes, folder, tmp_path, capsys)
     maps = [json.loads(file.read_text())["codes"] for file in sorted(out.glob("maps/*/map.json"))]
     assert len(maps) == 3
     assert not codes & set(np.unique(maps).tolist())
+
+
+def test_without_ends_roads_that_lead_nowhere_can_be_left_out(folder, tmp_path, capsys):
+    village = Path(__file__).parents[2] / "docs" / "examples" / "village.json"
+    command = ["render", str(village), "--tile-px", "16", "--out", str(tmp_path / "out")]
+    assert main([*command, "--tiles", str(folder)]) == 2
+    assert "--dead-ends grass" in capsys.readouterr().err
+    assert main([*command, "--tiles", str(folder), "--dead-ends", "grass"]) == 0
+    fewer = cv2.imread(str(tmp_path / "out" / "road.png"), 0).sum()
+    assert main([*command[:-1], str(tmp_path / "all")]) == 0
+    assert 0 < fewer < cv2.imread(str(tmp_path / "all" / "road.png"), 0).sum()
 
 
 def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, capsys):

@@ -18,7 +18,7 @@ from elitelanes_jax.network.codes import (
 
 
 def test_every_code_has_one_kind_and_its_connections():
-    expected = {"empty": 0, "stub": 1, "straight": 2, "turn": 2, "crossing3": 3, "crossing4": 4}
+    expected = {"empty": 0, "end": 1, "straight": 2, "turn": 2, "crossing3": 3, "crossing4": 4}
     assert sorted(code for codes in KINDS.values() for code in codes) == list(range(16))
     for kind, codes in KINDS.items():
         for code in codes:

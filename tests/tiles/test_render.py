@@ -128,6 +128,23 @@ def test_an_overlay_colours_each_label(drawn_tiles):
     np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
 
 
+def test_dead_ends_are_drawn_and_every_road_goes_on(drawn_tiles):
+    sparse = np.where(RNG.random((8, 9)) < 0.8, RNG.integers(0, 16, (8, 9)), 0).astype(np.int8)
+    grid = np.array(repair(sparse))
+    assert {1, 2, 4, 8} <= set(grid.flat)
+    picture = render(grid, drawn_tiles, tile_px=48, seed=3)
+    road = picture.road.reshape(8, 48, 9, 48).swapaxes(1, 2)
+    assert ((picture.labels > 0) == (picture.road > 0)).all()
+    for row, column in np.ndindex(grid.shape):
+        for side, edge in enumerate((8, 4, 2, 1)):
+            along = np.rot90(road[row, column], side)[0]
+            assert along.any() == bool(grid[row, column] & edge)
+            if edge == 4 and along.any():
+                np.testing.assert_array_equal(along, road[row, column + 1][:, 0])
+            if edge == 2 and along.any():
+                np.testing.assert_array_equal(along[::-1], road[row + 1, column][0])
+
+
 def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
     chosen = choose_tiles(GRID, drawn_tiles, seed=3)
     names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
@@ -139,8 +156,10 @@ def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
 
 
 def test_what_has_no_picture_is_named(drawn_tiles):
-    with pytest.raises(ValueError, match=r"codes 3, 5, .*\), got 8 \(stub\) at row 1, column 0"):
-        render([[6, 3], [8, 9]], drawn_tiles)
+    without = TileSet("without", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 2))
+    expected = r"codes 3, 5, .*\), got 8 \(end\) at row 1, column 0; a tile end_1 in the set .* --dead-ends grass"
+    with pytest.raises(ValueError, match=expected):
+        render([[6, 3], [8, 9]], without)
     partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 15))
     with pytest.raises(ValueError, match=r"the set 'partial' can draw .* got 15 \(crossing4\)"):
         choose_tiles([[15, 15], [15, 15]], partial)

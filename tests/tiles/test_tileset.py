@@ -22,13 +22,14 @@ def folder(tmp_path):
 
 def test_the_drawn_set(drawn_tiles):
     kinds = [tile.name.rpartition("_")[0] for tile in drawn_tiles.tiles]
-    assert kinds == ["turn"] * 4 + ["straight"] * 4 + ["crossing3"] * 3 + ["crossing4"]
+    assert kinds == ["turn"] * 4 + ["straight"] * 4 + ["crossing3"] * 3 + ["crossing4"] + ["end"] * 2
     assert drawn_tiles.alphabet == ROAD_ALPHABET
     assert drawn_tiles.licence == "Apache-2.0"
     assert min(tile.image.shape[0] for tile in drawn_tiles.tiles) >= 256
     counts = {code: len(draws) for code, draws in drawn_tiles.rotations.items()}
     # An empty cell is bare ground, which looks the same from all sides.
-    assert counts == {code: {2: 4, 3: 3, 4: 4}[int(CONNECTIONS[code])] for code in ROAD_ALPHABET} | {5: 8, 10: 8, 0: 4}
+    by_connections = {1: 2, 2: 4, 3: 3, 4: 4}
+    assert counts == {code: by_connections[int(CONNECTIONS[code])] for code in range(1, 16)} | {5: 8, 10: 8, 0: 4}
 
 
 def test_the_photographed_set(real_tiles):
@@ -39,9 +40,9 @@ def test_the_photographed_set(real_tiles):
 
 def test_a_description(drawn_tiles):
     text = describe_tiles(drawn_tiles)
-    assert "Elite Lanes drawn tiles: 12 tiles, licence Apache-2.0" in text
+    assert "Elite Lanes drawn tiles: 14 tiles, licence Apache-2.0" in text
     assert "crossing3_2  opens NSW   384 x 384 pixels" in text
-    assert "48 pictures of the codes 3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15" in text
+    assert "56 pictures of the codes 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15" in text
 
 
 def test_sides_may_be_stated(folder):
@@ -58,6 +59,14 @@ def test_sides_may_be_stated(folder):
 def test_a_set_may_lack_the_four_way_crossing(folder):
     shutil.rmtree(folder / "crossing4_1")
     assert load_tiles(folder).alphabet == ROAD_ALPHABET[:-1]
+
+
+def test_a_set_may_lack_ends(folder):
+    for number in (1, 2):
+        shutil.rmtree(folder / f"end_{number}")
+    tiles = load_tiles(folder)
+    assert tiles.alphabet == ROAD_ALPHABET
+    assert "no end: maps with dead ends cannot be drawn" in describe_tiles(tiles)
 
 
 def test_numbers_are_sorted_as_numbers(folder):
@@ -180,7 +189,7 @@ SPOILS = {
     ),
     "misspelt folder": (
         lambda folder: (folder / "turn_1").rename(folder / "trun_1"),
-        r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4",
+        r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4, end",
     ),
     "bad toml": (
         lambda folder: (folder / "tileset.toml").write_text("name ="),
