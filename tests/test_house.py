@@ -87,6 +87,24 @@ def test_what_needs_no_jax_does_not_wait_for_it():
     assert not {name.split(".")[0] for name in loaded(program)} & {"jax", "jaxlib", "chex"}
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["show", "docs/examples/town.json"],
+        ["generate", "--method", "luck", "--out", "x"],
+        ["dataset", "--where", "cycles=3", "--out", "x"],
+    ],
+    ids=" ".join,
+)
+def test_commands_that_search_for_nothing_do_not_wait_for_jax(command):
+    """Neither do searches that are refused."""
+    program = f"import sys; from elitelanes_jax.cli.main import main; main({command!r}); print(); print(*sys.modules)"
+    ran = subprocess.run(
+        [sys.executable, "-c", program], cwd=PACKAGE.parent, capture_output=True, text=True, check=False
+    )
+    assert not {name.split(".")[0] for name in ran.stdout.splitlines()[-1].split()} & {"jax", "jaxlib", "cv2", "scipy"}
+
+
 def test_the_package_says_what_it_has():
     assert dir(elitelanes_jax) == sorted(elitelanes_jax.__all__)
     for name in elitelanes_jax.__all__:

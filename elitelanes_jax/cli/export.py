@@ -231,17 +231,9 @@ def _left_out(grids: Sequence[Any]) -> str:
 
 
 def _table(to: str, names: Sequence[str], grids: Sequence[Any]) -> str:
-    from elitelanes_jax.formats.table import table_to_csv, table_to_json
+    from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
 
-    return (table_to_csv if to == "csv" else table_to_json)(_measure(names, grids))
-
-
-def _measure(names: Sequence[str], grids: Sequence[Any]) -> list[Any]:
-    from elitelanes_jax.compile_cache import use_compile_cache
-    from elitelanes_jax.formats.table import measure_maps
-
-    use_compile_cache()
-    return measure_maps(names, grids)
+    return (table_to_csv if to == "csv" else table_to_json)(measure_maps(names, grids))
 
 
 def add_show(commands: Commands) -> None:
@@ -255,10 +247,11 @@ def _show(options: argparse.Namespace) -> int:
     import textwrap
 
     from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.formats.table import measure_maps
     from elitelanes_jax.formats.text import draw_text
 
     codes = read_map(options.map).codes
-    (figures,) = _measure([str(options.map)], [codes])
+    (figures,) = measure_maps([str(options.map)], [codes])
     drawn = draw_text(codes)
     try:
         drawn.encode(sys.stdout.encoding or "ascii")

@@ -6,20 +6,18 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-import jax
 import numpy as np
 
-from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.plain_metrics import plain_measure
 
 __all__ = ["Row", "measure_maps", "table_to_csv", "table_to_json"]
 
-Row = dict[str, str | int | float]
-"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics."""
+Row = dict[str, Any]
+"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics, numbers."""
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[Any]) -> list[Row]:
-    """Measures grids, a row each; those of one shape in one compiled call.
+    """Measures grids, a row each.
 
     A float32 becomes the shortest decimal that is it, 0.54320985 rather than 0.5432098507881165.
 
@@ -30,21 +28,13 @@ def measure_maps(names: Sequence[str], grids: Sequence[Any]) -> list[Row]:
     Raises:
       InputError: for a bad grid (see `check_grid`).
     """
-    checked = [np.asarray(check_grid(grid)) for grid in grids]
-    figures: list[dict[str, Any]] = [{} for _ in checked]
-    for shape in dict.fromkeys(grid.shape for grid in checked):
-        places = [place for place, grid in enumerate(checked) if grid.shape == shape]
-        metrics = jax.device_get(jax.vmap(measure)(np.stack([checked[place] for place in places])))
-        for number, place in enumerate(places):
-            figures[place] = {name: _shortest(values[number]) for name, values in metrics._asdict().items()}
-    return [
-        {"file": name, "height": grid.shape[0], "width": grid.shape[1]} | figure
-        for name, grid, figure in zip(names, checked, figures, strict=True)
-    ]
-
-
-def _shortest(value: np.generic) -> int | float:
-    return float(str(value)) if isinstance(value, np.floating) else value.item()
+    rows: list[Row] = []
+    for name, grid in zip(names, grids, strict=True):
+        metrics = plain_measure(grid)
+        height, width = np.shape(grid)
+        metrics["coverage"] = float(str(metrics["coverage"]))
+        rows.append({"file": name, "height": height, "width": width} | metrics)
+    return rows
 
 
 def table_to_csv(rows: Sequence[Row]) -> str:

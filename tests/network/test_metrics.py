@@ -11,6 +11,7 @@ from oracle import measure as oracle
 from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import stack_counts, unstack_counts
+from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repair import raster_rank
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
@@ -28,6 +29,7 @@ def compare(grids):
         expected = oracle(grid)
         got = {name: getattr(found, name)[number] for name in Metrics._fields}
         assert got == expected, f"\n{grid}"
+        assert plain_measure(grid) == expected, f"\n{grid}"
         assert worth[number] == oracle_fitness(expected)
 
 

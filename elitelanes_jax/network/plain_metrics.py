@@ -1,0 +1,129 @@
+"""The metrics of one grid with NumPy alone, for programs that would wait for JAX longer than for the result."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, check_alphabet
+
+__all__ = ["plain_measure"]
+
+_Cells = NDArray[np.bool_]
+
+
+def plain_measure(grid: Any, alphabet: Iterable[int] | None = None) -> dict[str, Any]:
+    """Measures one grid as `measure` does, without JAX.
+
+    Args:
+      grid: integer codes ``[H, W]``, repaired or not.
+      alphabet: the codes that `off_alphabet` lets pass; all 16 by default.
+
+    Returns:
+      The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of `measure`.
+
+    Raises:
+      InputError: as `measure`.
+    """
+    codes = np.asarray(check_grid(grid))
+    allowed = range(16) if alphabet is None else check_alphabet(alphabet)
+    north, east, south, west = (codes & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
+    connections = CONNECTIONS[codes]
+    links = (east[:, :-1] & west[:, 1:], south[:-1] & north[1:])
+    returned, outward = np.zeros(codes.shape, np.int8), np.zeros(codes.shape, np.int8)
+    for link, (one, other) in zip(links, _SIDE_BY_SIDE, strict=True):
+        returned[one] += link
+        returned[other] += link
+    outward[0] += north[0]
+    outward[-1] += south[-1]
+    outward[:, 0] += west[:, 0]
+    outward[:, -1] += east[:, -1]
+    crossing, turn = connections >= 3, np.isin(codes, KINDS["turn"])
+    linked_crossings = [
+        connections[one][pairs] + connections[other][pairs]
+        for link, (one, other) in zip(links, _SIDE_BY_SIDE, strict=True)
+        for pairs in [link & crossing[one] & crossing[other]]
+    ]
+    along, upright = codes == EAST | WEST, codes == NORTH | SOUTH
+    faces, bridges = _count_faces(*links)
+    tiles, edges = int((codes > 0).sum()), sum(int(link.sum()) for link in links)
+    return {
+        "components": tiles - edges + faces,
+        "cyclomatic": faces,
+        "dead_ends": int(((connections == 1) | (connections != returned)).sum()),
+        "boundary_violations": int((outward > 0).sum()),
+        "bridges": bridges,
+        "crossings": int(crossing.sum()),
+        "adjacent_crossings": 2 * sum(pairs.size for pairs in linked_crossings),
+        "adjacent_crossing_score": sum(int(pairs.sum()) for pairs in linked_crossings),
+        "adjacent_turns": _pairs(turn),
+        "straight_score": _squared_runs(along) + _squared_runs(upright.T),
+        "straights": int((along | upright).sum()),
+        "turns": int(turn.sum()),
+        "crowded_crossings": _pairs(crossing | turn) - _pairs(turn),
+        "unlinked_neighbours": _pairs(codes > 0) - edges,
+        "tiles": tiles,
+        "empty_cells": codes.size - tiles,
+        "edges": edges,
+        "mismatches": int((connections - returned - outward).sum()),
+        "off_alphabet": int((~np.isin(codes, list(allowed))).sum()),
+        "coverage": np.float32(tiles / codes.size),
+    }
+
+
+# A cell and its neighbour to the east, a cell and its neighbour to the south.
+_SIDE_BY_SIDE: tuple[tuple[Any, Any], ...] = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
+
+
+def _pairs(cells: _Cells) -> int:
+    """Counts the pairs of such cells that share a side."""
+    return sum(int((cells[one] & cells[other]).sum()) for one, other in _SIDE_BY_SIDE)
+
+
+def _squared_runs(straight: _Cells) -> int:
+    """Sums the squares of the lengths of all runs in rows."""
+    steps = np.diff(np.pad(straight, ((0, 0), (1, 1))).ravel().astype(np.int8))
+    return int(((np.flatnonzero(steps < 0) - np.flatnonzero(steps > 0)) ** 2).sum())
+
+
+def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
+    """Counts the inner faces and the bridges (see `elitelanes_jax.network.faces`), by filling face after face.
+
+    Args:
+      east_links: ``[H, W - 1]``, from each tile to the one to its east.
+      south_links: ``[H - 1, W]``, from each tile to the one to its south.
+    """
+    # Corners [H + 1, W + 1]; a link to the east parts the corners north and south of it, one to the south those west
+    # and east of it.
+    height, stride = east_links.shape[0] + 1, south_links.shape[1] + 1
+    parts_down, parts_right = np.zeros((2, height, stride), bool)
+    parts_down[:-1, 1:-1], parts_right[1:-1, :-1] = east_links, south_links
+    down, right = parts_down.ravel().tolist(), parts_right.ravel().tolist()
+    face = [0] * len(down)  # from 1, the outer one; the corner before the first and after the last row are no corners
+    count = 0
+    last = len(face) - 1
+    for first in range(len(face)):
+        if face[first]:
+            continue
+        count += 1
+        face[first] = count
+        waiting = [first]
+        while waiting:
+            corner = waiting.pop()
+            column = corner % stride
+            for other, apart in (
+                (corner + stride, down[corner]),
+                (corner - stride, down[corner - stride]),
+                (corner + 1, right[corner] or column == stride - 1),
+                (corner - 1, right[corner - 1] or column == 0),
+            ):
+                if not apart and 0 <= other <= last and not face[other]:
+                    face[other] = count
+                    waiting.append(other)
+    faces = np.array(face).reshape(height, stride)
+    bridges = (east_links & (faces[:-1] == faces[1:])[:, 1:-1]).sum() + (
+        south_links & (faces[:, :-1] == faces[:, 1:])[1:-1]
+    ).sum()
+    return count - 1, int(bridges)
