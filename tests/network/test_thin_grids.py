@@ -8,6 +8,7 @@ from oracle import measure as oracle
 from oracle import repair as oracle_repair
 
 from elitelanes_jax import InputError, fitness, measure, random_grids, repair, rotate
+from elitelanes_jax.network.plain_metrics import plain_measure
 
 measure_many = jax.jit(jax.vmap(measure))
 rotate_many = jax.vmap(rotate)
@@ -26,6 +27,7 @@ def compare(grids):
     for number, grid in enumerate(grids):
         expected = oracle(grid)
         assert {name: values[number] for name, values in rows._asdict().items()} == expected, grid
+        assert plain_measure(grid) == expected, grid
         assert worth[number] == oracle_fitness(expected)
     for name, values in rows._asdict().items():
         np.testing.assert_array_equal(getattr(columns, name), values, err_msg=name)
