@@ -1,6 +1,8 @@
 from ._util.errors import InputError as InputError
 from ._util.version import __version__ as __version__
 from .compile_cache import use_compile_cache as use_compile_cache
+from .formats.road_map import RoadMap as RoadMap
+from .formats.road_map import read_map as read_map
 from .network.counts import Metrics as Metrics
 from .network.fitness import fitness as fitness
 from .network.grids import random_grids as random_grids
@@ -24,3 +26,5 @@ from .problem.road_problem import road_problem as road_problem
 from .search import Result as Result
 from .search import evolve as evolve
 from .spec import SearchSpec as SearchSpec
+from .tiles.render import render as render
+from .tiles.tileset import load_tiles as load_tiles

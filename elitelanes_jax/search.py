@@ -3,7 +3,7 @@
 import time
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Key, UInt32
 
-from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import Metrics
@@ -24,13 +25,14 @@ from elitelanes_jax.network.weights import Weights, check_weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
 from elitelanes_jax.optimizers.pso import PsoConfig
-from elitelanes_jax.optimizers.run import advance, start
+from elitelanes_jax.optimizers.run import advance, seed_keys, start
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.constraints import Bounds, bounds_of, satisfies
+from elitelanes_jax.problem.constraints import Bounds, bounds_of, parse_ranges, satisfies
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.spec import GenerateSpec, SearchSpec
 
 __all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve"]
 
@@ -57,6 +59,10 @@ class MeasuredElites(NamedTuple):
     valid: Bool[Array, "*S N"]
     metrics: Metrics
 
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return _in_short(self)
+
 
 class History(NamedTuple):
     """A run by generation, as NumPy arrays.
@@ -75,6 +81,10 @@ class History(NamedTuple):
     elite_count: Int32[np.ndarray, "*S G"]
     evaluations_per_second: Float[np.ndarray, " G"]
 
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return _in_short(self)
+
 
 class RunState(NamedTuple):
     """The state that a run continues from, beside its key and settings; arrays only.
@@ -88,6 +98,10 @@ class RunState(NamedTuple):
     generation: Int32[Array | np.ndarray, ""]
     inner: Any
     fingerprint: UInt32[Array | np.ndarray, ""]
+
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return _in_short(self)
 
 
 @jax.tree_util.register_dataclass
@@ -120,11 +134,56 @@ class Result:
         metrics = {name: np.asarray(values) for name, values in self.elites.metrics._asdict().items()}
         return np.asarray(self.elites.valid) & satisfies(metrics, self.spec.where)
 
+    def maps(self, count: int = 16, *, where: Any = (), seed: int = 0) -> list[RoadMap]:
+        """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
+
+        Args:
+          count: the most maps; fewer are returned where there are no more.
+          where: ranges that the maps are in, as `evolve` takes them, beside those of the search; one of a feature that
+            the search has a range of takes its place.
+          seed: of the run, to be noted in the maps.
+
+        Returns:
+          Maps with their metrics, sorted by niche, within one by fitness; see `choose_maps`.
+
+        Raises:
+          InputError: for a bad count or range.
+        """
+        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where))}
+        elites = self.elites
+        if elites.valid.ndim == 1:
+            elites = jax.tree.map(lambda array: array[None], elites)
+        result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
+        return choose_maps(result, check_named("count", whole(1), count), seed).maps
+
+    def __repr__(self) -> str:
+        """Returns what was searched for and what was found, in a few lines."""
+        fitness, (height, width) = self.elites.fitness, self.elites.grids.shape[-2:]
+        if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
+            return f"Result(elites={self.elites!r}, spec={self.spec!r})"
+        valid, seeds = np.asarray(self.elites.valid), 1 if fitness.ndim == 1 else len(fitness)
+        best = f"the best with fitness {np.asarray(fitness)[valid].min()}" if valid.any() else "none valid"
+        spent = self.history.evaluations[-1] if len(self.history.evaluations) else 0
+        axes = " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.axes)
+        where = " ".join(map(str, self.spec.where))
+        return "\n".join(
+            [
+                f"Result of {self.spec.method}, preset {self.spec.preset}: {height} x {width} tiles, "
+                f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
+                f"  elites   {valid.sum():,} in {valid.size:,} places, {best}",
+                f"  axes     {axes}",
+                *([f"  where    {where}"] if where else []),
+                "  fields   elites, history, state, spec, axes",
+                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; satisfies()",
+            ]
+        )
+
 
 def evolve(
-    key: Key[Array, "*S"] | UInt32[Array, "*S 2"],
+    key: int | Key[Array, "*S"] | UInt32[Array, "*S 2"] = 0,
     shape: tuple[int, int] = (12, 12),
     *,
+    seeds: int | None = None,
     spec: SearchSpec = SearchSpec(),
     config: Config | None = None,
     optimizer: Callable[[Problem], Optimizer] | None = None,
@@ -137,8 +196,10 @@ def evolve(
     Args:
       key: one `jax.random.key`, or an array of keys ``[S]``: many seeds in one compiled call, and a leading seed axis
         ``[S, ...]`` in everything that is returned, but for the counts and the speed in the history. With JAX's default
-        kind of key a seed gives the same result alone and among others, bit for bit.
+        kind of key a seed gives the same result alone and among others, bit for bit. Or a whole number, the command's
+        ``--seed``.
       shape: (height, width) of the grids, each at least 2.
+      seeds: how many runs, where `key` is a whole number; by default 8, as the command makes.
       spec: the search.
       config: settings of a method in place of a preset's; its type says which method.
       optimizer: a factory of your own, `Problem` -> `Optimizer`, in place of a method's.
@@ -149,7 +210,7 @@ def evolve(
     Raises:
       InputError: for an argument out of its range, or a state of a run with another key or other settings.
     """
-    keys, single = _check_keys(key)
+    keys, single = _check_keys(key, seeds)
     shape = check_shape(shape, new=True)
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
@@ -166,6 +227,15 @@ def evolve(
     if single:
         history = history._replace(best_fitness=history.best_fitness[0], elite_count=history.elite_count[0])
     return Result(elites, history, RunState(np.array(last, np.int32), inner, fingerprint), spec, program.axes)
+
+
+def _in_short(record: Any) -> str:
+    """Returns the fields of a record of arrays, each with its type and shape, in a line."""
+    fields = (
+        f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
+        for name, value in record._asdict().items()
+    )
+    return f"{type(record).__name__}({', '.join(fields)})"
 
 
 class _Numbers(NamedTuple):
@@ -205,8 +275,13 @@ class _Program(NamedTuple):
         return make_optimizer(problem, jax.tree.unflatten(self.config, numbers.config))
 
 
-def _check_keys(key: Any) -> tuple[Key[Array, " S"], bool]:
+def _check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
     """Returns the keys as an array ``[S]``, and whether there was one key alone."""
+    if is_whole(key):
+        seeds = GenerateSpec.seeds if seeds is None else seeds
+        return seed_keys(check_named("key", whole(0, 2**32 - 1), key), check_named("seeds", whole(1), seeds)), False
+    if seeds is not None:
+        raise InputError(f"seeds: expected it with a whole number as key, as keys say how many they are, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,10 @@ from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, compute_features
 from elitelanes_jax.problem.rules import RULES
-from elitelanes_jax.search import Result
 from elitelanes_jax.spec import SearchSpec
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search import Result
 
 __all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "describe_shortage", "refuse_impossible"]
 
@@ -87,7 +89,7 @@ def refuse_impossible(spec: SearchSpec) -> None:
 
 
 def choose_maps(
-    result: Result,
+    result: "Result",
     count: int,
     seed: int = 0,
     *,
@@ -236,7 +238,7 @@ def _remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
 
 
 def _nearest(
-    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], result: Result
+    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], result: "Result"
 ) -> dict[str, float] | None:
     """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
     if not among.any():

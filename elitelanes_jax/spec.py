@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, whole
+from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax.formats.road_map import read_map
@@ -37,7 +37,7 @@ def parse_weights(weights: Any) -> tuple[tuple[str, int], ...]:
       InputError: for anything else, an unknown metric, or one given twice.
     """
     if isinstance(weights, str):
-        weights = [weights]
+        weights = split_settings(weights)
     if isinstance(weights, Weights):
         weights = weights._asdict()
     if isinstance(weights, Mapping):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import partial
+from inspect import signature
 
 import chex
 import jax
@@ -16,8 +17,9 @@ from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfi
 from elitelanes_jax.optimizers.map_elites import MapElitesConfig
 from elitelanes_jax.optimizers.population import EvolutionConfig
 from elitelanes_jax.optimizers.presets import PRESETS
+from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.search import RunState
-from elitelanes_jax.spec import METHODS
+from elitelanes_jax.spec import METHODS, GenerateSpec
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
@@ -227,6 +229,33 @@ def test_a_result_is_a_pytree_of_arrays(preset):
         assert rest.state.generation == 1
 
 
+def test_a_whole_number_is_the_commands_seed():
+    asked = {"generations": 0, "where": "cyclomatic=0..20 bridges=0..30", "weights": "bridges=90 turns=1"}
+    short = evolve(5, SHAPE, seeds=2, axes="cyclomatic:4 turns:3:2", preset="paper", **asked)
+    asked["where"] = {"cyclomatic": (0, 20), "bridges": (0, 30)}
+    asked["weights"] = {"bridges": 90, "turns": 1}
+    axes = {"cyclomatic": 4, "turns": (3, 2)}
+    same(short, evolve(seed_keys(5, 2), SHAPE, axes=axes, preset="paper", **asked))
+    defaults = signature(evolve).parameters
+    assert (defaults["key"].default, defaults["shape"].default) == (GenerateSpec().seed, GenerateSpec().size)
+
+
+def test_results_are_printed_in_a_few_lines():
+    result = search(jax.random.split(KEY, 2), SHAPE, generations=3, where="bridges=0..40")
+    said = repr(result)
+    assert 5 <= len(said.splitlines()) <= 10 and max(map(len, said.splitlines())) <= 120
+    assert f"5 x 6 tiles, 2 seeds, {result.history.evaluations[-1]} evaluations each" in said
+    best = np.asarray(result.elites.fitness)[np.asarray(result.elites.valid)].min()
+    assert f"elites   {int(result.elites.valid.sum())} in " in said and f"with fitness {best}\n" in said
+    assert "where    bridges=0..40" in said
+    for record in (result.elites, result.history, result.state):
+        assert len(repr(record).splitlines()) == 1 and len(repr(record)) < 300
+    assert "grids int8[2, " in repr(result.elites)
+    shapes = jax.eval_shape(lambda: result)
+    assert repr(jax.jit(lambda result: (repr(result), result)[1])(result)) == said
+    assert repr(shapes).startswith("Result(elites=MeasuredElites(grids int8")
+
+
 def test_vacant_places_are_never_the_best():
     result = search(KEY, SHAPE, generations=3)
     spoilt = replace(result, elites=result.elites._replace(fitness=jnp.where(result.elites.valid, 5, -9)))
@@ -257,7 +286,10 @@ def test_progress_is_shown_when_asked_for(capsys):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"key": 3}, "key: expected a jax.random.key or an array of them, got 3"),
+        ({"key": "3"}, "key: expected a jax.random.key or an array of them, got '3'"),
+        ({"key": -1}, "key: expected a whole number, 0 to 4294967295, got -1"),
+        ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 or more, got 0"),
+        ({"seeds": 2}, "seeds: expected it with a whole number as key, .*, got 2"),
         ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),

@@ -56,6 +56,26 @@ def test_what_is_chosen_is_valid_and_different(evolved):
         assert (grids == road_map.codes).all(axis=(1, 2)).any()
 
 
+def test_a_result_hands_its_maps_over(evolved):
+    plain = [road_map.codes.tolist() for road_map in choose_maps(evolved, 16).maps]
+    assert [road_map.codes.tolist() for road_map in evolved.maps()] == plain
+    few = evolved.maps(5, where="turns=8.. cyclomatic=..4", seed=3)
+    assert 0 < len(few) <= 5
+    for road_map in few:
+        assert road_map.metrics["turns"] >= 8 and road_map.metrics["cyclomatic"] <= 4 and road_map.seed[0] == 3
+        assert "\n" not in repr(road_map) and repr(road_map).startswith("RoadMap(6 x 6, fitness ")
+        assert measure(road_map).turns == road_map.metrics["turns"]
+    ranged = replace(evolved, spec=evolved.spec.but({"where": "turns=100.."}))
+    assert not ranged.maps() and len(ranged.maps(where={"turns": (8, None)})) == 16
+    alone = jax.tree.map(lambda array: array[1] if array.ndim else array, evolved.elites)
+    of_one = replace(evolved, elites=alone).maps(3)
+    assert len(of_one) == 3 and {road_map.seed for road_map in of_one} == {(0, 0)}
+    with pytest.raises(InputError, match="count: expected a whole number, 1 or more, got 0"):
+        evolved.maps(0)
+    with pytest.raises(InputError, match="where 'turn=3': expected a metric"):
+        evolved.maps(where="turn=3")
+
+
 def random_maps(count, size, seed=0):
     """Connected filled grids that have little in common."""
     rng = np.random.default_rng(seed)

@@ -1,5 +1,6 @@
 """Checks of single values: each takes a value, or its text, and returns it as it should be, or raises `InputError`."""
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -23,6 +24,7 @@ __all__ = [
     "one_of",
     "path",
     "real",
+    "split_settings",
     "whole",
 ]
 
@@ -126,6 +128,11 @@ def check_named(name: str, check: Check, value: Any) -> Any:
     except InputError as error:
         words = str(error)
         raise InputError(words if words.startswith((f"{name}:", f"{name} ")) else f"{name}: {words}") from None
+
+
+def split_settings(text: str) -> list[str]:
+    """Splits a text such as ``crossings=6..10 bridges=0`` or ``cyclomatic:10 turns:10`` as a shell would."""
+    return re.split(r"\s+(?=\w+\s*[=:])", text.strip())
 
 
 def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:

@@ -52,18 +52,15 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import new_folder
     from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
-    from elitelanes_jax.tiles.render import overlay, recall_choice, render, write_picture, write_png
+    from elitelanes_jax.tiles.render import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles)
     if options.dead_ends:
         road_map = road_map._replace(codes=without_dead_ends(road_map.codes))
-    drawn, chosen = road_map.drawn, None
-    if drawn and drawn.tile_set == tiles.name and options.seed is None:
-        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
     out = options.out or options.map.with_suffix("")
     try:
-        picture = render(road_map.codes, tiles, tile_px=options.tile_px, seed=options.seed or 0, chosen=chosen)
+        picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed)
     except InputError as error:
         raise InputError(f"{options.map}: {error}") from None
     with new_folder(out) as folder:

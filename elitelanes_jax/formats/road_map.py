@@ -53,6 +53,14 @@ class RoadMap(NamedTuple):
     seed: tuple[int, int] | None = None
     drawn: Drawn | None = None
 
+    def __repr__(self) -> str:
+        """Returns the size and a few figures in one line."""
+        height, width = np.shape(self.codes)
+        metrics = {name: (self.metrics or {}).get(name) for name in ("cyclomatic", "crossings", "turns", "bridges")}
+        figures = {"fitness": self.fitness} | metrics
+        words = [f"{name} {value}" for name, value in figures.items() if value is not None]
+        return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
+
 
 def map_to_json(road_map: RoadMap) -> str:
     """Writes the text of a map file: a key a line, tables a row a line."""

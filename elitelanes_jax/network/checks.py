@@ -36,6 +36,8 @@ def check_shape(shape: Any, *, new: bool = False) -> tuple[int, int]:
 def check_grid(grid: Any) -> Any:
     """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is one of JAX, else of NumPy.
 
+    A record with a grid in its field ``codes``, such as a `RoadMap`, is taken for that grid.
+
     Codes are checked only where they are known. Under `jax.jit` and `jax.vmap` they are not, and a code outside 0..15
     gives meaningless results there.
 
@@ -44,6 +46,7 @@ def check_grid(grid: Any) -> Any:
         or a code outside 0..15.
     """
     jax = sys.modules.get("jax")
+    grid = getattr(grid, "codes", grid)
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:

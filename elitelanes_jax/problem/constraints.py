@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import LARGEST, check_unique
+from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature
@@ -54,13 +54,15 @@ def parse_ranges(where: Any) -> tuple[Range, ...]:
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
-      where: one text or several; or a mapping of names to numbers or to pairs of them, None for no limit; or `Range`
-        records.
+      where: texts, or one with spaces between; or a mapping of names to numbers or to pairs of them, None for no limit;
+        or `Range` records.
 
     Raises:
       InputError: for anything else, an unknown feature, limits in the wrong order, or one feature given twice.
     """
-    if isinstance(where, str | Range):
+    if isinstance(where, str):
+        where = split_settings(where)
+    elif isinstance(where, Range):
         where = [where]
     if isinstance(where, Mapping):
         given = [_range(f"where: {name}", name, limits) for name, limits in where.items()]

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from elitelanes_jax._util.checks import LARGEST, check_unique
+from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.problem.features import FEATURES, check_feature, compute_features, default_width
 
@@ -74,15 +74,20 @@ def parse_axes(axes: Any) -> tuple[Axis, ...]:
     """Reads axes from texts, mappings or records.
 
     Args:
-      axes: of each axis ``NAME:BINS`` or ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`.
+      axes: of each axis ``NAME:BINS`` or ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`; or for
+        all of them one text with spaces between, or a mapping of names to bins, or to pairs of bins and width.
 
     Raises:
       InputError: for anything else, an unknown or repeated feature, numbers out of range, no axis, or more than
         `MOST_NICHES` niches.
     """
-    if isinstance(axes, str | Mapping | Axis):
+    if isinstance(axes, str):
+        axes = split_settings(axes)
+    elif isinstance(axes, Axis) or (isinstance(axes, Mapping) and "metric" in axes):
         axes = [axes]
     try:
+        if isinstance(axes, Mapping):
+            axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
         listed = tuple(_check_axis(axis) for axis in axes)
     except TypeError:
         raise InputError(f"axes: expected records of type Axis, got {axes!r}") from None

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,11 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.checks import check_named, is_whole, path
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
-from elitelanes_jax.tiles.tileset import MASKS, TileSet
+from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 __all__ = [
     "LABELS",
@@ -95,22 +96,40 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     return chosen
 
 
-def render(grid: ArrayLike, tiles: TileSet, *, tile_px: int = 64, seed: int = 0, chosen: Any = None) -> Picture:
-    """Draws a grid.
+def render(
+    grid: Any,
+    tiles: TileSet | str | Path | None = None,
+    *,
+    tile_px: int = 64,
+    seed: int | None = None,
+    chosen: Any = None,
+) -> Picture:
+    """Draws a map.
 
     Args:
-      grid: codes ``[H, W]``, each with a picture in the set.
-      tiles: whose pictures to draw with.
+      grid: codes ``[H, W]``, each with a picture in the set; or a `RoadMap`, or the path of a map file.
+      tiles: whose pictures to draw with, a set or its folder; by default the package's own.
       tile_px: side of a tile in pixels, 16 to 512.
-      seed: of the choice among the pictures of each code (see `choose_tiles`).
+      seed: of the choice among the pictures of each code (see `choose_tiles`); by default the choice that a map was
+        drawn with before, if the set has it, else that of 0.
       chosen: that choice, to be taken in place of the seed's.
 
     Raises:
-      InputError: for a bad grid, a cell without picture in the set, a choice that does not show the grid, or a size
-        out of its range.
+      InputError: for a bad grid or file, a cell without picture in the set, a choice that does not show the grid, or a
+        size out of its range.
     """
     tile_px = check_tile_px(tile_px)
-    chosen = choose_tiles(grid, tiles, seed) if chosen is None else _check_choice(grid, tiles, chosen)
+    if not isinstance(tiles, TileSet):
+        tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
+    if isinstance(grid, str | Path):
+        grid = read_map(grid)
+    drawn = getattr(grid, "drawn", None)
+    if chosen is not None:
+        chosen = _check_choice(grid, tiles, chosen)
+    elif drawn and seed is None and drawn.tile_set == tiles.name:
+        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+    if chosen is None:
+        chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     place = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _lay_out(rotated[place]) for name, rotated in _scale(tiles, tile_px).items()}
     return Picture(
@@ -118,6 +137,11 @@ def render(grid: ArrayLike, tiles: TileSet, *, tile_px: int = 64, seed: int = 0,
         layers=layers,
         points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
     )
+
+
+@cache
+def _own_tiles() -> TileSet:
+    return load_tiles()
 
 
 def check_tile_px(tile_px: Any) -> int:

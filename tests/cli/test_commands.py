@@ -282,13 +282,14 @@ def test_an_interrupted_command_leaves_nothing(tmp_path, capsys, monkeypatch):
 
 
 def test_maps_that_cannot_be_read_or_drawn(tmp_path, capsys):
-    file = tmp_path / "map.json"
+    file, tiles = tmp_path / "map.json", tmp_path / "tiles"
+    shutil.copytree(default_tiles(), tiles, ignore=shutil.ignore_patterns("end_*"))
     for text, message in (
         ('{"codes": [[6, 99], [12, 9]]}', "map.json: grid: expected tile codes 0 to 15, got 99"),
         ('{"codes": [[8, 3], [12, 9]]}', "map.json: grid: expected tiles that the set"),
     ):
         file.write_text(text)
-        assert main(["render", str(file), "--out", str(tmp_path / "out")]) == 2
+        assert main(["render", str(file), "--tiles", str(tiles), "--out", str(tmp_path / "out")]) == 2
         assert message in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["map.json"]
 

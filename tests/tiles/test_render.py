@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, random_grids, repair, rotate
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
 from elitelanes_jax.tiles.render import (
     LABEL_COLOURS,
     LABELS,
@@ -17,7 +18,7 @@ from elitelanes_jax.tiles.render import (
     render,
     write_picture,
 )
-from elitelanes_jax.tiles.tileset import TileSet
+from elitelanes_jax.tiles.tileset import TileSet, default_tiles
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)
@@ -163,6 +164,24 @@ def test_what_has_no_picture_is_named(drawn_tiles):
     partial = TileSet("partial", "", tuple(tile for tile in drawn_tiles.tiles if tile.code != 15))
     with pytest.raises(ValueError, match=r"the set 'partial' can draw .* got 15 \(crossing4\)"):
         choose_tiles([[15, 15], [15, 15]], partial)
+
+
+def test_what_the_command_takes_is_taken(drawn_tiles, tmp_path):
+    chosen = choose_tiles(GRID, drawn_tiles, seed=3)
+    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
+    road_map = RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist()))
+    file = tmp_path / "map.json"
+    file.write_text(map_to_json(road_map))
+    expected = render(GRID, drawn_tiles, tile_px=16, seed=3).image
+    for given in (road_map, file, str(file)):
+        for tiles in (None, drawn_tiles, default_tiles(), str(default_tiles())):
+            np.testing.assert_array_equal(render(given, tiles, tile_px=16).image, expected)
+    plain = render(GRID, tile_px=16).image
+    np.testing.assert_array_equal(render(road_map, tile_px=16, seed=0).image, plain)
+    assert (plain != expected).any()
+    for wrong, message in ((str(tmp_path / "none"), "expected a folder of tile pictures"), (3, "tiles: expected")):
+        with pytest.raises(InputError, match=message):
+            render(GRID, wrong)
 
 
 @pytest.mark.parametrize("seed", ["a", -1, 2.5])
