@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.masking import propose_masks
 from elitelanes_jax.tiles.seams import find_seams, seam_picture
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -76,7 +77,7 @@ def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint
 def titled(text: str, picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
     panel = np.full((HEAD + PANEL + GAP, width + 2 * GAP, 3), PAPER, np.uint8)
     panel[HEAD : HEAD + PANEL, GAP : GAP + width] = cv2.resize(picture, (width, PANEL), interpolation=cv2.INTER_AREA)
-    cv2.putText(panel, text, (GAP, HEAD - 12), cv2.FONT_HERSHEY_SIMPLEX, 0.5, INK, 1, cv2.LINE_AA)
+    write_text(panel, text, (GAP, HEAD - 12), 0.5, INK)
     return panel
 
 

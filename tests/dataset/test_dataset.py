@@ -339,8 +339,9 @@ def test_each_niche_is_split_in_the_same_shares(tmp_path):
     ],
 )
 def test_given_maps_have_to_fit_the_specification(tmp_path, size, maps, message):
+    tiles = shutil.copytree(default_tiles(), tmp_path / "tiles", ignore=shutil.ignore_patterns("end_*"))
     with pytest.raises(InputError, match=f"^{message}"):
-        make_dataset(small(size=size), str(tmp_path / "out"), maps=maps())
+        make_dataset(small(size=size, tiles=tiles), str(tmp_path / "out"), maps=maps())
     assert not (tmp_path / "out").exists()
 
 

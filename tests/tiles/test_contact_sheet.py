@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elitelanes_jax.tiles.contact_sheet import contact_sheet
+from elitelanes_jax.tiles.contact_sheet import contact_sheet, write_text
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 16, 17])
@@ -36,3 +36,12 @@ def test_no_text_is_cut_off_or_runs_into_its_neighbour():
     below = sheet[3 * 28 + 60 : 3 * 28 + 60 + 19]
     inked = np.flatnonzero((below != ground).any(axis=(0, 2)))
     assert np.diff(inked).max() > 28 - 8
+
+
+def test_zeros_have_no_slash():
+    sheet = np.zeros((200, 200, 3), np.uint8)
+    write_text(sheet, "0", (20, 180), 6, (255, 255, 255))
+    rows, columns = np.nonzero(sheet.any(axis=2))
+    top, left, height, width = rows.min(), columns.min(), np.ptp(rows), np.ptp(columns)
+    assert height > 80
+    assert not sheet[top + height // 4 : top + 3 * height // 4, left + 2 * width // 5 : left + 3 * width // 5].any()
