@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import new_folder
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
 from elitelanes_jax.search import Result, evolve
-from elitelanes_jax.selection import Choice, choose_maps, describe_shortage, refuse_impossible
+from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, refuse_impossible
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.render import choose_tiles, render, write_picture, write_png
@@ -45,13 +46,20 @@ def generate(spec: GenerateSpec, out: Path) -> list[RoadMap]:
     tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles)
     with new_folder(out) as folder:
+        announce(
+            f"evolving {spec.maps} maps of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
+            f"{spec.seeds} runs of {_budget(search)}"
+        )
         began = time.perf_counter()
         result = evolve(seed_keys(spec.seed, spec.seeds), spec.size, spec=search)
-        choice = choose_maps(result, spec.maps, spec.seed)
+        with Progress(f"choosing {spec.maps} maps"):
+            choice = choose_maps(result, spec.maps, spec.seed)
+        detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < spec.maps:
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, search.method, spec.size))
         evolved = time.perf_counter()
-        maps = _write_maps(folder, choice, spec, tiles)
+        with Progress("drawing", len(choice.maps), "maps") as bar:
+            maps = _write_maps(folder, choice, spec, tiles, bar)
         _write_archive(folder / "archive.npz", result)
         seconds = {"evolve": evolved - began, "draw": time.perf_counter() - evolved}
         run = _run_record(spec, tiles, choice, seconds, result)
@@ -73,7 +81,7 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
     return search.but({"alphabet": search.alphabet or tiles.alphabet})
 
 
-def _write_maps(folder: Path, choice: Choice, spec: GenerateSpec, tiles: TileSet) -> list[RoadMap]:
+def _write_maps(folder: Path, choice: Choice, spec: GenerateSpec, tiles: TileSet, bar: Progress) -> list[RoadMap]:
     """Writes each map in a folder of its own, and the contact sheet; returns the maps as drawn."""
     sheet_px = int(np.clip(_SHEET_PX // max(spec.size), *_SHEET_TILE_PX))
     maps, small = [], []
@@ -87,6 +95,7 @@ def _write_maps(folder: Path, choice: Choice, spec: GenerateSpec, tiles: TileSet
         (place / "map.json").write_text(map_to_json(road_map), encoding="utf-8")
         small.append(render(plain.codes, tiles, tile_px=sheet_px, chosen=chosen).image)
         maps.append(road_map)
+        bar.count()
     title = (
         f"{len(maps)} road maps of {spec.size[0]} x {spec.size[1]} tiles, {spec.search.method}, "
         f"{spec.seeds} seeds, {_budget(spec.search)}, seed {spec.seed}"

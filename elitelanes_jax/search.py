@@ -204,7 +204,8 @@ def evolve(
       config: settings of a method in place of a preset's; its type says which method.
       optimizer: a factory of your own, `Problem` -> `Optimizer`, in place of a method's.
       state: of an earlier result, to continue from. 100 generations and 100 more are 200, bit for bit.
-      progress: whether to show a progress bar; by default in a terminal or notebook, when a run takes over a second.
+      progress: whether to show a progress bar, off a terminal a line every 30 seconds; by default in a terminal or
+        notebook, when a run takes over a second.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
@@ -215,15 +216,18 @@ def evolve(
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
     fingerprint = _fingerprint(program, numbers, keys)
-    if state is None:
-        done, inner = 0, _start(program, numbers, keys)
-    else:
+    done, inner = 0, None
+    if state is not None:
         done, inner = _restore(state, program, numbers, keys, fingerprint, single)
     per_step = program.optimizer(numbers).evaluations_per_step
     last = done + (-(-spec.evaluations // per_step) if spec.generations is None else spec.generations)
-    with Progress(f"{spec.method} {shape[0]}x{shape[1]}", done, last, shown=progress) as bar:
+    with Progress(f"{spec.method} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
+        if state is None:
+            with bar.doing("compiling"):
+                inner = _start(program, numbers, keys)
         inner, history = _run(program, numbers, keys, inner, done, last, per_step, bar)
-    elites, inner = _collect(program, numbers, inner, single)
+        with bar.doing("compiling"):
+            elites, inner = _collect(program, numbers, inner, single)
     if single:
         history = history._replace(best_fitness=history.best_fitness[0], elite_count=history.elite_count[0])
     return Result(elites, history, RunState(np.array(last, np.int32), inner, fingerprint), spec, program.axes)
@@ -382,7 +386,8 @@ def _run(
     speeds: list[float] = []
     stretch = _MOST // 2
     if done < last:
-        jax.block_until_ready(_advance(program, numbers, keys, states, done + 1, done))  # compiles, and runs nothing
+        with bar.doing("compiling"):
+            jax.block_until_ready(_advance(program, numbers, keys, states, done + 1, done))  # runs nothing
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
@@ -392,7 +397,8 @@ def _run(
         seconds = time.perf_counter() - began
         done += count
         speeds += [count * per_step * keys.size / seconds] * count
-        bar.show(done, float(best[-1][-1].min()), float(counts[-1][-1].mean()), speeds[-1])
+        elites = float(counts[-1][-1].mean())
+        bar.update(done, f"best {best[-1][-1].min():,}, {elites:,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
     evaluations = generation * per_step
     return states, History(generation, evaluations, np.concatenate(best).T, np.concatenate(counts).T, np.array(speeds))

@@ -22,7 +22,7 @@ from elitelanes_jax.spec import SearchSpec
 if TYPE_CHECKING:
     from elitelanes_jax.search import Result
 
-__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "describe_shortage", "refuse_impossible"]
+__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "describe_choice", "describe_shortage", "refuse_impossible"]
 
 # The flaws of a map: the metric, the one value that it should have, and words for others. A map is counted with the
 # first flaw that it has.
@@ -160,6 +160,16 @@ def choose_maps(
     return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept), nearest)
 
 
+def describe_choice(choice: Choice, maps: int) -> str:
+    """Describes a choice of so many maps: how many were found, and the reasons against the others."""
+    rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
+    if choice.alike:
+        rejected.append(f"{choice.alike} like another when rotated or mirrored")
+    return f"found {len(choice.maps)} of {maps} maps among {choice.found} elites" + (
+        f" ({', '.join(rejected)})" if rejected else ""
+    )
+
+
 def describe_shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> str:
     """Describes a choice with too few maps: the reasons against the others, and what finds more.
 
@@ -169,13 +179,9 @@ def describe_shortage(choice: Choice, maps: int, method: str, shape: tuple[int, 
       method: of the search.
       shape: (height, width) of the maps.
     """
-    rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
     flawed = "" if _OUTSIDE in choice.rejected else ", with other flaws"
-    if choice.alike:
-        rejected.append(f"{choice.alike} like another when rotated or mirrored")
     return (
-        f"found {len(choice.maps)} of {maps} maps among {choice.found} elites"
-        + (f" ({', '.join(rejected)})" if rejected else "")
+        describe_choice(choice, maps)
         + (f"; nearest found{flawed}: {_values(choice.nearest)}" if choice.nearest else "")
         + f"; {_remedy(choice, method, shape)} find more"
     )

@@ -1,5 +1,6 @@
 """`evolve`: one call from a key to road networks."""
 
+import re
 from dataclasses import replace
 from functools import partial
 from inspect import signature
@@ -278,8 +279,7 @@ def test_progress_is_shown_when_asked_for(capsys):
     assert not capsys.readouterr().err
     search(KEY, SHAPE, generations=10, progress=True)
     shown = capsys.readouterr().err
-    for words in ("map-elites 5x6 10/10, best ", " elites, ", " evals/s, ", " left |"):
-        assert words in shown
+    assert re.search(r"map-elites 5x6 10/10 generations, best -?[\d,]+, \d+ elites, [\d,]+ evaluations/s\n", shown)
 
 
 @pytest.mark.usefixtures("any_types")

@@ -8,13 +8,20 @@ from typing import Any, NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
 
-__all__ = ["Commands", "Parser", "add_options", "checked_by", "read_options"]
+__all__ = ["COMPILING", "Commands", "Parser", "add_loudness", "add_options", "checked_by", "read_options"]
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
+
+
+COMPILING = """The first search of a size and method compiles for some 20 seconds. Compiled
+programs are kept in ~/.cache/elitelanes_jax (or in XDG_CACHE_HOME);
+JAX_COMPILATION_CACHE_DIR names another folder."""
+"""The end of the help of commands that search."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -55,6 +62,16 @@ def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
             command.add_argument(
                 _flag(name, option), **_kind(option, default), help=_help(descriptions[name], default), dest=name
             )
+
+
+def add_loudness(command: argparse.ArgumentParser) -> None:
+    """Adds ``--quiet`` and ``--verbose`` to a command that works for long."""
+    either = command.add_mutually_exclusive_group()
+    for flag, loud, words in (
+        ("--quiet", Loudness.QUIET, "print nothing but errors"),
+        ("--verbose", Loudness.VERBOSE, "tell each step and how long it took"),
+    ):
+        either.add_argument(flag, dest="loud", action="store_const", const=loud, help=words, default=argparse.SUPPRESS)
 
 
 def read_options(given: argparse.Namespace, defaults: Settings) -> Any:

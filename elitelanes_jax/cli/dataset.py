@@ -3,7 +3,8 @@
 import argparse
 
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
+from elitelanes_jax._util.progress import detail
+from elitelanes_jax.cli.arguments import COMPILING, Commands, add_loudness, add_options, checked_by, read_options
 from elitelanes_jax.cli.program import fail, say
 
 __all__ = ["add_dataset"]
@@ -20,6 +21,7 @@ def add_dataset(commands: Commands) -> None:
         help="make a dataset for segmentation",
         description="Evolves maps of mixed sizes, draws them, and writes pictures, labels and metadata in splits. "
         "Interrupted or killed, it continues when it is started again.",
+        epilog=COMPILING,
     )
     command.add_argument(
         "--out",
@@ -35,6 +37,7 @@ def add_dataset(commands: Commands) -> None:
         metavar="N",
         help="threads that draw; by default one for each processor",
     )
+    add_loudness(command)
     command.set_defaults(action=_dataset, interrupted=_CONTINUES)
 
 
@@ -45,7 +48,7 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset.make import make_dataset
 
-    use_compile_cache()
+    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
         about = make_dataset(spec, options.out, workers=options.workers)
     except OSError as error:

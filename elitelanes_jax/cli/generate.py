@@ -3,7 +3,8 @@
 import argparse
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
+from elitelanes_jax._util.progress import detail
+from elitelanes_jax.cli.arguments import COMPILING, Commands, add_loudness, add_options, checked_by, read_options
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_generate"]
@@ -19,6 +20,15 @@ _COLUMNS = (
 )
 
 
+_EXAMPLES = """examples:
+  elitelanes generate --size 12 12 --maps 16 --out maps
+  elitelanes generate --where crossings=6..10 straight_share=0.3..0.6 --out in-range
+  elitelanes generate --rules duckietown --size 9 9 --maps 4 --out floor-plans
+
+'elitelanes metrics' lists the metrics that --where, --axes and --weights name.
+"""
+
+
 def add_generate(commands: Commands) -> None:
     """Adds the command to a parser's."""
     from elitelanes_jax.spec import GenerateSpec
@@ -27,11 +37,14 @@ def add_generate(commands: Commands) -> None:
         "generate",
         help="evolve maps and draw them",
         description="Evolves maps that are valid, different and spread over the niches; draws them with their masks.",
+        epilog=f"{_EXAMPLES}\n{COMPILING}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
         "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, GenerateSpec())
+    add_loudness(command)
     command.set_defaults(action=_generate)
 
 
@@ -42,7 +55,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.generate import generate
 
-    use_compile_cache()
+    detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     maps = generate(spec, options.out)
     heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
     lines = ["  ".join(heads)]

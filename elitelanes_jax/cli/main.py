@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.dataset import add_dataset
@@ -19,13 +20,13 @@ __all__ = ["main", "make_parser"]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: options.action(options), interrupted=options.interrupted)
+    return guarded("elitelanes", lambda: options.action(options), options.interrupted, options.loud)
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
-    parser.set_defaults(interrupted="nothing was written")
+    parser.set_defaults(interrupted="nothing was written", loud=Loudness.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for add in (add_generate, add_render, add_dataset, add_export, add_show, add_tiles):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.progress import Loudness, loudness, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
 __all__ = ["fail", "guarded", "leave", "say"]
@@ -17,16 +18,18 @@ __all__ = ["fail", "guarded", "leave", "say"]
 _INTERRUPTED = 130
 
 
-def guarded(program: str, action: Callable[[], int], interrupted: str) -> int:
+def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Loudness = Loudness.NORMAL) -> int:
     """Does what a command does; returns its exit code.
 
     Args:
       program: its name, for messages.
       action: returns 0 when all went well.
       interrupted: the state in which an interruption leaves things, for the message.
+      loud: how much it says of its work.
     """
     try:
-        return action()
+        with reporting(loud):
+            return action()
     except InputError as error:
         return fail(program, str(error), 2)
     except NotEnoughMapsError as error:
@@ -62,7 +65,9 @@ def fail(program: str, message: str, code: int) -> int:
 
 
 def say(text: str) -> None:
-    """Prints what was done. A failure to print does not undo it."""
+    """Prints what was done, unless the command is quiet. A failure to print does not undo it."""
+    if loudness() is Loudness.QUIET:
+        return
     try:
         print(text.encode(sys.stdout.encoding or "ascii", "backslashreplace").decode(sys.stdout.encoding or "ascii"))
         sys.stdout.flush()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.progress import counter
+from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset.card import sample_sheet, write_card
 from elitelanes_jax.dataset.formats import Format, find_format
@@ -68,6 +68,7 @@ def make_dataset(
     identity = _identity(spec, tiles, maps)
     with work_folder(out, identity) as work:
         if work is not None:
+            announce(f"making a dataset of {spec.maps} maps of {_sizes(spec)} tiles, {spec.views} views each")
             found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
             splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
             records = work / "records"
@@ -92,6 +93,11 @@ def make_dataset(
             _finish(out, records, splits, layout, identity)
     about: dict[str, Any] = json.loads((out / LAST).read_text(encoding="utf-8"))
     return about
+
+
+def _sizes(spec: DatasetSpec) -> str:
+    first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
+    return first if first == last else f"{first} to {last}"
 
 
 def _processors() -> int:
@@ -136,7 +142,7 @@ def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, w
                 outcomes.put(None)
 
     threads = [threading.Thread(target=work, daemon=True) for _ in range(min(workers, len(waiting)))]
-    with counter("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
+    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
         try:
             for thread in threads:
                 thread.start()
@@ -146,7 +152,7 @@ def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, w
                 error = outcomes.get()
                 if error is not None:
                     raise error
-                bar.update(1)
+                bar.count()
         finally:
             stopped = True
             for _ in threads:

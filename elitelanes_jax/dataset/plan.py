@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
-from elitelanes_jax._util.progress import counter
+from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import KINDS
@@ -66,7 +66,7 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> Maps:
       NotEnoughMapsError: if the searches give too few maps.
     """
     rounds: list[Path] = []
-    with counter("evolving", spec.maps, "maps") as bar:
+    with Progress("evolving", spec.maps, "maps") as bar:
         for shape, wanted in maps_by_shape(spec).items():
             found: list[NDArray[np.int8]] = []
             number = level = 0
@@ -87,7 +87,7 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> Maps:
                     )
                 rounds.append(file)
                 number += 1
-                bar.update(len(new))
+                bar.count(len(new))
     return Maps(rounds)
 
 
@@ -109,7 +109,7 @@ def _evolve_round(
 ) -> list[RoadMap]:
     """Evolves the maps of one round, each unlike all before in so large a share of its tiles."""
     first = number * _SEEDS
-    result = evolve(seed_keys(seed, first + _SEEDS)[first:], shape, spec=search, progress=False)
+    result = evolve(seed_keys(seed, first + _SEEDS)[first:], shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
     choice = choose_maps(result, count, seed, known=found, least=(least,))
     if not choice.maps and not found:

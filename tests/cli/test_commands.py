@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import re
 import shlex
 import shutil
 import signal
@@ -115,7 +116,23 @@ def test_another_seed_finds_other_maps_and_the_table_shows_them(generated, tmp_p
         expected = [f"{number:04d}", str(road_map["fitness"]), str(road_map["metrics"]["cyclomatic"])]
         assert line.split()[:3] == expected
     assert lines[4:] == [f"3 maps in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}"]
-    assert captured.err == ""
+    assert captured.err == "evolving 3 maps of 5 x 6 tiles: ea, paper, 3 runs of 5 generations\n"
+
+
+def test_a_quiet_command_prints_nothing_and_a_verbose_one_tells_its_steps(tmp_path, capsys):
+    for loud in ("quiet", "verbose"):
+        assert main(["generate", *SMALL, f"--{loud}", "--out", str(tmp_path / loud)]) == 0
+        captured = capsys.readouterr()
+        if loud == "quiet":
+            assert captured.out == captured.err == ""
+    assert re.search(
+        r"^evolving 6 maps .*^ea 5x6 5/5 generations, best .*^found 6 of 6 maps among 60 elites",
+        captured.err,
+        re.M | re.S,
+    )
+    assert captured.out.splitlines()[-1].startswith("6 maps in ")
+    written = [files(tmp_path / loud) for loud in ("quiet", "verbose")]
+    assert written[0].keys() == written[1].keys()
 
 
 def test_photographed_tiles(real_tiles, tmp_path):
@@ -148,7 +165,7 @@ def test_tiles_are_described_or_all_their_faults_are(capsys, tmp_path):
 
 
 def test_too_few_maps_are_one_line_and_exit_code_1(tmp_path, capsys):
-    assert main(["generate", *SMALL, "--maps", "50", "--out", str(tmp_path / "out")]) == 1
+    assert main(["generate", *SMALL, "--quiet", "--maps", "50", "--out", str(tmp_path / "out")]) == 1
     captured = capsys.readouterr()
     assert captured.err.startswith("elitelanes: found ")
     assert "of 50 maps among" in captured.err
@@ -264,7 +281,7 @@ def test_a_disk_that_fails_is_one_line_and_leaves_nothing(tmp_path, capsys, monk
         raise OSError(28, "No space left on device", str(file))
 
     monkeypatch.setattr(Path, "write_bytes", fail)
-    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 2
+    assert main(["generate", *SMALL, "--quiet", "--out", str(tmp_path / "out")]) == 2
     captured = capsys.readouterr()
     assert "image.png: No space left on device" in captured.err
     assert len(captured.err.splitlines()) == 1
@@ -276,7 +293,7 @@ def test_an_interrupted_command_leaves_nothing(tmp_path, capsys, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Path, "write_bytes", interrupt)
-    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 130
+    assert main(["generate", *SMALL, "--quiet", "--out", str(tmp_path / "out")]) == 130
     assert capsys.readouterr().err == "elitelanes: interrupted; nothing was written\n"
     assert not list(tmp_path.iterdir())
 
@@ -320,7 +337,7 @@ def test_too_little_memory_is_one_line(error, tmp_path, capsys, monkeypatch):
         raise error
 
     monkeypatch.setattr(Path, "write_bytes", fail)
-    assert main(["generate", *SMALL, "--out", str(tmp_path / "out")]) == 1
+    assert main(["generate", *SMALL, "--quiet", "--out", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err == (
         "elitelanes: not enough memory; fewer seeds, smaller maps or smaller tiles need less\n"
     )
@@ -345,7 +362,7 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
     # Under nohup, or in the background of a script, the tests' own signals may be ignored, and that is inherited.
     heard = f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)"
     command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--generations", "9999999"]
-    command += ["--out", str(tmp_path / "out")]
+    command += ["--quiet", "--out", str(tmp_path / "out")]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             while not list(tmp_path.iterdir()):
@@ -365,7 +382,7 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
 def test_a_command_that_is_told_to_end_while_its_modules_load_prints_no_traceback(tmp_path):
     """An exception within the loading of NumPy or JAX would end in a traceback or a crash."""
     heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True)"
-    command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--generations", "9999999"]
+    command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--quiet", "--generations", "9999999"]
     for number in range(6):
         files = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen([*command, "--out", str(tmp_path / "out")], **files) as process:

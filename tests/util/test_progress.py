@@ -1,0 +1,144 @@
+"""Progress: a bar in a terminal, lines in a log, nothing where nobody asked."""
+
+import io
+import sys
+import time
+
+import pytest
+
+from elitelanes_jax._util import progress
+from elitelanes_jax._util.progress import Loudness, Progress, announce, detail, reporting
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def fast(monkeypatch):
+    """A second is a hundredth of one."""
+    for name in ("_REDRAW", "_LINES", "_DELAY", "_TOLD"):
+        monkeypatch.setattr(progress, name, getattr(progress, name) / 100)
+
+
+@pytest.fixture
+def listen(monkeypatch):
+    """Puts a stream in the place of standard error; not before the test, as pytest has its own there until then."""
+
+    def put(stream):
+        monkeypatch.setattr(sys, "stderr", stream)
+        return stream
+
+    return put
+
+
+def work(**options):
+    """A step of 0.1 s, then ten counts within 0.1 s, with a smaller work within."""
+    with Progress("digging", 10, "holes", **options) as bar:
+        with bar.doing("sharpening"):
+            time.sleep(0.1)
+        for number in range(10):
+            with Progress("one"):
+                time.sleep(0.01)
+            bar.update(number + 1, "deep")
+
+
+def test_a_terminal_shows_each_step_while_it_happens_and_the_end_stays(listen, fast):
+    stream = listen(Terminal())
+    work()
+    drawn = stream.getvalue().split("\r")
+    assert any(line.startswith("digging: sharpening, 0 s |") for line in drawn)
+    assert any("holes, deep, 0:00 left; one, 0 s |" in line for line in drawn)
+    assert drawn[-1].startswith("digging 10/10 holes, deep |")
+    assert drawn[-1].endswith("\n")
+    assert {len(line.rstrip()) for line in drawn[1:]} <= set(range(101))
+
+
+def test_short_work_shows_nothing_unless_it_is_asked_for(listen):
+    stream = listen(Terminal())
+    with Progress("digging", 10, "holes") as bar:
+        bar.count(10)
+    assert stream.getvalue() == ""
+    with Progress("digging", 10, "holes", shown=True) as bar:
+        bar.count(10)
+    assert "digging 10/10 holes" in stream.getvalue()
+
+
+def test_a_script_says_nothing_unless_it_is_asked_to(listen, fast):
+    stream = listen(io.StringIO())
+    work()
+    announce("digging")
+    assert stream.getvalue() == ""
+    work(shown=True)
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "digging: sharpening, 0 s"
+    assert lines[-1].startswith("digging 10/10 holes, deep")
+
+
+def test_a_commands_log_has_a_line_every_30_seconds_over_all_works(listen, monkeypatch):
+    stream = listen(io.StringIO())
+    monkeypatch.setattr(progress, "_LINES", 0.15)
+    with reporting(Loudness.NORMAL):
+        announce("start")
+        for _ in range(2):
+            with Progress("digging"):
+                time.sleep(0.1)
+            with Progress("digging", shown=False):
+                pass
+    assert stream.getvalue() == "start\ndigging, 0 s\n"
+    with reporting(Loudness.NORMAL):
+        time.sleep(0.2)
+    assert stream.getvalue().count("digging") == 1
+
+
+def test_a_quiet_command_says_nothing_and_a_verbose_one_tells_each_step(listen, fast):
+    stream = listen(io.StringIO())
+    with reporting(Loudness.QUIET):
+        work()
+        announce("start")
+        detail("more")
+    assert stream.getvalue() == ""
+    with reporting(Loudness.VERBOSE):
+        work()
+        detail("more")
+    lines = stream.getvalue().splitlines()
+    assert "digging: sharpening took 0.1 s" in lines
+    assert lines[-1] == "more"
+
+
+class Broken(Terminal):
+    def write(self, text):
+        raise BrokenPipeError
+
+
+class Closed(Terminal):
+    def __init__(self):
+        super().__init__()
+        self.close()
+
+
+@pytest.mark.parametrize("stream", [lambda: None, Broken, Closed])
+@pytest.mark.parametrize("loud", Loudness)
+def test_work_goes_on_where_nobody_listens(stream, loud, listen, fast):
+    listen(stream())
+    with reporting(loud):
+        announce("start")
+        work()
+
+
+def test_an_error_leaves_the_state_at_which_it_came(listen, fast):
+    stream = listen(Terminal())
+
+    def fails():
+        with Progress("digging", 10, "holes") as bar:
+            bar.count(3)
+            time.sleep(0.1)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fails()
+    assert "digging 3/10 holes" in stream.getvalue().split("\r")[-1]
+    assert stream.getvalue().endswith("\n")
+    work()
+    assert "digging 10/10" in stream.getvalue()
