@@ -1,0 +1,133 @@
+"""What all environments promise: compiled or not, alone or in a batch, with other levels, whatever the action."""
+
+from functools import cache
+
+import jax
+import numpy as np
+import pytest
+from conftest import compilations
+
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.drive.environment import auto_reset
+from elitelanes_jax.drive.levels import make_levels
+from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
+
+SHAPE, COUNT = (4, 5), 8
+ENVIRONMENTS = {"road-nav": (RoadNav, RoadNavParams, {"limit": 9, "goal": "both"})}
+every_environment = pytest.mark.parametrize("name", list(ENVIRONMENTS))
+
+
+@cache
+def maps(seed=1):
+    drawn = random_grids(jax.random.key(seed), COUNT, SHAPE)
+    return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn))
+
+
+@cache
+def made(name, seed=1):
+    environment, settings, few = ENVIRONMENTS[name]
+    return environment, settings(make_levels(jax.random.key(seed), maps(seed)), **few).checked("params")
+
+
+@cache
+def programs(name):
+    environment, _ = made(name)
+    start = jax.jit(jax.vmap(environment.reset, in_axes=(0, None)))
+    return start, jax.jit(jax.vmap(auto_reset(environment).step, in_axes=(0, 0, 0, None)))
+
+
+def draw_actions(environment, rng):
+    if environment.actions:
+        return rng.integers(0, environment.actions, COUNT).astype(np.int32)
+    return rng.uniform(-1, 1, (COUNT, environment.action_size)).astype(np.float32)
+
+
+def ride(name, seed=1, steps=20):
+    """States and transitions of a batch that is reset automatically."""
+    environment, params = made(name, seed)
+    start, step = programs(name)
+    rng, keys = np.random.default_rng(0), jax.random.split(jax.random.key(3), (steps, COUNT))
+    _, state = start(keys[0], params)
+    for number in range(steps):
+        action = draw_actions(environment, rng)
+        done = jax.device_get(step(keys[number], state, action, params))
+        yield keys[number], state, action, done
+        state = done.state
+
+
+def close(one, other):
+    for left, right in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        if np.asarray(left).dtype.kind == "f":
+            np.testing.assert_allclose(left, right, rtol=1e-5, atol=1e-6)
+        else:
+            np.testing.assert_array_equal(left, right)
+
+
+def pick(tree, number):
+    return jax.tree.map(lambda part: part[number], tree)
+
+
+@every_environment
+def test_alone_is_as_in_a_batch(name):
+    environment, params = made(name)
+    alone = jax.jit(auto_reset(environment).step)
+    for keys, state, action, done in ride(name, steps=2):
+        for number in range(COUNT):
+            close(alone(keys[number], pick(state, number), action[number], params), pick(done, number))
+
+
+@pytest.mark.slow
+@every_environment
+def test_compiled_or_not_it_is_the_same(name):
+    environment, params = made(name)
+    for keys, state, action, done in ride(name, steps=2):
+        alone = jax.device_put((pick(state, 0), action[0]))
+        close(auto_reset(environment).step(keys[0], *alone, params), pick(done, 0))
+
+
+@every_environment
+def test_an_episode_that_ends_goes_on_with_a_new_one(name):
+    environment, params = made(name)
+    begin = jax.jit(environment.reset)
+    ended = cut = 0
+    for keys, _, _, done in ride(name, steps=25):
+        assert not (done.terminated & done.truncated).any()
+        for number in np.flatnonzero(done.terminated | done.truncated):
+            first = begin(jax.random.fold_in(keys[number], 1), params)
+            close((pick(done.observation, number), pick(done.state, number)), first)
+            ended += done.terminated[number]
+            cut += done.truncated[number]
+        for number in np.flatnonzero(~(done.terminated | done.truncated)):
+            close(pick(done.observation, number), pick(done.reached, number))
+    assert ended and cut
+
+
+@every_environment
+def test_other_levels_and_numbers_compile_nothing_and_a_state_goes_in_as_it_came_out(name):
+    first = [done.state for *_, done in ride(name, steps=3)]
+    made(name, 2)
+    with compilations() as compiled:
+        second = list(ride(name, 2, steps=3))
+    assert not compiled
+    for _, state, _, done in second:
+        assert jax.tree.map(lambda part: (part.shape, part.dtype), state) == jax.tree.map(
+            lambda part: (part.shape, part.dtype), done.state
+        )
+    assert any((one.grid != two.grid).any() for one, (_, two, *_) in zip(first, second, strict=True))
+
+
+@every_environment
+def test_no_action_makes_what_is_no_number(name):
+    environment, params = made(name)
+    start, step = programs(name)
+    keys = jax.random.split(jax.random.key(3), COUNT)
+    _, state = start(keys, params)
+    worst = [np.iinfo(np.int32).min, -1, 3, np.iinfo(np.int32).max]
+    if not environment.actions:
+        worst = [np.nan, np.inf, -np.inf, 3e38]
+    for number in range(12):
+        action = np.resize(np.roll(worst, number), draw_actions(environment, np.random.default_rng(0)).shape)
+        done = step(keys, state, action.astype(np.float32 if not environment.actions else np.int32), params)
+        for part in jax.tree.leaves(done):
+            assert np.isfinite(part).all()
+        state = done.state

@@ -1,0 +1,109 @@
+"""Levels: drawn ones are as asked for, and faults are named."""
+
+import re
+
+import jax
+import networkx as nx
+import numpy as np
+import pytest
+from driving_oracle import place_graph
+
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive.distances import UNREACHABLE
+from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive.levels import check_level, make_level, make_levels
+
+SHAPE = (4, 5)
+make = jax.jit(make_level)
+
+# A ring to the west; to the east a road with two ends.
+RING = np.array([[6, 3, 0, 0], [12, 9, 0, 2], [0, 0, 4, 9]], np.int8)
+
+
+@pytest.fixture(scope="module")
+def maps():
+    drawn = random_grids(jax.random.key(1), 40, SHAPE)
+    return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn))
+
+
+def test_drawn_levels_are_as_far_as_asked(maps):
+    for least, most in ((1, UNREACHABLE), (4, 6)):
+        levels = check_level(make_levels(jax.random.key(2), maps, 80, least=least, most=most), SHAPE)
+        starts = set()
+        for number in range(80):
+            one = jax.tree.map(lambda part, number=number: np.asarray(part)[number].tolist(), levels)
+            graph = place_graph(maps[number % 40])
+            lengths = nx.single_source_shortest_path_length(graph.reverse(copy=False), tuple(one.goal))
+            assert lengths[tuple(one.start)] == one.shortest > 0
+            furthest, asked = max(lengths.values()), [length for length in lengths.values() if least <= length <= most]
+            assert one.shortest in asked or (not asked and (one.shortest == furthest or one.shortest > most))
+            starts.add(tuple(one.start))
+        assert len(starts) > 30
+
+
+def test_goals_are_drawn_from_all_places_that_can_be_reached():
+    grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
+    levels = jax.device_get(make_levels(jax.random.key(3), np.repeat(grid[None], 40, 0), 400))
+    graph = place_graph(grid)
+    goals, counts = np.unique(np.stack(levels.goal, axis=1), axis=0, return_counts=True)
+    expected = {node for node in graph if graph.in_degree(node)}
+    assert {tuple(goal) for goal in goals.tolist()} == expected
+    each = 400 / len(expected)
+    assert (abs(counts - each) < 5 * np.sqrt(each)).all()
+
+
+def test_the_same_key_draws_the_same(maps):
+    one, other, third = (make_levels(jax.random.key(seed), maps) for seed in (4, 4, 5))
+    for left, right in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(left, right)
+    assert (one.start.row != third.start.row).any()
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "message"),
+    [
+        (
+            (2, 0, 1),
+            (0, 1, 1),
+            "level.start: expected a tile of the road .* got row 2, column 0, heading 1",
+        ),
+        ((0, 0, 1), (0, 1, 1), "level.start: expected a tile of the road"),  # nothing behind that heading
+        ((0, 1, 1), (-1, 0, 1), "level.goal: expected a tile of the road"),
+        ((0, 1, 1), (0, 1, 4), "level.goal: .*heading 4"),
+        (
+            (0, 1, 1),
+            (2, 2, 3),
+            "level.goal: expected a place ahead .* got one that no way leads to",
+        ),
+        ((0, 1, 1), (0, 1, 1), "level.goal: expected a place ahead that can be reached from the start, got its start"),
+        ((1, 3, 0), (2, 2, 3), "level.goal: expected a place ahead that can be reached"),  # a dead end
+    ],
+)
+def test_faults_of_a_level_are_named(start, goal, message):
+    level = make(RING, Place(*start), Place(*goal))
+    with pytest.raises(InputError, match=message):
+        check_level(level)
+
+
+def test_faults_of_a_batch_are_named(maps):
+    level = make(RING, Place(0, 1, 1), Place(1, 0, 3))
+    assert check_level(level) is level and level.shortest == 2
+    with pytest.raises(InputError, match="level.grid: expected 4 x 5 tiles, got 3 x 4"):
+        check_level(level, SHAPE)
+    with pytest.raises(InputError, match="level.shortest: expected 2, the distance, got 3"):
+        check_level(level._replace(shortest=np.int32(3)))
+    with pytest.raises(InputError, match="level.ways: expected those of shortest_ways"):
+        check_level(level._replace(ways=level.ways ^ 1))
+    loose = np.array(level.grid)
+    loose[2, 0] = 8
+    with pytest.raises(InputError, match="level.grid: expected connections that .* another at row 2, column 0"):
+        check_level(level._replace(grid=loose))
+    levels = make_levels(jax.random.key(0), maps[:3])
+    with pytest.raises(InputError, match=re.escape("level[1].shortest: expected")):
+        check_level(levels._replace(shortest=levels.shortest.at[1].set(99)))
+    with pytest.raises(InputError, match="level: expected as many grids"):
+        check_level(levels._replace(shortest=levels.shortest[:2]))
+    with pytest.raises(InputError, match=re.escape("grids[1]: expected a map with a lane, got one without")):
+        make_levels(jax.random.key(0), np.stack([maps[0], 0 * maps[0]]))
+    with pytest.raises(InputError, match=re.escape("grids[0]: grid: expected tile codes 0 to 15, got 16")):
+        make_levels(jax.random.key(0), np.full((1, *SHAPE), 16))
