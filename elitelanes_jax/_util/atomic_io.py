@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.limited_read import MIB, read_text
 
 __all__ = ["compare_settings", "new_folder", "unwritable_error", "write_atomic"]
 
@@ -96,8 +97,8 @@ def compare_settings(folder: Path, file: Path, asked: dict[str, Any]) -> None:
       InputError: that names the first setting that differs.
     """
     try:
-        there = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        there = json.loads(read_text(file, 32 * MIB))
+    except (OSError, ValueError, RecursionError):
         raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
     if not isinstance(there, dict):
         raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")

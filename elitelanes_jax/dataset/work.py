@@ -11,6 +11,7 @@ from filelock import FileLock, Timeout
 
 from elitelanes_jax._util.atomic_io import compare_settings, unwritable_error, write_atomic
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.limited_read import MIB, read_text
 
 __all__ = ["LAST", "work_folder"]
 
@@ -95,7 +96,7 @@ def _clear(work: Path) -> None:
 def _of_dataset(out: Path, settings: dict[str, Any]) -> dict[str, Any]:
     """Returns the record of a complete dataset with these settings in it."""
     try:
-        there = json.loads((out / LAST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        there = json.loads(read_text(out / LAST, 32 * MIB))
+    except (OSError, ValueError, RecursionError):
         there = {}
     return (there if isinstance(there, dict) else {}) | settings

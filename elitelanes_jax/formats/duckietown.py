@@ -10,13 +10,13 @@ import reprlib
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax.formats.graph import linked_tiles
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.formats.yaml_tree import yaml_tree
+from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
 
 __all__ = ["GROUNDS", "TILE_SIZE", "from_duckietown", "to_duckietown", "without_dead_ends"]
@@ -104,22 +104,20 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     Raises:
       InputError: if it is no such map, or has a kind of tile that is not known, or a side over 1024 tiles.
     """
-    try:
-        values = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except yaml.YAMLError as error:
-        raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
-    except (RecursionError, ValueError, LookupError, AttributeError) as error:  # values that do not fit their tags
-        raise InputError(f"expected a Duckietown map, got: {short(str(error))}") from None
-    if not isinstance(values, dict) or "tiles" not in values:
+    values = yaml_tree(text)
+    rows = values.get("tiles") if isinstance(values, dict) else None
+    if rows is None:
         raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
-    rows = values["tiles"]
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {short(reprlib.repr(rows))}")
+    check_sides(rows)  # aliases may name the same row many times
     return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
 
 
 def _code(tile: Any, row: int, column: int) -> int:
-    kind = "/".join(part.strip() for part in tile.split("/")) if isinstance(tile, str) else None
+    kind = tile if isinstance(tile, str) else ""
+    if kind not in _CODE:
+        kind = "/".join(part.strip() for part in kind.split("/"))
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
         place = f"at row {row}, column {column}"

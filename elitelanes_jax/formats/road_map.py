@@ -9,13 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.errors import InputError, MissingPackageError, short
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax.formats.duckietown import from_duckietown
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.checks import check_grid, check_sides
 
 __all__ = ["Drawn", "RoadMap", "map_to_json", "read_map"]
 
 _FORMAT = "elitelanes map, version 1"
+_MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
 
 
 class Drawn(NamedTuple):
@@ -92,39 +94,41 @@ def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one. ``.yaml`` and ``.yml`` are maps of Duckietown.
 
     Raises:
-      InputError: if it cannot be read, or anything in it is not as it should be; the message names the file.
+      InputError: if it cannot be read, has over 32 MiB, or anything in it is not as it should be; the message names the
+        file.
     """
     is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
-        text = Path(file).read_text(encoding="utf-8-sig")
-        if is_yaml:
-            return RoadMap(from_duckietown(text))
-        values = json.loads(text)
+        text = read_text(file, _MOST_BYTES)
     except OSError as error:
         raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
-    except MissingPackageError:
-        raise
+    except UnicodeDecodeError as error:
+        raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
+    try:
+        return RoadMap(from_duckietown(text)) if is_yaml else _from_json(text)
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
-    except ValueError as error:
-        raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
-    if not isinstance(values, dict) or "codes" not in values:
-        raise InputError(f'{file}: expected a map, {{"codes": [[...], ...]}}, got no "codes"')
-    if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError(f"{file}: format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
+
+
+def _from_json(text: str) -> RoadMap:
     try:
-        codes = _grid(values["codes"])
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+        values = json.loads(text)
+    except ValueError as error:  # of JSON, or of a number with too many digits
+        raise InputError(f"expected a readable JSON file, got: {error}") from None
+    if not isinstance(values, dict) or "codes" not in values:
+        raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
+    if values.get("format", _FORMAT) != _FORMAT:
+        raise InputError(f"format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
+    codes = _grid(values["codes"])
     for name, (fits, expected) in _FIELDS.items():
         if name in values and not fits(values[name]):
-            raise InputError(f"{file}: {name}: expected {expected}, got {short(json.dumps(values[name]))}")
+            raise InputError(f"{name}: expected {expected}, got {short(json.dumps(values[name]))}")
     drawn = Drawn(**values["drawn"]) if "drawn" in values else None
     if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
-        raise InputError(f"{file}: drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
+        raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
     return RoadMap(
         codes,
         values.get("metrics"),
@@ -139,6 +143,7 @@ def read_map(file: str | Path) -> RoadMap:
 def _grid(rows: Any) -> NDArray[np.int8]:
     """Reads the codes of a file; a wrong one is named as it stands there, before NumPy makes one type of all cells."""
     if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
+        check_sides(rows)
         for y, row in enumerate(rows):
             for x, code in enumerate(row):
                 if not is_whole(code) or not 0 <= code <= 15:

@@ -7,7 +7,7 @@ import numpy as np
 
 from elitelanes_jax._util.errors import InputError
 
-__all__ = ["LONGEST_SIDE", "check_grid", "check_shape"]
+__all__ = ["LONGEST_SIDE", "check_grid", "check_shape", "check_sides"]
 
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
@@ -31,6 +31,17 @@ def check_shape(shape: Any, *, new: bool = False) -> tuple[int, int]:
     if min(height, width) < least or max(height, width) > LONGEST_SIDE:
         raise InputError(f"shape: expected sides from {least} to {LONGEST_SIDE}{purpose}, got {height} x {width}")
     return height, width
+
+
+def check_sides(rows: list[list[Any]]) -> None:
+    """Checks that rows, of any contents and of lengths that may differ, are no more and no longer than a grid's.
+
+    Raises:
+      InputError: if they are.
+    """
+    width = max(map(len, rows), default=0)
+    if max(len(rows), width) > LONGEST_SIDE:
+        raise InputError(f"shape: expected sides up to {LONGEST_SIDE}, got {len(rows)} x {width}")
 
 
 def check_grid(grid: Any) -> Any:

@@ -1,6 +1,7 @@
 """Templates: cells of a map that are given, such as a city's roads and buildings."""
 
 import json
+import reprlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
 
@@ -61,11 +63,11 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
     try:
         rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
     except TypeError:
-        got = short(repr(cells))
+        got = short(reprlib.repr(cells))
         raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
     lengths = sorted({len(row) for row in rows})
     if len(lengths) != 1:
-        got = f"{len(rows)} rows of {' or '.join(map(str, lengths)) or 0}"
+        got = f"{len(rows)} rows of {short(' or '.join(map(str, lengths)) or '0')}"
         raise InputError(f"{name}: expected rows of one length, got {got}")
     try:
         shape = check_shape((len(rows), *lengths), new=True)
@@ -76,7 +78,7 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
         if code is not None and (
             isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15
         ):
-            got = f"{short(repr(code))} at row {row}, column {column}"
+            got = f"{short(reprlib.repr(code))} at row {row}, column {column}"
             raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
     for row, column in np.ndindex(*shape):
         if rows[row][column] is not None:
@@ -86,9 +88,11 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
 
 def _read_rows(file: str | Path) -> Any:
     try:
-        content = json.loads(Path(file).read_text(encoding="utf-8"))
+        content = json.loads(read_text(file, 32 * MIB))
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
+    except InputError:
+        raise
     except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:

@@ -10,9 +10,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.limited_read import MIB, read_bytes, read_text
+
 __all__ = ["read_mask", "read_picture", "read_points", "size_of"]
 
-_MOST_PIXELS = 2**26
+_LONGEST_SIDE = 4096
+_MOST_BYTES = 72 * MIB  # a picture of that size that does not shrink, with transparency
+_MOST_PARTS = 2**16
+_MOST_POINTS = 8 * MIB  # in bytes of their file
+_PNG = b"\x89PNG\r\n\x1a\n"
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by PNG's numbers for grey, RGB, palette, grey and RGB with transparency
+# The passes of an interlaced PNG: first column and row, then the steps to the next ones.
+_PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
 
 def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
@@ -28,15 +38,19 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
     if not file.is_file():
         return None
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = None
+    picture, got = None, "one that cannot be read"
     try:
-        content = file.read_bytes()
-        if _is_whole_png(content):
-            picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+        content = _plain_png(read_bytes(file, _MOST_BYTES))
+        picture = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except InputError as error:
+        problems.append(str(error))
+        return None
+    except ValueError as error:
+        got += f": {error}"
     except (OSError, cv2.error, zlib.error):
         pass
     if picture is None or picture.dtype != np.uint8:
-        got = "one that cannot be read" if picture is None else str(picture.dtype)
+        got = got if picture is None else str(picture.dtype)
         problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
         return None
     if picture.ndim == 3:
@@ -78,7 +92,10 @@ def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]
     if not file.is_file():
         return {}
     try:
-        values = json.loads(file.read_text(encoding="utf-8"))
+        values = json.loads(read_text(file, _MOST_POINTS))
+    except InputError as error:
+        problems.append(str(error))
+        return {}
     except (OSError, ValueError, RecursionError) as error:
         problems.append(f"{file}: expected a readable JSON file, got: {error}")
         return {}
@@ -112,21 +129,44 @@ def _is_point(point: Any) -> bool:
     return numbers and len(point) == 2 and all(-math.inf < value < math.inf for value in point)
 
 
-def _is_whole_png(content: bytes) -> bool:
-    """Tells whether a PNG file is whole and of a reasonable size; of others the decoder complains to the terminal."""
-    place, packed, pixels = 8, bytearray(), 0
-    while content[:8] == b"\x89PNG\r\n\x1a\n" and len(content) >= place + 12:
-        end = place + 8 + int.from_bytes(content[place : place + 4])
-        kind, data = content[place + 4 : place + 8], content[place + 8 : end]
-        if zlib.crc32(content[place + 4 : end]) != int.from_bytes(content[end : end + 4]):
-            return False
-        if kind == b"IHDR":
-            pixels = int.from_bytes(data[:4]) * int.from_bytes(data[4:8])
-        elif kind == b"IDAT":
-            packed += data
-        elif kind == b"IEND":
-            unpacked = zlib.decompressobj()
-            # Eight bytes for each pixel are the most there are, and one for each row.
-            return 0 < pixels <= _MOST_PIXELS and bool(unpacked.decompress(packed, 9 * pixels)) and unpacked.eof
-        place = end + 4
-    return False
+def _plain_png(content: bytes) -> bytes:
+    """Returns the parts of a PNG file that hold its pixels, when they are whole.
+
+    Of other files the decoder complains to the terminal; of the other parts, some unpack to any size.
+
+    Raises:
+      ValueError: that says what is wrong.
+    """
+    if content[:8] != _PNG or content[12:16] != b"IHDR":
+        raise ValueError("it is no PNG file")
+    rows = _rows(content[16:29])
+    left = sum(height * (1 + length) for height, length in rows)
+    unpacked = zlib.decompressobj()
+    place, parts = 8, [_PNG]
+    for _ in range(_MOST_PARTS):
+        end = place + 12 + int.from_bytes(content[place : place + 4])
+        kind, data = content[place + 4 : place + 8], content[place + 8 : end - 4]
+        if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != int.from_bytes(content[end - 4 : end]):
+            break
+        if kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
+            parts.append(content[place:end])
+        while kind == b"IDAT" and data and left >= 0 and not unpacked.eof:
+            left -= len(unpacked.decompress(data, MIB))
+            data = unpacked.unconsumed_tail
+        if kind == b"IEND":
+            if left == 0 and unpacked.eof:
+                return b"".join(parts)
+            break
+        place = end
+    raise ValueError("it is damaged or unfinished")
+
+
+def _rows(header: bytes) -> list[tuple[int, int]]:
+    """Returns the number of rows and the bytes in each, for each pass over the pixels that a PNG header announces."""
+    width, height = int.from_bytes(header[:4]), int.from_bytes(header[4:8])
+    depth, channels, interlaced = header[8], _CHANNELS.get(header[9], 0), header[12]
+    if not (0 < width <= _LONGEST_SIDE and 0 < height <= _LONGEST_SIDE):
+        raise ValueError(f"it has {width} x {height} pixels, not 1 to {_LONGEST_SIDE} a side")
+    steps = _PASSES if interlaced else ((0, 0, 1, 1),)
+    sizes = (((height - y + down - 1) // down, (width - x + right - 1) // right) for x, y, right, down in steps)
+    return [(rows, (columns * channels * depth + 7) // 8) for rows, columns in sizes if rows > 0 and columns > 0]

@@ -17,6 +17,7 @@ the wrong side.
 """
 
 import re
+import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -27,7 +28,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.limited_read import KIB, read_text
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
 
@@ -51,6 +53,7 @@ MASKS = ("road", "red", "yellow")
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "opens")
+_MOST_TOML = 64 * KIB  # keys of many parts take tomllib a time that grows with the square of their length
 _TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
 _OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
@@ -167,7 +170,9 @@ def inspect_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
     tiles = []
     places = tile_folders(folder, problems)
     strangers = set(about.get("opens", {})) - set(_OPENS) - {place.name for place in places}
-    problems += [f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {name!r}" for name in strangers]
+    problems += [
+        f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {_shown(name)}" for name in strangers
+    ]
     for place in places:
         tile = _load_tile(place, about.get("opens", {}), problems)
         if tile is not None:
@@ -241,28 +246,37 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
     if not file.exists():
         return {}
     try:
-        about = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        about = tomllib.loads(read_text(file, _MOST_TOML))
+    except InputError as error:
+        problems.append(str(error))
+        return {}
+    except (OSError, ValueError, RecursionError) as error:  # of TOML, of numbers with too many digits, of nesting
         problems.append(f"{file}: expected a readable TOML file, got: {error}")
         return {}
     unknown = [key for key in about if key not in _KEYS]
-    problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {key!r}" for key in unknown]
+    problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {_shown(key)}" for key in unknown]
     words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
-    problems += [f"{file}: expected {key} to be text, got {about[key]!r}" for key in words]
+    problems += [f"{file}: expected {key} to be text, got {_shown(about[key])}" for key in words]
     opens = about.get("opens", {})
     if not isinstance(opens, dict):
-        problems.append(f"{file}: expected a table [opens], got {opens!r}")
+        problems.append(f"{file}: expected a table [opens], got {_shown(opens)}")
         return {}
     for name, sides in opens.items():
         kind = name.rpartition("_")[0] or name
         if kind not in _OPENS:
-            problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {name!r}")
+            problems.append(f"{file}: expected in [opens] kinds ({', '.join(_OPENS)}) or tiles, got {_shown(name)}")
         elif not isinstance(sides, str) or _code(sides) not in KINDS[kind]:
             number = CONNECTIONS[KINDS[kind][0]]
             count = f"{number} sides" if number > 1 else "1 side"
             how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
-            problems.append(f"{file}: expected {name} to open {count}{how}, as letters of NESW, got {sides!r}")
+            expected = f"{short(name)} to open {count}{how}, as letters of NESW"
+            problems.append(f"{file}: expected {expected}, got {_shown(sides)}")
     return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
+
+
+def _shown(value: Any) -> str:
+    """Returns a value for a message: neither long nor deep."""
+    return short(reprlib.repr(value))
 
 
 def _code(sides: str) -> int | None:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+from elitelanes_jax import InputError
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
@@ -96,6 +97,8 @@ def drawn(tiles, turns):
         ('{"codes": [[6, 3], [12, 1' + "0" * 999 + "]]}", "got 1" + "0" * 76 + r"\.\.\. at row 1, column 1$"),
         (with_("format", f'"{"a" * 999}"'), r"got 'a{76}\.\.\.$"),
         (with_("fitness", f'"{"a" * 999}"'), r'got "a{76}\.\.\.$'),
+        (with_("metrics", "9" * 10_000), "expected a readable JSON file, got: Exceeds the limit"),
+        (with_("drawn", "[" * 900 + "]" * 900), "drawn: expected a record|got JSON nested too deeply"),
         ("[" * 100_000, "expected a map, got JSON nested too deeply"),
     ],
 )
@@ -106,3 +109,25 @@ def test_bad_files_are_named(text, message, tmp_path):
         read_map(file)
     with pytest.raises(ValueError, match="nowhere.json: expected a readable JSON file, got: No such file"):
         read_map(tmp_path / "nowhere.json")
+
+
+@pytest.mark.parametrize("name", ["map.json", "map.yaml"])
+def test_files_are_read_to_a_limit(name, tmp_path):
+    """A file of 30 GB without a single block on the disk."""
+    file = tmp_path / name
+    with file.open("wb") as stream:
+        stream.truncate(30 * 2**30)
+    with pytest.raises(InputError, match=rf"{name}: expected a file of at most 32 MiB, got a larger one$"):
+        read_map(file)
+
+
+@pytest.mark.slow
+def test_the_largest_map_is_within_the_limit(tmp_path):
+    codes = np.full((1024, 1024), 15, np.int8)
+    drawn = Drawn("a set", [["crossing4_10"] * 1024] * 1024, [[3] * 1024] * 1024)
+    file = tmp_path / "map.json"
+    file.write_text(map_to_json(RoadMap(codes, drawn=drawn)))
+    np.testing.assert_array_equal(read_map(file).codes, codes)
+    file.write_text(json.dumps({"codes": codes.repeat(2, 1).tolist()}))
+    with pytest.raises(InputError, match="sides up to 1024, got 1024 x 2048"):
+        read_map(file)

@@ -111,6 +111,12 @@ def clear(folder, part):
     write(folder, "straight_1/road.png", mask)
 
 
+def sparse(file):
+    """Makes a file of 20 GB without a single block on the disk."""
+    with file.open("wb") as stream:
+        stream.truncate(20 * 2**30)
+
+
 def png(width, height, rows, cut=False):
     """A PNG file of a grey picture, chunk by chunk."""
 
@@ -195,6 +201,30 @@ SPOILS = {
         lambda folder: (folder / "tileset.toml").write_text("name ="),
         r"tileset.toml: expected a readable TOML file, got: ",
     ),
+    "nested toml": (
+        lambda folder: (folder / "tileset.toml").write_text("name = " + "[" * 10_000),
+        r"tileset.toml: expected a readable TOML file, got: ",
+    ),
+    "toml with a number of 10,000 digits": (
+        lambda folder: (folder / "tileset.toml").write_text("name = " + "9" * 10_000),
+        r"tileset.toml: expected a readable TOML file, got: Exceeds the limit",
+    ),
+    "toml with a table in a table in a table": (
+        lambda folder: (folder / "tileset.toml").write_text("name" + ".a" * 5_000 + " = 1"),
+        r"tileset.toml: expected name to be text, got {'a': {'a': .{0,80}$",
+    ),
+    "large toml": (
+        lambda folder: sparse(folder / "tileset.toml"),
+        r"tileset.toml: expected a file of at most 64 KiB, got a larger one",
+    ),
+    "large picture": (
+        lambda folder: sparse(folder / "turn_1" / "image.png"),
+        r"turn_1/image.png: expected a file of at most 72 MiB, got a larger one",
+    ),
+    "large points": (
+        lambda folder: sparse(folder / "turn_1" / "points.json"),
+        r"turn_1/points.json: expected a file of at most 8 MiB, got a larger one",
+    ),
     "name no text": (
         lambda folder: (folder / "tileset.toml").write_text("name = 3"),
         r"tileset.toml: expected name to be text, got 3",
@@ -228,7 +258,15 @@ SPOILS = {
     ),
     "pixels without end": (
         lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(60_000, 60_000, b"\0" * 99)),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
+        r"turn_1/image.png: .* got one that cannot be read: it has 60000 x 60000 pixels, not 1 to 4096 a side",
+    ),
+    "fewer pixels than announced": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 71)),
+        r"turn_1/image.png: .* got one that cannot be read: it is damaged or unfinished",
+    ),
+    "more pixels than announced": (
+        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 10**6)),
+        r"turn_1/image.png: .* got one that cannot be read: it is damaged or unfinished",
     ),
     "pixels that stop short": (
         lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 99, cut=True)),
