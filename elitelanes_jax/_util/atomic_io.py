@@ -1,45 +1,59 @@
 """Output folders and files that are written whole or not at all."""
 
 import errno
+import glob
 import json
 import os
+import re
 import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.limited_read import MIB, read_text
 
-__all__ = ["compare_settings", "new_folder", "unwritable_error", "write_atomic"]
+if TYPE_CHECKING:
+    from filelock import BaseFileLock
+
+__all__ = ["check_new", "compare_settings", "new_folder", "unwritable_error", "write_atomic"]
+
+_LOCK = ".elitelanes-lock"  # held by the process that writes in a hidden folder
 
 
 @contextmanager
 def new_folder(folder: str | Path) -> Iterator[Path]:
     """Provides a hidden folder to write in; when the block ends it takes the place of the given one.
 
-    The given folder is new or empty; an empty one is filled. If the block ends with an error, nothing has changed.
+    The given folder is new or empty; an empty one is filled. If the block ends with an error, nothing has changed. What
+    a process that was killed has left of the hidden folder is removed the next time.
 
     Raises:
       InputError: if the folder is a file, is not empty, or cannot be made or written to.
     """
+    from filelock import FileLock  # it takes 50 ms to load
+
     asked, folder = folder, Path(os.path.realpath(folder))
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
     there = folder.is_dir()
     aside = (folder if there else folder.parent) / f".{folder.name}-{uuid.uuid4().hex[:8]}"
     missing, moved = [parent for parent in folder.parents if not parent.exists()], []
+    lock = FileLock(aside / _LOCK)
     try:
         try:
+            _remove_leftovers(aside.parent, folder.name)
             if there and any(folder.iterdir()):
                 raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it")
             folder.parent.mkdir(parents=True, exist_ok=True)
             aside.mkdir()
+            lock.acquire(blocking=False)
         except OSError as error:
             raise unwritable_error(asked, error) from None
         yield aside
+        _let_go(lock)
         if there:
             for entry in sorted(aside.iterdir()):
                 moved += [entry.replace(folder / entry.name)]
@@ -47,12 +61,50 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         else:
             aside.replace(folder)
     except BaseException:
+        _let_go(lock)
         for place in (aside, *moved):
             _remove(place)
         for parent in missing:  # the deepest first
             if parent.is_dir():
                 parent.rmdir()
         raise
+
+
+def _remove_leftovers(place: Path, name: str) -> None:
+    """Removes the hidden folders of processes that were killed: with a lock that nobody holds, or still empty."""
+    from filelock import FileLock, Timeout
+
+    for aside in place.glob(f".{glob.escape(name)}-*") if place.is_dir() else ():
+        if not re.fullmatch("[0-9a-f]{8}", aside.name[-8:]) or len(aside.name) != len(name) + 10 or aside.is_symlink():
+            continue
+        with suppress(OSError, Timeout):
+            if (aside / _LOCK).is_file():
+                lock = FileLock(aside / _LOCK)
+                lock.acquire(blocking=False)
+                _let_go(lock)
+                shutil.rmtree(aside)
+            else:
+                aside.rmdir()
+
+
+def _let_go(lock: "BaseFileLock") -> None:
+    """Releases a lock and removes its file."""
+    file = Path(lock.lock_file)
+    with suppress(OSError):
+        file.unlink()  # while it is held, so that nobody else gets it; but Windows does not remove an open file
+    lock.release()
+    with suppress(OSError):
+        file.unlink()
+
+
+def check_new(file: Path) -> None:
+    """Checks that there is no file of this name.
+
+    Raises:
+      InputError: if there is.
+    """
+    if file.exists():
+        raise InputError(f"{file}: expected a file that is new, got one that is there")
 
 
 def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:

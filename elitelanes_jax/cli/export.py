@@ -208,10 +208,9 @@ def _places(files: Sequence[Path]) -> list[str]:
 
 
 def _write_new(file: Path, text: str) -> None:
-    from elitelanes_jax._util.atomic_io import write_atomic
+    from elitelanes_jax._util.atomic_io import check_new, write_atomic
 
-    if file.exists():
-        raise InputError(f"{file}: expected a file that is new, got one that is there")
+    check_new(file)
     write_atomic(file, text.encode(errors="surrogateescape"))  # a table has names of files, whatever they are made of
 
 

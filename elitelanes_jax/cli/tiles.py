@@ -31,7 +31,7 @@ def add_tiles(commands: Commands) -> None:
 def _add_check(commands: Commands) -> None:
     command = commands.add_parser("check", help="describe a tile set, or list all its faults")
     command.add_argument("folder", type=checked_by(path), metavar="DIR")
-    command.add_argument("--picture", type=_png, metavar="FILE", help="PNG file to write, with the worst seam")
+    command.add_argument("--picture", type=_png, metavar="FILE", help="new PNG file, with the worst seam")
     command.set_defaults(action=_check)
 
 
@@ -39,13 +39,13 @@ def _check(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.seams import describe_seams, find_seams, seam_picture
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
 
+    picture = options.picture and _new_beside(options.folder, options.picture)
     tiles, problems = inspect_tiles(options.folder)
     strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
         print("\n".join(problems + strays), file=sys.stderr)
         return 2
     seams = find_seams(tiles)
-    picture = options.picture and _beside(options.folder, options.picture)
     lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
     if picture:
         _write_together({picture: seam_picture(tiles, seams)})
@@ -70,7 +70,7 @@ def _add_masks(commands: Commands) -> None:
         help="remake also masks that exist: those whose colours are given, else all; a copy is kept beside each",
     )
     command.add_argument(
-        "--sheet", type=_png, metavar="FILE", help="PNG file for all of them on one sheet; by default DIR/masks.png"
+        "--sheet", type=_png, metavar="FILE", help="new PNG file for all of them on one sheet; by default DIR/masks.png"
     )
     command.set_defaults(action=_masks)
 
@@ -85,7 +85,7 @@ def _masks(options: argparse.Namespace) -> int:
                 colours[mask] = parse_colour(getattr(options, mask))
             except InputError as error:
                 raise InputError(f"--{mask}: {error}") from None
-    sheet = _beside(options.folder, options.sheet or options.folder / "masks.png")
+    sheet = _new_beside(options.folder, options.sheet) if options.sheet else options.folder / "masks.png"
     named = [mask for mask in _MASKED if getattr(options, mask) is not None] or _MASKED
     proposals = mask_folder(options.folder, colours, named if options.overwrite else ())
     title = "Masks by colour: " + ", ".join(f"{mask} {colours[mask]}" for mask in _MASKED)
@@ -95,7 +95,7 @@ def _masks(options: argparse.Namespace) -> int:
         for mask in proposal.proposed
     }
     replaced = [file for file in masks if file.exists()]
-    for file in replaced:
+    for file in (*replaced, *([sheet] if sheet.exists() else [])):
         shutil.copy2(file, file.with_name(f".{file.name}.before"))
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
@@ -109,8 +109,11 @@ def _masks(options: argparse.Namespace) -> int:
     return 0
 
 
-def _beside(folder: Path, file: Path) -> Path:
-    """Checks that a file lies outside the tiles' own folders, where a picture would be taken for a tile's."""
+def _new_beside(folder: Path, file: Path) -> Path:
+    """Checks that a file is new, and outside the tiles' own folders, where a picture would be taken for a tile's."""
+    from elitelanes_jax._util.atomic_io import check_new
+
+    check_new(file)
     if file.resolve().parent.parent == folder.resolve():
         raise InputError(f"{file}: expected a file outside of the tiles' own folders")
     return file

@@ -117,6 +117,10 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert all(remade[f"{first(name)}/.yellow.png.before"] == after[name] for name in after if "yellow" in name)
     assert main(["tiles", "check", str(folder)]) == 0
     assert read(sheet).shape[2] == read(folder / "masks.png").shape[2] == 3
+    # The command's own sheet is made again, and the one before is kept.
+    earlier = (folder / "masks.png").read_bytes()
+    assert main(["tiles", "masks", str(folder)]) == 0
+    assert (folder / ".masks.png.before").read_bytes() == earlier
 
 
 def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
@@ -156,8 +160,15 @@ def first(name):
 
 def test_a_users_mistake_is_one_line_and_writes_nothing(folder, capsys):
     bare(folder)
+    mine = folder.parent / "mine.png"
+    mine.write_bytes(b"mine")
     before = files(folder)
     for arguments, message in (
+        (
+            ["check", str(folder), "--picture", str(mine)],
+            "mine.png: expected a file that is new, got one that is there",
+        ),
+        (["masks", str(folder), "--sheet", str(mine)], "mine.png: expected a file that is new, got one"),
         (
             ["check", str(folder), "--picture", "worst.jpg"],
             "argument --picture: expected a name that ends in .png, got",
@@ -181,6 +192,7 @@ def test_a_users_mistake_is_one_line_and_writes_nothing(folder, capsys):
         assert len(captured.err.splitlines()) == 1
         assert captured.out == ""
     assert files(folder) == before
+    assert mine.read_bytes() == b"mine"
 
 
 SMALL = ["--seeds", "2", "--method", "ea", "--evaluations", "8000", "--tile-px", "16"]

@@ -1,10 +1,13 @@
 """Output folders: whole or not at all."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from elitelanes_jax._util.atomic_io import new_folder, write_atomic
+from elitelanes_jax._util.atomic_io import check_new, new_folder, write_atomic
 from elitelanes_jax._util.errors import InputError
 
 
@@ -115,3 +118,58 @@ def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
         with pytest.raises(OSError, match=f"{why}: '{file}'$"):
             write_atomic(file, b"text")
     assert everything(tmp_path) == ["file"]
+
+
+KILLED = """
+import os, signal, sys
+from elitelanes_jax._util.atomic_io import new_folder
+with new_folder(sys.argv[1]) as folder:
+    if sys.argv[2] == "full":
+        (folder / "maps").mkdir()
+        (folder / "maps" / "file").write_text("text")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("content", ["empty", "full"])
+@pytest.mark.parametrize("there", [True, False])
+def test_what_a_killed_process_left_is_removed(there, content, tmp_path):
+    out = tmp_path / "e[1]"
+    if there:
+        out.mkdir()
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(out), content], check=False)
+    assert killed.returncode == -9
+    assert [name for name in everything(tmp_path) if re.search(r"\.e\[1]-[0-9a-f]{8}/\.elitelanes-lock$", name)]
+    with new_folder(out) as folder:
+        (folder / "file").write_text("text")
+    assert everything(tmp_path) == ["e[1]", "e[1]/file"]
+
+
+def test_what_is_left_of_others_stays(tmp_path):
+    (tmp_path / "out").mkdir()
+    others = [".out-0123abcd", ".out-0123abcde", ".out-0123ABCD", ".other-0123abcd"]
+    for name in others:
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mine").write_text("mine")
+        (tmp_path / "out" / name).mkdir()
+        (tmp_path / "out" / name / "mine").write_text("mine")
+    refused(tmp_path / "out", "got one with files in it")
+    with new_folder(tmp_path / "out2") as folder:
+        (folder / "file").write_text("text")
+    assert len(everything(tmp_path)) == 4 * len(others) + 1 + 2
+    # An empty one was left before anything was written, even before the lock; a link is never ours.
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / ".new-0123abcd").mkdir()
+    with new_folder(tmp_path / "new") as folder:
+        (folder / "file").write_text("text")
+    assert everything(tmp_path / "new") == ["file"]
+    (tmp_path / "linked").mkdir()
+    (tmp_path / "linked" / ".linked-0123abcd").symlink_to(tmp_path / "new")
+    refused(tmp_path / "linked", "got one with files in it")
+
+
+def test_files_that_are_there_are_named(tmp_path):
+    check_new(tmp_path / "file")
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file: expected a file that is new, got one that is there"):
+        check_new(tmp_path / "file")
