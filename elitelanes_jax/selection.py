@@ -11,7 +11,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
@@ -22,7 +22,15 @@ from elitelanes_jax.spec import SearchSpec
 if TYPE_CHECKING:
     from elitelanes_jax.search import Result
 
-__all__ = ["LEAST_DIFFERENT", "Choice", "choose_maps", "describe_choice", "describe_shortage", "refuse_impossible"]
+__all__ = [
+    "LEAST_DIFFERENT",
+    "Choice",
+    "choose_maps",
+    "describe_choice",
+    "describe_shortage",
+    "refuse_impossible",
+    "remedy",
+]
 
 # The flaws of a map: the metric, the one value that it should have, and words for others. A map is counted with the
 # first flaw that it has.
@@ -81,9 +89,9 @@ def refuse_impossible(spec: SearchSpec) -> None:
         code = int(fix.grid[row, column])
         raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
     if spec.rules is not None:
-        given = measure(fix.grid)
+        given = plain_measure(fix.grid)
         for name in RULES[spec.rules].forbidden:
-            count = int(getattr(given, name))
+            count = given[name]
             if count:
                 raise InputError(f"fix: expected cells that keep the rules of {spec.rules}, got {name} {count}")
 
@@ -170,20 +178,21 @@ def describe_choice(choice: Choice, maps: int) -> str:
     )
 
 
-def describe_shortage(choice: Choice, maps: int, method: str, shape: tuple[int, int]) -> str:
+def describe_shortage(choice: Choice, maps: int, more: str, *, writable: bool = True) -> str:
     """Describes a choice with too few maps: the reasons against the others, and what finds more.
 
     Args:
       choice: the choice.
       maps: how many were wanted.
-      method: of the search.
-      shape: (height, width) of the maps.
+      more: words for what finds more.
+      writable: whether the found ones could be written.
     """
     flawed = "" if _OUTSIDE in choice.rejected else ", with other flaws"
     return (
         describe_choice(choice, maps)
         + (f"; nearest found{flawed}: {_values(choice.nearest)}" if choice.nearest else "")
-        + f"; {_remedy(choice, method, shape)} find more"
+        + ("; --at-most writes those found" if writable and choice.maps else "")
+        + f"; {more} find more"
     )
 
 
@@ -232,7 +241,8 @@ def _values(features: dict[str, float]) -> str:
     return ", ".join(f"{name} {value:g}" for name, value in features.items())
 
 
-def _remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
+def remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
+    """Returns words for what finds more maps than a choice has, of a method's search for maps ``(height, width)``."""
     if choice.nearest:
         return "wider ranges, more seeds or evaluations"
     if method == "ea":  # its population becomes more alike with time

@@ -19,7 +19,7 @@ from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, reso
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
 
-__all__ = ["METHODS", "GenerateSpec", "SearchSpec", "check_size", "parse_initial", "parse_weights"]
+__all__ = ["METHODS", "GenerateSpec", "PickSpec", "SearchSpec", "check_size", "parse_initial", "parse_weights"]
 
 METHODS = {
     "map-elites": ("tuned", "paper", "standard"),
@@ -165,6 +165,7 @@ class GenerateSpec(Settings):
     Attributes:
       size: rows and columns of each map, in tiles
       maps: number of maps
+      at_most: write the maps that were found, where there are fewer
       seeds: number of independent runs to choose from
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
@@ -174,6 +175,7 @@ class GenerateSpec(Settings):
 
     size: tuple[int, int] = option((12, 12), check_size, ("ROWS", "COLUMNS"))
     maps: int = option(16, whole(1), "N")
+    at_most: bool = option(False, flag, "")
     seeds: int = option(8, whole(1), "N")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(), record(SearchSpec))
@@ -183,3 +185,38 @@ class GenerateSpec(Settings):
     def to_plain(self) -> dict[str, Any]:
         """Returns plain values for JSON."""
         return vars(self) | {"search": self.search.to_plain(), "tiles": self.tiles and str(self.tiles)}
+
+
+@dataclass(frozen=True)
+class PickSpec(Settings):
+    """A folder of maps chosen from archives.
+
+    Attributes:
+      maps: number of maps
+      at_most: write the maps that were found, where there are fewer
+      where: ranges that every map is in, beside those of the first archive's search, or in their places
+      rules: rules that every map keeps; by default those of the first archive's search
+      axes: axes of the niches, by default those of the first archive's search
+      unlike: maps that all chosen ones differ from, map.json or Duckietown's .yaml
+      seed: seed of the choice of tile pictures
+      tiles: folder of the tile pictures; by default the package's own
+      tile_px: side of a tile in pixels
+    """
+
+    maps: int = option(16, whole(1), "N")
+    at_most: bool = option(False, flag, "")
+    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True)
+    rules: str | None = option(None, none_or(check_rules), "NAME")
+    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True)
+    unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
+    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    tiles: Path | None = option(None, none_or(path), "DIR")
+    tile_px: int = option(64, whole(16, 512), "N")
+
+    def to_plain(self) -> dict[str, Any]:
+        """Returns plain values for JSON."""
+        return vars(self) | {
+            "where": [str(item) for item in self.where],
+            "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
+            "tiles": self.tiles and str(self.tiles),
+        }

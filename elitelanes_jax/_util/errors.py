@@ -1,6 +1,6 @@
 """Errors that a user's input can cause."""
 
-__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "reason", "short"]
+__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "many", "reason", "short"]
 
 
 class InputError(ValueError):
@@ -17,6 +17,11 @@ class MissingPackageError(InputError):
 
 class NotEnoughMapsError(Exception):
     """A search found fewer maps than were asked for; the message says how many, and why others were rejected."""
+
+
+def many(count: int, what: str) -> str:
+    """Returns a count of things in words: 1 map, 2 maps."""
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
 def reason(error: OSError) -> str:

@@ -1,13 +1,20 @@
 """The command ``elitelanes generate``."""
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import COMPILING, Commands, add_loudness, add_options, checked_by, read_options
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_generate"]
+if TYPE_CHECKING:
+    from elitelanes_jax.formats.road_map import RoadMap
+
+__all__ = ["add_generate", "describe_maps"]
 
 _COLUMNS = (
     "fitness",
@@ -57,12 +64,18 @@ def _generate(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     maps = generate(spec, options.out)
+    say(describe_maps(maps, spec.maps, options.out))
+    return 0
+
+
+def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
+    """Returns a table of the maps that were written to a folder."""
     heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
     lines = ["  ".join(heads)]
     for number, road_map in enumerate(maps):
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
         row = [f"{number:04d}", *(str(figures[name]) for name in _COLUMNS)]
         lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
-    lines.append(f"{len(maps)} maps in {options.out / 'maps'}, all of them on {options.out / 'contact-sheet.png'}")
-    say("\n".join(lines))
-    return 0
+    of = f" of {wanted:,}" if len(maps) < wanted else ""
+    lines.append(f"{many(len(maps), 'map')}{of} in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}")
+    return "\n".join(lines)

@@ -18,7 +18,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.search import evolve
-from elitelanes_jax.selection import LEAST_DIFFERENT, choose_maps, describe_shortage
+from elitelanes_jax.selection import LEAST_DIFFERENT, choose_maps, describe_shortage, remedy
 from elitelanes_jax.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -113,7 +113,8 @@ def _evolve_round(
     count = min(wanted - len(found), _FROM_ROUND)
     choice = choose_maps(result, count, seed, known=found, least=(least,))
     if not choice.maps and not found:
-        raise NotEnoughMapsError(describe_shortage(choice, wanted, search.method, shape))
+        words = remedy(choice, search.method, shape)
+        raise NotEnoughMapsError(describe_shortage(choice, wanted, words, writable=False))
     return [road_map._replace(seed=(seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
 
 

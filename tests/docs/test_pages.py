@@ -82,6 +82,7 @@ def test_links_targets_and_scripts_are_there():
     ("page", "names"),
     [
         ("generate", ["generate"]),
+        ("pick", ["pick"]),
         ("render", ["render"]),
         ("dataset", ["dataset"]),
         ("exports", ["export", "show"]),

@@ -1,0 +1,115 @@
+"""The file ``archive.npz``: all that a search found, to choose maps from without another search."""
+
+import json
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, parse_axes
+from elitelanes_jax.search import MeasuredElites, Result
+from elitelanes_jax.spec import SearchSpec
+
+__all__ = ["Archive", "read_archive", "write_archive"]
+
+# More is no archive that a search on one machine wrote.
+_MOST_BYTES = 2**32
+
+
+class Archive(NamedTuple):
+    """What a search found.
+
+    Attributes:
+      elites: of all runs, as `evolve` returns them for an array of keys, as arrays of NumPy.
+      axes: of the search's niches.
+      spec: of the search.
+      seed: of its random numbers.
+    """
+
+    elites: MeasuredElites
+    axes: tuple[Axis, ...]
+    spec: SearchSpec
+    seed: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of the maps."""
+        height, width = self.elites.grids.shape[2:]
+        return height, width
+
+
+def write_archive(file: Path, result: Result, seed: int) -> None:
+    """Writes all elites of all seeds, the history and the settings, as arrays with the seeds in front.
+
+    Args:
+      file: to write.
+      result: of a search with an array of keys.
+      seed: that the keys were made from.
+    """
+    elites = result.elites._asdict()
+    arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()} | elites
+    for name, values in result.history._asdict().items():
+        if name != "evaluations_per_second":  # the one thing that is not the same every time
+            arrays[f"history.{name}"] = values
+    arrays["axes"] = np.array([axis.metric for axis in result.axes])
+    settings = {"seed": seed, "axes": [axis._asdict() for axis in result.axes], "search": result.spec.to_plain()}
+    arrays["settings"] = np.array(json.dumps(settings))
+    with file.open("wb") as stream:
+        np.savez_compressed(stream, **{name: np.asarray(array) for name, array in arrays.items()})  # type: ignore[arg-type]
+
+
+def read_archive(file: Path) -> Archive:
+    """Reads an archive; nothing in it is executed.
+
+    Raises:
+      InputError: if it cannot be read, or is no archive of this package; the message names the file.
+    """
+    try:
+        arrays = _read_arrays(file)
+        settings = json.loads(str(arrays["settings"]))
+        axes, spec, seed = parse_axes(settings["axes"]), SearchSpec(**settings["search"]), settings["seed"]
+        elites = _elites(arrays, axes)
+        if not isinstance(seed, int):
+            raise InputError(f"seed: expected a whole number, got {seed!r}")
+    except OSError as error:
+        raise InputError(f"{file}: expected an archive.npz of generate, got: {reason(error)}") from None
+    except KeyError as error:
+        raise InputError(f"{file}: expected an archive.npz of generate, got settings without {error}") from None
+    except (ValueError, TypeError, EOFError, MemoryError, NotImplementedError, RecursionError, zlib.error) as error:
+        words = short(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
+        raise InputError(f"{file}: expected an archive.npz of generate, got: {words}") from None
+    except zipfile.BadZipFile:
+        raise InputError(f"{file}: expected an archive.npz of generate, got a file that is no archive") from None
+    return Archive(elites, axes, spec, seed)
+
+
+def _read_arrays(file: Path) -> dict[str, Any]:
+    with zipfile.ZipFile(file) as members:
+        size = sum(member.file_size for member in members.infolist())
+    if size > _MOST_BYTES:
+        raise InputError(f"expected at most {_MOST_BYTES:,} bytes, got {size:,}")
+    wanted = ["settings", "grids", "fitness", "valid", *(f"metrics.{name}" for name in Metrics._fields)]
+    with np.load(file, allow_pickle=False) as stored:
+        missing = [name for name in wanted if name not in stored.files]
+        if missing:
+            raise InputError(f"one without {missing[0]!r}")
+        return {name: stored[name] for name in wanted}
+
+
+def _elites(arrays: dict[str, Any], axes: tuple[Axis, ...]) -> MeasuredElites:
+    grids = arrays["grids"]
+    if grids.ndim != 4 or grids.dtype != np.int8 or grids.size == 0 or grids.min() < 0 or grids.max() > 15:
+        raise InputError("expected grids of tile codes 0 to 15, int8 [S, N, H, W], got others")
+    check_shape(grids.shape[2:])
+    metrics = Metrics(*(arrays[f"metrics.{name}"] for name in Metrics._fields))
+    for name, values in (metrics._asdict() | {key: arrays[key] for key in ("fitness", "valid")}).items():
+        kind = {"coverage": "f", "valid": "b"}.get(name, "i")
+        if values.shape != grids.shape[:2] or values.dtype.kind != kind or values.dtype.itemsize > 8:
+            raise InputError(f"expected {name} of shape {grids.shape[:2]}, got {values.dtype} of {values.shape}")
+    counts = np.stack([getattr(metrics, name) for name in COUNT_NAMES], axis=-1).astype(np.int32)
+    return MeasuredElites(grids, arrays["fitness"], compute_descriptor(counts, axes), arrays["valid"], metrics)

@@ -1,0 +1,49 @@
+"""The command ``elitelanes pick``."""
+
+import argparse
+
+from elitelanes_jax._util.checks import path
+from elitelanes_jax.cli.arguments import Commands, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.generate import describe_maps
+from elitelanes_jax.cli.program import say
+
+__all__ = ["add_pick"]
+
+_EXAMPLES = """examples:
+  elitelanes pick maps/archive.npz --maps 40 --out more
+  elitelanes pick maps/archive.npz --unlike maps/maps/*/map.json --out others
+  elitelanes pick maps/archive.npz --where bridges=0 crossings=..40 --out without-bridges
+"""
+
+
+def add_pick(commands: Commands) -> None:
+    """Adds the command to a parser's."""
+    from elitelanes_jax.spec import PickSpec
+
+    command = commands.add_parser(
+        "pick",
+        help="choose more, other or filtered maps from archives of generate",
+        description="Chooses maps among all that earlier searches found, and draws them: without another search.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_argument(
+        "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an archive.npz, of maps of one size"
+    )
+    command.add_argument(
+        "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
+    )
+    add_options(command, PickSpec())
+    add_loudness(command)
+    command.set_defaults(action=_pick)
+
+
+def _pick(options: argparse.Namespace) -> int:
+    from elitelanes_jax.spec import PickSpec
+
+    spec = read_options(options, PickSpec())
+    from elitelanes_jax.pick import pick
+
+    maps = pick(spec, options.archives, options.out)
+    say(describe_maps(maps, spec.maps, options.out))
+    return 0

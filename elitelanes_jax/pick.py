@@ -1,0 +1,118 @@
+"""From archives of earlier searches to a folder of maps: more, others, or filtered ones, without another search."""
+
+import json
+from collections.abc import Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elitelanes_jax._util.atomic_io import new_folder
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax.archive_file import Archive, read_archive
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.map_folder import write_maps
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
+from elitelanes_jax.search import History, MeasuredElites, Result, RunState
+from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage, refuse_impossible
+from elitelanes_jax.spec import PickSpec, SearchSpec
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+__all__ = ["pick"]
+
+
+def pick(spec: PickSpec, archives: Sequence[Path], out: Path) -> list[RoadMap]:
+    """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
+
+    The choice is that of `generate`. From the archive of one search, with its number of maps, it is the same.
+
+    Args:
+      spec: of the choice.
+      archives: files ``archive.npz`` of `generate`, of maps of one size.
+      out: the folder.
+
+    Returns:
+      The maps, as they were written.
+
+    Raises:
+      InputError: for a file that is no archive, sizes that differ, ranges that no map is in, a bad tile set, or a
+        folder that is not new.
+      NotEnoughMapsError: if there are fewer maps than asked for; with `at_most`, if there is none.
+      OSError: if the folder cannot be written.
+    """
+    tiles = load_tiles(spec.tiles)
+    if not archives:
+        raise InputError("archives: expected at least one, got none")
+    found = [read_archive(file) for file in archives]
+    shape = found[0].shape
+    for file, one in zip(archives, found, strict=True):
+        if one.shape != shape:
+            sizes = ("{} x {}".format(*size) for size in (shape, one.shape))
+            raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
+    search = _search(spec, found[0].spec)
+    refuse_impossible(search)
+    with new_folder(out) as folder:
+        axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape)
+        elites = _together(found, axes, tiles)
+        announce(
+            f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
+        )
+        result = Result(
+            elites, _NO_HISTORY, RunState(np.array(0, np.int32), None, np.array(0, np.uint32)), search, axes
+        )
+        with Progress("choosing maps"):
+            choice = choose_maps(result, spec.maps, known=[np.array(grid, np.int8) for grid in spec.unlike])
+        detail(describe_choice(choice, spec.maps))
+        if len(choice.maps) < (1 if spec.at_most else spec.maps):
+            raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))
+        runs = [(one.seed, number) for one in found for number in range(len(one.elites.grids))]
+        maps = [road_map._replace(seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
+        title = (
+            f"{many(len(maps), 'road map')} of {shape[0]} x {shape[1]} tiles, chosen from {many(len(found), 'archive')}"
+        )
+        maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
+        run = {
+            "settings": spec.to_plain(),
+            "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
+            "search": search.to_plain(),
+            "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
+            "axes": [axis._asdict() for axis in axes],
+            "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
+            "versions": installed_versions(),
+        }
+        (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+    return maps
+
+
+_NO_HISTORY = History(*[np.zeros(0)] * 5)
+
+
+def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
+    """Returns the search whose maps are wanted: its ranges, but for those of features that are given."""
+    ranges = {item.name: item for item in (*search.where, *spec.where)}
+    return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules})
+
+
+def _together(found: Sequence[Archive], axes: tuple[Axis, ...], tiles: TileSet) -> MeasuredElites:
+    """Puts the runs of all searches one behind the other; places that a search has fewer of are vacant."""
+    places = max(one.elites.valid.shape[1] for one in found)
+
+    def join(arrays: Sequence[Any]) -> Any:
+        padded = [
+            np.pad(array, [(0, 0), (0, places - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]) for array in arrays
+        ]
+        return np.concatenate(padded)
+
+    grids, fitness, valid = (
+        join([getattr(one.elites, name) for one in found]) for name in ("grids", "fitness", "valid")
+    )
+    metrics = {name: join([getattr(one.elites.metrics, name) for one in found]) for name in Metrics._fields}
+    allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
+    metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
+    counts = np.stack([metrics[name] for name in COUNT_NAMES], axis=-1).astype(np.int32)
+    return MeasuredElites(grids, fitness, compute_descriptor(counts, axes), valid, Metrics(**metrics))

@@ -1,0 +1,154 @@
+"""Choosing maps from archives of earlier searches."""
+
+import json
+
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.archive_file import read_archive
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.symmetry import canonical_form
+
+SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
+SMALL += ["--method", "ea", "--preset", "paper"]
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory):
+    """Folders of two searches with other seeds; of the second also an archive with fewer runs and elites."""
+    folder = tmp_path_factory.mktemp("searched")
+    assert main(["generate", *SMALL, "--seeds", "3", "--out", str(folder / "one")]) == 0
+    assert main(["generate", *SMALL, "--seeds", "3", "--seed", "7", "--out", str(folder / "two")]) == 0
+    with np.load(folder / "two" / "archive.npz") as stored:
+        fewer = {name: array[:2, :15] if array.ndim > 1 else array for name, array in stored.items()}
+    np.savez(folder / "two" / "fewer.npz", **fewer)
+    return folder
+
+
+def pick(*arguments, out):
+    return main(["pick", *map(str, arguments), "--tile-px", "16", "--out", str(out)])
+
+
+def maps(folder):
+    return [read_map(file) for file in sorted(folder.glob("maps/*/map.json"))]
+
+
+def test_the_same_number_of_maps_is_the_same_choice(searched, tmp_path):
+    assert pick(searched / "one" / "archive.npz", "--maps", 6, out=tmp_path / "out") == 0
+    chosen, written = (
+        {file.relative_to(folder): file.read_bytes() for file in folder.glob("maps/*/*")}
+        for folder in (tmp_path / "out", searched / "one")
+    )
+    assert chosen == written
+    run = json.loads((tmp_path / "out" / "run.json").read_text())
+    assert run["elites"] == json.loads((searched / "one" / "run.json").read_text())["elites"]
+    assert [archive["file"] for archive in run["archives"]] == [str(searched / "one" / "archive.npz")]
+
+
+def test_more_maps_of_several_searches_in_ranges_unlike_others(searched, tmp_path):
+    files = [searched / "one" / "archive.npz", searched / "two" / "fewer.npz"]
+    known = sorted(searched.glob("one/maps/*/map.json"))
+    out = tmp_path / "out"
+    assert pick(*files, "--maps", 9, "--where", "bridges=0", "cyclomatic=5..", "--unlike", *known, out=out) == 0
+    chosen = maps(out)
+    assert len(chosen) == 9
+    forms = [canonical_form(road_map.codes) for road_map in (*chosen, *map(read_map, known))]
+    assert len(set(forms)) == 15
+    archives = [read_archive(file) for file in files]
+    assert [archive.elites.valid.shape for archive in archives] == [(3, 20), (2, 15)]
+    assert {road_map.seed[0] for road_map in chosen} == {0, 7}
+    for road_map in chosen:
+        metrics = measure(road_map.codes)
+        assert (metrics.components, metrics.dead_ends, metrics.bridges) == (1, 0, 0)
+        assert metrics.cyclomatic >= 5
+        assert road_map.metrics == {name: value.item() for name, value in metrics._asdict().items()}
+        archive = archives[[0, 7].index(road_map.seed[0])]
+        assert (archive.elites.grids[road_map.seed[1]] == road_map.codes).all(axis=(1, 2)).any()
+
+
+def test_other_axes_spread_the_maps_otherwise(searched, tmp_path):
+    assert pick(searched / "one" / "archive.npz", "--maps", 4, "--axes", "turns:30:1", out=tmp_path / "out") == 0
+    chosen = maps(tmp_path / "out")
+    assert [road_map.descriptor for road_map in chosen] == [{"turns": road_map.metrics["turns"]} for road_map in chosen]
+    assert len({tuple(road_map.niche) for road_map in chosen}) == 4
+
+
+def test_too_few_maps_are_written_only_if_that_is_asked_for(searched, tmp_path, capsys):
+    archive, out = searched / "one" / "archive.npz", tmp_path / "out"
+    assert pick(archive, "--maps", 999, "--quiet", out=out) == 1
+    said = capsys.readouterr().err
+    assert "; --at-most writes those found; wider ranges or more archives find more" in said
+    assert not out.exists()
+    assert pick(archive, "--maps", 999, "--at-most", out=out) == 0
+    found = len(maps(out))
+    assert f"found {found} of 999 maps" in said
+    assert f"{found} maps of 999 in {out / 'maps'}" in capsys.readouterr().out
+    assert pick(archive, "--at-most", "--where", "crossings=30", "--quiet", out=tmp_path / "none") == 1
+    assert "found 0 of 16 maps" in capsys.readouterr().err
+
+
+def test_a_search_writes_what_it_found_if_that_is_asked_for(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["generate", *SMALL, "--seeds", "3", "--maps", "999", "--out", str(out)]) == 1
+    assert "; --at-most writes those found; more seeds find more" in capsys.readouterr().err
+    assert main(["generate", *SMALL, "--seeds", "3", "--maps", "999", "--at-most", "--out", str(out)]) == 0
+    assert 6 < len(maps(out)) < 60
+    assert json.loads((out / "run.json").read_text())["settings"]["at_most"] is True
+
+
+def test_what_cannot_be_picked_from_is_one_line(searched, tmp_path, capsys):
+    (tmp_path / "text.npz").write_text("hello")
+    np.savez(tmp_path / "other.npz", grids=np.zeros(3))
+    good = searched / "one" / "archive.npz"
+    (tmp_path / "half.npz").write_bytes(good.read_bytes()[:-200])
+    for arguments, message in (
+        (["nowhere.npz"], "nowhere.npz: expected an archive.npz of generate, got: no such file or directory"),
+        ([tmp_path], "expected an archive.npz of generate, got: is a directory"),
+        ([tmp_path / "text.npz"], "text.npz: expected an archive.npz of generate, got a file that is no archive"),
+        ([tmp_path / "half.npz"], "half.npz: expected an archive.npz of generate, got a file that is no archive"),
+        ([tmp_path / "other.npz"], "other.npz: expected an archive.npz of generate, got: one without 'settings'"),
+        ([good, "--where", "dead_ends=3"], "where 'dead_ends=3': expected a range with 0"),
+        ([good, "--unlike", tmp_path / "text.npz"], "text.npz: "),
+    ):
+        assert pick(*arguments, out=tmp_path / "out") == 2
+        said = capsys.readouterr()
+        assert message in said.err
+        assert said.err.startswith("elitelanes: ")
+        assert len(said.err.splitlines()) == 1
+        assert said.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+CHANGES = {
+    "a code of 16": ("grids", lambda grids: np.where(grids == grids.max(), 16, grids).astype(np.int8)),
+    "a grid of numbers": ("grids", lambda grids: grids.astype(np.int32)),
+    "rows too few": ("fitness", lambda fitness: fitness[:1]),
+    "no bools": ("valid", lambda valid: valid.astype(np.int32)),
+    "fractions": ("metrics.bridges", lambda bridges: bridges / 2),
+    "objects": ("metrics.turns", lambda turns: np.array([{}], object)),
+    "settings of nothing": ("settings", lambda _: np.array("[]")),
+    "settings nested too deeply": ("settings", lambda _: np.array("[" * 10**5)),
+    "another method": ("settings", lambda text: np.array(str(text).replace('"ea"', '"luck"'))),
+    "a seed of text": ("settings", lambda text: np.array(str(text).replace('"seed": 0', '"seed": "0"'))),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_changed_archive_is_refused_by_name(change, searched, tmp_path):
+    name, make = CHANGES[change]
+    with np.load(searched / "one" / "archive.npz") as stored:
+        arrays = dict(stored)
+    arrays[name] = make(arrays[name])
+    np.savez(tmp_path / "changed.npz", **arrays)
+    with pytest.raises(InputError, match=r"changed\.npz: expected an archive.npz of generate, got"):
+        read_archive(tmp_path / "changed.npz")
+
+
+def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):
+    with np.load(searched / "one" / "archive.npz") as stored:
+        arrays = dict(stored)
+    np.savez(tmp_path / "taller.npz", **arrays | {"grids": np.pad(arrays["grids"], [(0, 0), (0, 0), (0, 1), (0, 0)])})
+    assert pick(searched / "one" / "archive.npz", tmp_path / "taller.npz", out=tmp_path / "out") == 2
+    assert "taller.npz: expected maps of 5 x 6, as in the first archive, got 6 x 6" in capsys.readouterr().err
