@@ -30,6 +30,7 @@ __all__ = [
     "Movement",
     "Place",
     "Pose",
+    "lane_curvature",
     "lane_errors",
     "lane_length",
     "lane_point",
@@ -37,6 +38,7 @@ __all__ = [
     "linked",
     "movements",
     "on_road",
+    "wrap_angle",
 ]
 
 LANE_OFFSET = 0.2
@@ -180,6 +182,11 @@ def lane_length(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
     return jnp.asarray(_LENGTH)[turn]
 
 
+def lane_curvature(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
+    """Returns the curvature of a movement's lane, 1 / tiles, to the left: -1 / 0.3, 0 or 1 / 0.7."""
+    return jnp.asarray(_BEND / _RADIUS)[turn]
+
+
 def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
     """Computes `d`, `phi` and `s` of a pose on a movement's lane (see `LanePose`), wherever the pose is.
 
@@ -193,7 +200,7 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
     straight = bend == 0
     d = jnp.where(straight, left + LANE_OFFSET, bend * (radius - jnp.hypot(forward, across)))
     s = jnp.where(straight, forward, radius * angle)
-    return d, _wrap(turned - bend * angle), s
+    return d, wrap_angle(turned - bend * angle), s
 
 
 def lane_point(movement: Movement, s: Float[ArrayLike, "..."]) -> Pose:
@@ -206,7 +213,7 @@ def lane_point(movement: Movement, s: Float[ArrayLike, "..."]) -> Pose:
     ahead_x, ahead_y = jnp.asarray(_EAST_PART)[movement.heading], jnp.asarray(_SOUTH_PART)[movement.heading]
     x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
-    return Pose(x, y, _wrap(jnp.asarray(_ANGLE)[movement.heading] + bend * angle))
+    return Pose(x, y, wrap_angle(jnp.asarray(_ANGLE)[movement.heading] + bend * angle))
 
 
 def on_road(
@@ -230,10 +237,10 @@ def on_road(
     for depth, is_open in zip(depths, opens, strict=True):
         road &= is_open | (depth >= edge)
     for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        distance = jnp.hypot(depths[one], depths[other])
+        square = depths[one] * depths[one] + depths[other] * depths[other]
         only_these = code == SIDES[one].bit | SIDES[other].bit
-        road &= ~(opens[one] & opens[other]) | (distance >= edge)
-        road &= ~only_these | (distance <= 1 - edge)
+        road &= ~(opens[one] & opens[other]) | (square >= edge * edge)
+        road &= ~only_these | (square <= (1 - edge) * (1 - edge))
     return road
 
 
@@ -297,5 +304,6 @@ def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
 
 
-def _wrap(angle: Array) -> Array:
-    return jnp.pi - (jnp.pi - angle) % (2 * jnp.pi)
+def wrap_angle(angle: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
+    """Returns the angle, in radians, that is as much turned and within -pi to pi."""
+    return jnp.pi - (jnp.pi - jnp.asarray(angle)) % (2 * jnp.pi)

@@ -1,0 +1,104 @@
+"""The robot: a differential drive with Duckietown's measures, from commands to its next pose."""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float, Key
+
+from elitelanes_jax._util.checks import none_or, real
+from elitelanes_jax._util.config import Config, swept
+from elitelanes_jax.drive.lanes import Pose, wrap_angle
+
+__all__ = ["TILE", "Robot", "Wheels", "drive", "still", "to_wheels"]
+
+TILE = 0.585
+"""The side of a tile in metres."""
+
+_DELAYS = 5  # commands that are kept
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Robot(Config):
+    """Measures of the robot, by default gym-duckietown's. A pytree: numbers may be arrays, swept by `jax.vmap`.
+
+    Attributes:
+      dt: seconds a step.
+      top_speed: of a wheel, metres a second.
+      top_turn: radians a second, for commands of speed and turn.
+      wheel_distance: metres.
+      width: of the body, metres.
+      trim: share by which the right wheel turns faster than it should, and the left one slower, -0.5 to 0.5.
+      noise: standard deviation of each wheel's speed, as a share of the top speed; None for none.
+      latency: steps until a command takes effect, 0 to 4, parts of a step too; None for none.
+    """
+
+    dt: Any = swept(1 / 30, real(0, 0.1, exclusive=True))
+    top_speed: Any = swept(1.2, real(0, 1.2, exclusive=True))
+    top_turn: Any = swept(8.0, real(0, 100, exclusive=True))
+    wheel_distance: Any = swept(0.102, real(0, 1, exclusive=True))
+    width: Any = swept(0.15, real(0, 1))
+    trim: Any = swept(0.0, real(-0.5, 0.5))
+    noise: Any = swept(None, none_or(real(0, 1)))
+    latency: Any = swept(None, none_or(real(0, _DELAYS - 1)))
+
+
+class Wheels(NamedTuple):
+    """The wheels' state.
+
+    Attributes:
+      speed: float32, metres a second, forward.
+      turn: float32, radians a second, to the left.
+      commands: float32 ``[5, 2]``, the last ones, the newest first; None without latency.
+    """
+
+    speed: Float[Array, ""]
+    turn: Float[Array, ""]
+    commands: Float[Array, "5 2"] | None
+
+
+def still(robot: Robot) -> Wheels:
+    """Returns the wheels of a robot that stands still."""
+    return Wheels(jnp.float32(0), jnp.float32(0), None if robot.latency is None else jnp.zeros((_DELAYS, 2)))
+
+
+def to_wheels(speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot) -> Float[Array, "... 2"]:
+    """Returns the commands of the left and the right wheel, -1 to 1, for metres and radians a second.
+
+    Where one wheel would exceed the top speed both are slowed down, so that the curve stays the same.
+    """
+    half = turn * robot.wheel_distance / 2
+    wheels = jnp.stack([speed - half, speed + half], axis=-1) / robot.top_speed
+    return wheels / jnp.maximum(jnp.abs(wheels).max(axis=-1, keepdims=True), 1)
+
+
+def drive(
+    key: Key[Array, ""], pose: Pose, wheels: Wheels, command: Float[ArrayLike, "2"], robot: Robot
+) -> tuple[Pose, Wheels]:
+    """Drives for one step with constant speeds of the wheels: along an arc, computed exactly.
+
+    Args:
+      key: consumed for noise; not used without.
+      pose: in tiles.
+      wheels: before.
+      command: of the left and the right wheel, -1 to 1; clipped, and 0 in place of NaN.
+      robot: its measures.
+    """
+    shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
+    commands = wheels.commands
+    if commands is not None:
+        commands = jnp.concatenate([shares[None], commands[:-1]])
+        age = jnp.arange(_DELAYS)
+        shares = (jnp.maximum(1 - jnp.abs(age - robot.latency), 0)[:, None] * commands).sum(axis=0)
+    if robot.noise is not None:
+        shares = shares + robot.noise * jax.random.normal(key, (2,))
+    left = shares[0] * robot.top_speed * (1 - robot.trim)
+    right = shares[1] * robot.top_speed * (1 + robot.trim)
+    speed, turn = (left + right) / 2, (right - left) / robot.wheel_distance
+    half = turn * robot.dt / 2
+    chord = speed * robot.dt / TILE * jnp.where(jnp.abs(half) < 1e-3, 1, jnp.sin(half) / jnp.where(half == 0, 1, half))
+    middle = pose.theta + half
+    there = Pose(pose.x + chord * jnp.cos(middle), pose.y - chord * jnp.sin(middle), pose.theta + 2 * half)
+    return there._replace(theta=wrap_angle(there.theta)), Wheels(speed, turn, commands)

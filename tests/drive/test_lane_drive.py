@@ -1,0 +1,165 @@
+"""LaneDrive: the robot's arcs against small steps, the lane's figures against `lane_pose`, and the expert's routes."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive.lanes import Pose, lane_pose
+from elitelanes_jax.drive.levels import make_levels
+from elitelanes_jax.drive.pure_pursuit import pure_pursuit
+from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
+from elitelanes_jax.formats.duckietown import without_dead_ends
+
+SHAPE, COUNT = (4, 5), 16
+
+
+@pytest.fixture(scope="module")
+def params():
+    drawn = random_grids(jax.random.key(1), COUNT, SHAPE)
+    maps = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))(drawn)
+    return LaneDriveParams(make_levels(jax.random.key(2), maps), limit=3000).checked("params")
+
+
+def test_the_robot_drives_the_arc_of_its_wheels():
+    robot = Robot(trim=0.1).checked()
+    start = Pose(jnp.float32(2), jnp.float32(3), jnp.float32(3.0))
+    move = jax.jit(partial(drive, robot=robot))
+    for command in ((1, 1), (0.2, 0.9), (1, -1), (-0.5, -0.4), (0, 0), (np.nan, np.inf), (7, -9)):
+        there, wheels = move(jax.random.key(0), start, still(robot), jnp.array(command, jnp.float32))
+        left, right = np.clip(np.nan_to_num(command), -1, 1) * 1.2 * (0.9, 1.1)
+        x, y, theta, parts = 2.0, 3.0, 3.0, 10_000
+        for _ in range(parts):
+            step = (left + right) / 2 / 30 / parts / TILE
+            theta += (right - left) / 0.102 / 30 / parts / 2
+            x, y = x + step * np.cos(theta), y - step * np.sin(theta)
+            theta += (right - left) / 0.102 / 30 / parts / 2
+        turned = np.angle(np.exp(1j * (theta - float(there.theta))))
+        np.testing.assert_allclose([there.x, there.y, turned], [x, y, 0], atol=1e-5)
+        assert wheels.speed == pytest.approx((left + right) / 2, abs=1e-5)
+
+
+def test_a_late_command_takes_effect_later_and_noise_is_drawn():
+    robot = Robot(latency=1.5).checked()
+    pose, wheels = Pose(*jnp.zeros(3)), still(robot)
+    speeds = []
+    for _ in range(4):
+        pose, wheels = drive(jax.random.key(0), pose, wheels, jnp.ones(2), robot)
+        speeds.append(float(wheels.speed))
+    np.testing.assert_allclose(speeds, [0, 0.6, 1.2, 1.2], atol=1e-6)
+    noisy = jax.jit(jax.vmap(partial(drive, robot=Robot(noise=0.1)), in_axes=(0, None, None, None)))
+    keys = jax.random.split(jax.random.key(1), 4000)
+    _, wheels = noisy(keys, Pose(*jnp.zeros(3)), still(Robot()), jnp.array([0.5, 0.5]))
+    # The mean of two independent wheels.
+    assert np.mean(wheels.speed) == pytest.approx(0.6, abs=0.01)
+    assert np.std(wheels.speed) == pytest.approx(0.12 / np.sqrt(2), rel=0.05)
+    curved = to_wheels(1.2, 8.0, Robot())
+    assert curved.max() == 1 and (curved[1] - curved[0]) / curved.sum() == pytest.approx(0.408 / 1.2)
+
+
+@partial(jax.jit, static_argnames="steps")
+def ride(params, key, steps):
+    """Rides of the expert on all levels: the transitions of all steps, stacked."""
+    count = params.levels.grid.shape[0]
+    keys = jax.random.split(key, count)
+    _, state = jax.vmap(LaneDrive.reset_to_level, in_axes=(0, 0, None))(keys, params.levels, params)
+
+    def go(state, key):
+        action = jax.vmap(lambda one: pure_pursuit(one, params))(state)
+        done = jax.vmap(LaneDrive.step, in_axes=(0, 0, 0, None))(jax.random.split(key, count), state, action, params)
+        return done.state, done._replace(state=(done.state.pose, done.state.movement, done.state.s), observation=None)
+
+    return jax.lax.scan(go, state, jax.random.split(key, steps))[1]
+
+
+def check_rides(params, rides):
+    """Every ride reaches its goal by a shortest way and stays in its lane."""
+    done = np.asarray(rides.terminated)
+    assert done.any(axis=0).all()
+    last = done.argmax(axis=0)
+    driving = np.arange(len(done))[:, None] <= last
+    info = jax.device_get(rides.info)
+    assert info.success[last, np.arange(done.shape[1])].all()
+    assert (info.own_lane | ~driving).all() and not (info.off_road & driving).any()
+    assert (info.tiles[last, np.arange(done.shape[1])] == params.levels.shortest).all()
+    np.testing.assert_array_equal(info.spl[last, np.arange(done.shape[1])], 1)
+    return driving
+
+
+@pytest.fixture(scope="module")
+def rides(params):
+    return jax.device_get(ride(params, jax.random.key(3), 700))
+
+
+def test_the_expert_reaches_every_goal_by_a_shortest_way_in_its_lane(params, rides):
+    check_rides(params, rides)
+
+
+def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
+    at = slice(5, 100, 19)
+    pose, movement, s = jax.tree.map(lambda part: part[at], rides.state)
+    locate = jax.jit(jax.vmap(jax.vmap(lane_pose), in_axes=(None, 0, 0)))
+    found = locate(params.levels.grid, pose, movement)
+    going = ~np.cumsum(rides.terminated, axis=0).astype(bool)[at]
+    assert going.sum() > 30
+    for ours, theirs in ((rides.reached.d[at], found.d), (rides.reached.phi[at], found.phi), (s, found.s)):
+        np.testing.assert_allclose(ours[going], np.asarray(theirs)[going], atol=1e-5)
+    np.testing.assert_array_equal(rides.info.own_lane[at][going], np.asarray(found.own_lane)[going])
+    ahead = rides.reached.curvature[at][going][:, 0]
+    np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
+
+
+def test_straight_on_for_ever_ends_off_the_road(params):
+    step = jax.jit(LaneDrive.step)
+    _, state = jax.jit(LaneDrive.reset)(jax.random.key(0), params)
+    total = 0.0
+    for _ in range(300):
+        done = step(jax.random.key(1), state, jnp.array([0.5, 0.5]), params)
+        state, total = done.state, total + float(done.reward)
+        if done.terminated:
+            break
+    assert done.terminated and done.info.off_road and not done.info.success and not done.truncated
+    assert total < 0 and done.reward < -9
+
+
+def test_turns_of_a_lane_are_drawn_and_lead_round_for_ever(params):
+    follow = LaneDriveParams(params.levels, task="lane", action="twist", limit=250).checked()
+    done = jax.device_get(ride(follow, jax.random.key(5), 250))
+    assert not done.terminated.any() and done.truncated[-1].all() and not done.truncated[:-1].any()
+    assert done.info.own_lane.all()
+    assert len(np.unique(done.state[1].turn)) == 3
+
+
+def test_settings_are_checked(params):
+    for settings, message in (
+        (
+            {"robot": Robot(dt=-1)},
+            "params.robot.dt: expected a number, 0 to 0.1, got -1",
+        ),
+        ({"robot": Robot(latency=5)}, "params.robot.latency: expected a number, 0 to 4, got 5"),
+        ({"ahead": (2,)}, "params.ahead: expected a number, 0 to 1, got 2"),
+        ({"task": "park"}, "params.task: expected one of route, lane, got 'park'"),
+    ):
+        with pytest.raises(InputError, match=message):
+            LaneDriveParams(params.levels, **settings).checked("params")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["drawn", "without dead ends"])
+def test_the_expert_drives_a_thousand_routes_on_a_thousand_maps(kind):
+    drawn = random_grids(jax.random.key(7), 1000, (8, 8))
+    if kind == "drawn":
+        maps = np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))(drawn))
+    else:
+        maps = np.stack([without_dead_ends(grid) for grid in np.asarray(jax.jit(jax.vmap(repair))(drawn))])
+    params = LaneDriveParams(make_levels(jax.random.key(8), maps)).checked()
+    done = [jax.device_get(ride(params, jax.random.key(9), 1200).info)]
+    success = done[0].success.any(axis=0)
+    assert success.sum() == 1000
+    first = done[0].success.argmax(axis=0)
+    driving = np.arange(1200)[:, None] <= first
+    assert (done[0].own_lane | ~driving).all()
