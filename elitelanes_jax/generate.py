@@ -15,7 +15,7 @@ from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.archive_file import write_archive
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.map_folder import write_maps
+from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
@@ -27,10 +27,15 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 __all__ = ["drawable", "generate"]
 
 
-def generate(spec: GenerateSpec, out: Path) -> list[RoadMap]:
+def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
     The same specification gives the same files, byte for byte, but for the times in ``run.json``.
+
+    Args:
+      spec: of the search and the folder.
+      out: the folder, new or empty.
+      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
 
     Returns:
       The maps, as they were written.
@@ -42,7 +47,7 @@ def generate(spec: GenerateSpec, out: Path) -> list[RoadMap]:
     """
     tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles)
-    with new_folder(out) as folder:
+    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         announce(
             f"evolving {many(spec.maps, 'map')} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, "
             f"{search.preset}, {many(spec.seeds, 'run')} of {_budget(search)}"
@@ -95,7 +100,7 @@ def _run_record(
         "settings": spec.to_plain(),
         "config": _plain(PRESETS[spec.search.method, spec.search.preset]),
         "weights": spec.search.all_weights._asdict(),
-        "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
+        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers")},
         "axes": [axis._asdict() for axis in result.axes],
         "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
         # By seed; an elite worse than 0 is worth nothing.

@@ -1,17 +1,21 @@
 """The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
 
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from elitelanes_jax._util.atomic_io import foreign_file
+from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.render import choose_tiles, render, write_picture, write_png
-from elitelanes_jax.tiles.tileset import TileSet
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
-__all__ = ["write_maps"]
+__all__ = ["foreign_to_maps", "foreign_to_picture", "write_maps"]
 
 # A map's longer side on the contact sheet, in pixels, and the limits of a tile's.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
@@ -53,6 +57,36 @@ def write_maps(
     sheet = contact_sheet(title, small, [_caption(number, road_map) for number, road_map in enumerate(drawn)])
     write_png(folder / "contact-sheet.png", sheet)
     return drawn
+
+
+def foreign_to_maps(folder: Path) -> str | None:
+    """Returns the first file in a folder that `generate` and `pick` did not write there; None without one."""
+    try:
+        run = json.loads(read_text(folder / "run.json", 32 * MIB))
+        names = "|".join(map(re.escape, ("map.json", *_picture_files(run["tile_set"].get("layers", ())))))
+        if "elitelanes_jax" not in run["versions"]:
+            return "run.json of another program"
+    except FileNotFoundError:
+        return "no run.json"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return "run.json of another program"
+    own = re.compile(rf"run\.json|archive\.npz|contact-sheet\.png|maps/\d{{4,}}/({names})")
+    return foreign_file(folder, own.fullmatch)
+
+
+def foreign_to_picture(layers: Iterable[str]) -> Callable[[Path], str | None]:
+    """Makes a function from a folder to its first file that is none of a picture of a tile set with such layers."""
+    names = {*_picture_files(layers), "overlay.png"}
+
+    def foreign(folder: Path) -> str | None:
+        missing = [name for name in _picture_files(()) if name != "points.json" and not (folder / name).is_file()]
+        return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
+
+    return foreign
+
+
+def _picture_files(layers: Iterable[str]) -> list[str]:
+    return [*(f"{name}.png" for name in ("image", *MASKS, "labels", *layers)), "points.json"]
 
 
 def _caption(number: int, road_map: RoadMap) -> tuple[str, ...]:

@@ -14,7 +14,7 @@ from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.archive_file import Archive, read_archive
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.map_folder import write_maps
+from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
@@ -26,7 +26,7 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 __all__ = ["pick"]
 
 
-def pick(spec: PickSpec, archives: Sequence[Path], out: Path) -> list[RoadMap]:
+def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
     """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
 
     The choice is that of `generate`. From the archive of one search, with its number of maps, it is the same.
@@ -34,7 +34,8 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path) -> list[RoadMap]:
     Args:
       spec: of the choice.
       archives: files ``archive.npz`` of `generate`, of maps of one size.
-      out: the folder.
+      out: the folder, new or empty.
+      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
 
     Returns:
       The maps, as they were written.
@@ -56,7 +57,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path) -> list[RoadMap]:
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, found[0].spec)
     refuse_impossible(search)
-    with new_folder(out) as folder:
+    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape)
         elites = _together(found, axes, tiles)
         announce(
@@ -80,7 +81,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path) -> list[RoadMap]:
             "settings": spec.to_plain(),
             "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
             "search": search.to_plain(),
-            "tile_set": {"name": tiles.name, "licence": tiles.licence, "alphabet": tiles.alphabet},
+            "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers")},
             "axes": [axis._asdict() for axis in axes],
             "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
             "versions": installed_versions(),

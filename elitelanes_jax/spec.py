@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid, check_shape
@@ -53,7 +53,10 @@ def _parse_weight(weight: Any) -> tuple[str, int]:
     metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     metric = metric.strip()
     if metric not in Weights._fields:
-        raise InputError(f"weights: expected a metric such as dead_ends, or constant, got {metric!r}")
+        raise InputError(
+            f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
+            f"{likely(metric, Weights._fields)} (there are {', '.join(Weights._fields)})"
+        )
     try:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:

@@ -7,7 +7,7 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,20 +18,28 @@ from elitelanes_jax._util.limited_read import MIB, read_text
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-__all__ = ["check_new", "compare_settings", "new_folder", "unwritable_error", "write_atomic"]
+__all__ = ["check_new", "compare_settings", "foreign_file", "new_folder", "unwritable_error", "write_atomic"]
 
 _LOCK = ".elitelanes-lock"  # held by the process that writes in a hidden folder
+_REPLACED = ".replaced"  # in it, what is removed when all new files have their places
 
 
 @contextmanager
-def new_folder(folder: str | Path) -> Iterator[Path]:
+def new_folder(
+    folder: str | Path, *, foreign: Callable[[Path], str | None] | None = None, force: bool = False
+) -> Iterator[Path]:
     """Provides a hidden folder to write in; when the block ends it takes the place of the given one.
 
     The given folder is new or empty; an empty one is filled. If the block ends with an error, nothing has changed. What
     a process that was killed has left of the hidden folder is removed the next time.
 
+    Args:
+      folder: to be made.
+      foreign: from a folder to its first file that an earlier run did not write, None where there is none.
+      force: whether a folder without such a file is replaced.
+
     Raises:
-      InputError: if the folder is a file, is not empty, or cannot be made or written to.
+      InputError: if the folder is a file, is not empty and not to be replaced, or cannot be made or written to.
     """
     from filelock import FileLock  # it takes 50 ms to load
 
@@ -46,7 +54,7 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         try:
             _remove_leftovers(aside.parent, folder.name)
             if there and any(folder.iterdir()):
-                raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it")
+                _check_replaceable(asked, folder, foreign, force)
             folder.parent.mkdir(parents=True, exist_ok=True)
             aside.mkdir()
             lock.acquire(blocking=False)
@@ -55,19 +63,56 @@ def new_folder(folder: str | Path) -> Iterator[Path]:
         yield aside
         _let_go(lock)
         if there:
-            for entry in sorted(aside.iterdir()):
+            new, old = sorted(aside.iterdir()), [entry for entry in folder.iterdir() if entry != aside]
+            behind = aside / _REPLACED
+            behind.mkdir()
+            for entry in old:
+                entry.replace(behind / entry.name)
+            for entry in new:
                 moved += [entry.replace(folder / entry.name)]
-            aside.rmdir()
+            shutil.rmtree(aside)
         else:
             aside.replace(folder)
     except BaseException:
         _let_go(lock)
-        for place in (aside, *moved):
+        for place in moved:
             _remove(place)
+        for entry in (aside / _REPLACED).iterdir() if (aside / _REPLACED).is_dir() else ():
+            entry.replace(folder / entry.name)
+        _remove(aside)
         for parent in missing:  # the deepest first
             if parent.is_dir():
                 parent.rmdir()
         raise
+
+
+def _check_replaceable(
+    asked: str | Path, folder: Path, foreign: Callable[[Path], str | None] | None, force: bool
+) -> None:
+    found = foreign and foreign(folder)
+    if force and found:
+        raise InputError(f"{asked}: expected a folder with files of an earlier run alone, got one with {found}")
+    if not force or foreign is None:
+        hint = "; --force replaces it" if foreign and not found else ""
+        raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
+
+
+def foreign_file(folder: Path, own: Callable[[str], Any]) -> str | None:
+    """Returns the first file in a folder and all below that is not an own one, in the order of names; None without one.
+
+    Args:
+      folder: to look through; a link in it is no own file.
+      own: from a path relative to the folder, with slashes, to whether it is an own file's.
+    """
+    for place, names, files in os.walk(folder):
+        names.sort()
+        links = [name for name in names if (Path(place) / name).is_symlink()]
+        for name in sorted([*files, *links]):
+            path = Path(place, name)
+            relative = path.relative_to(folder).as_posix()
+            if path.is_symlink() or not own(relative):
+                return relative
+    return None
 
 
 def _remove_leftovers(place: Path, name: str) -> None:

@@ -1,6 +1,10 @@
-"""Errors that a user's input can cause."""
+"""Errors that a user's input can cause, and words for their messages."""
 
-__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "many", "reason", "short"]
+from collections.abc import Iterable
+from difflib import get_close_matches
+from typing import Any
+
+__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "likely", "many", "reason", "short"]
 
 
 class InputError(ValueError):
@@ -17,6 +21,13 @@ class MissingPackageError(InputError):
 
 class NotEnoughMapsError(Exception):
     """A search found fewer maps than were asked for; the message says how many, and why others were rejected."""
+
+
+def likely(name: Any, known: Iterable[str]) -> str:
+    """Returns the end of a message about an unknown name: the known one that is probably meant, if there is one."""
+    text, names = str(name)[:40].lower(), list(known)
+    alike = get_close_matches(text, names, 1) or [one for one in names if one[:3] == text[:3]]
+    return f"; is it {alike[0]}?" if alike else ""
 
 
 def many(count: int, what: str) -> str:

@@ -7,11 +7,10 @@ fields, so that whoever has a record need not check it again. The command line m
 
 from collections.abc import Mapping
 from dataclasses import field, fields, replace
-from difflib import get_close_matches
 from typing import Any, NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, likely, short
 
 __all__ = ["Option", "Settings", "option", "record"]
 
@@ -70,9 +69,7 @@ class Settings:
         known = self.options()
         for name in given:
             if name not in known:
-                near = get_close_matches(name, known, 1)
-                hint = f"; is it {near[0]}?" if near else ""
-                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{hint}")
+                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{likely(name, known)}")
             other = known[name].replaces
             if other is not None and other in given and given[name] is not None:
                 raise InputError(f"{name}: expected it or {other}, got both, {given[name]} and {given[other]}")

@@ -11,7 +11,17 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
 
-__all__ = ["COMPILING", "Commands", "Parser", "add_loudness", "add_options", "checked_by", "read_options"]
+__all__ = [
+    "COMPILING",
+    "Commands",
+    "Parser",
+    "add_force",
+    "add_loudness",
+    "add_options",
+    "checked_by",
+    "descriptions",
+    "read_options",
+]
 
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
@@ -53,15 +63,22 @@ def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
       command: to add to.
       defaults: the record; its values are the defaults.
     """
-    descriptions = _descriptions(type(defaults))
+    said = descriptions(type(defaults))
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
         if option.metavar is None and isinstance(default, Settings):
             add_options(command, default)
         elif option.metavar is not None:
             command.add_argument(
-                _flag(name, option), **_kind(option, default), help=_help(descriptions[name], default), dest=name
+                _flag(name, option), **_kind(option, default), help=_help(said[name], default), dest=name
             )
+
+
+def add_force(command: argparse.ArgumentParser) -> None:
+    """Adds ``--force`` to a command that writes a folder."""
+    command.add_argument(
+        "--force", action="store_true", help="replace the folder, if an earlier run wrote it and nothing else is in it"
+    )
 
 
 def add_loudness(command: argparse.ArgumentParser) -> None:
@@ -133,7 +150,7 @@ def _help(description: str, default: Any) -> str:
     return f"{words}; by default {' '.join(shown)}"
 
 
-def _descriptions(record: type) -> dict[str, str]:
+def descriptions(record: type) -> dict[str, str]:
     """Returns the descriptions of a record's fields in its docstring and in those of its bases, by name."""
     found: dict[str, str] = {}
     for kind in reversed(record.__mro__):

@@ -4,7 +4,15 @@ import argparse
 
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.progress import detail
-from elitelanes_jax.cli.arguments import COMPILING, Commands, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.arguments import (
+    COMPILING,
+    Commands,
+    add_force,
+    add_loudness,
+    add_options,
+    checked_by,
+    read_options,
+)
 from elitelanes_jax.cli.program import fail, say
 
 __all__ = ["add_dataset"]
@@ -37,6 +45,7 @@ def add_dataset(commands: Commands) -> None:
         metavar="N",
         help="threads that draw; by default one for each processor",
     )
+    add_force(command)
     add_loudness(command)
     command.set_defaults(action=_dataset, interrupted=_CONTINUES)
 
@@ -50,7 +59,7 @@ def _dataset(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        about = make_dataset(spec, options.out, workers=options.workers)
+        about = make_dataset(spec, options.out, workers=options.workers, force=options.force)
     except OSError as error:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]

@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import detail
-from elitelanes_jax.cli.arguments import COMPILING, Commands, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.arguments import (
+    COMPILING,
+    Commands,
+    add_force,
+    add_loudness,
+    add_options,
+    checked_by,
+    read_options,
+)
 from elitelanes_jax.cli.program import say
 
 if TYPE_CHECKING:
@@ -51,6 +59,7 @@ def add_generate(commands: Commands) -> None:
         "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, GenerateSpec())
+    add_force(command)
     add_loudness(command)
     command.set_defaults(action=_generate)
 
@@ -63,7 +72,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.generate import generate
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
-    maps = generate(spec, options.out)
+    maps = generate(spec, options.out, force=options.force)
     say(describe_maps(maps, spec.maps, options.out))
     return 0
 

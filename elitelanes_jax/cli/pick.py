@@ -3,7 +3,7 @@
 import argparse
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax.cli.arguments import Commands, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, add_options, checked_by, read_options
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
@@ -34,6 +34,7 @@ def add_pick(commands: Commands) -> None:
         "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, PickSpec())
+    add_force(command)
     add_loudness(command)
     command.set_defaults(action=_pick)
 
@@ -44,6 +45,6 @@ def _pick(options: argparse.Namespace) -> int:
     spec = read_options(options, PickSpec())
     from elitelanes_jax.pick import pick
 
-    maps = pick(spec, options.archives, options.out)
+    maps = pick(spec, options.archives, options.out, force=options.force)
     say(describe_maps(maps, spec.maps, options.out))
     return 0

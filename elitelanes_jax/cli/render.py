@@ -4,7 +4,7 @@ import argparse
 
 from elitelanes_jax._util.checks import one_of, path, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_force, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_render"]
@@ -45,6 +45,7 @@ def add_render(commands: Commands) -> None:
         help="grass: leave out roads that lead nowhere; by default they are drawn, by the set's tiles of the kind end",
     )
     command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
+    add_force(command)
     command.set_defaults(action=_render)
 
 
@@ -52,6 +53,7 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import new_folder
     from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.map_folder import foreign_to_picture
     from elitelanes_jax.tiles.render import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
@@ -63,7 +65,7 @@ def _render(options: argparse.Namespace) -> int:
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed)
     except InputError as error:
         raise InputError(f"{options.map}: {error}") from None
-    with new_folder(out) as folder:
+    with new_folder(out, foreign=foreign_to_picture(tiles.layers), force=options.force) as folder:
         write_picture(folder, picture)
         if options.overlay:
             write_png(folder / "overlay.png", overlay(picture))

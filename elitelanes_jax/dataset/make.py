@@ -21,6 +21,7 @@ from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset.card import sample_sheet, write_card
 from elitelanes_jax.dataset.formats import Format, find_format
 from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
+from elitelanes_jax.dataset.remove import remove_dataset
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
 from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
@@ -36,7 +37,12 @@ _ON_SHEET = 12
 
 
 def make_dataset(
-    spec: DatasetSpec, out: str | Path, *, workers: int | None = None, maps: Sequence[RoadMap] | None = None
+    spec: DatasetSpec,
+    out: str | Path,
+    *,
+    workers: int | None = None,
+    force: bool = False,
+    maps: Sequence[RoadMap] | None = None,
 ) -> dict[str, Any]:
     """Evolves maps, draws them, and writes them as a dataset.
 
@@ -47,6 +53,7 @@ def make_dataset(
       spec: of the dataset.
       out: the folder: new, empty, or one that was begun with the same specification.
       workers: threads that draw; by default as many as there are processors.
+      force: whether another dataset in the folder is removed first, unless anything else is in it.
       maps: to be drawn in place of evolved ones: as many as the specification says, of its sizes.
 
     Returns:
@@ -66,6 +73,8 @@ def make_dataset(
     by_split = tiles_by_split(tiles, spec)
     search = drawable(spec.search, tiles)
     identity = _identity(spec, tiles, maps)
+    if force:
+        remove_dataset(out)
     with work_folder(out, identity) as work:
         if work is not None:
             announce(f"making a dataset of {spec.maps} maps of {_sizes(spec)} tiles, {spec.views} views each")

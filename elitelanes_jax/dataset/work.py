@@ -13,12 +13,13 @@ from elitelanes_jax._util.atomic_io import compare_settings, unwritable_error, w
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.limited_read import MIB, read_text
 
-__all__ = ["LAST", "work_folder"]
+__all__ = ["LAST", "LOCK", "SETTINGS", "WORK", "work_folder"]
 
 LAST = "dataset.json"
 """The file that is written last: with it the dataset is complete."""
 
-_WORK, _SETTINGS, _LOCK = ".unfinished", "settings.json", "lock"
+WORK, SETTINGS, LOCK = ".unfinished", "settings.json", "lock"
+"""The folder of unfinished work, and two files in it: the settings, and the lock of the run at work."""
 
 
 @contextmanager
@@ -38,7 +39,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
     Raises:
       InputError: if the folder is anything else, of other settings, used by another run, or cannot be written to.
     """
-    work, new = out / _WORK, not out.exists()
+    work, new = out / WORK, not out.exists()
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: expected a folder that is new or empty, got a file")
     try:
@@ -49,7 +50,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
             yield None
             return
         work.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(work / _LOCK).acquire(blocking=False)
+        lock = FileLock(work / LOCK).acquire(blocking=False)
     except Timeout:
         raise InputError(f"{out}: expected no other run at work in it, got one") from None
     except OSError as error:
@@ -63,10 +64,10 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
                 cleared = True
                 yield None
                 return
-            if (work / _SETTINGS).exists():
-                compare_settings(out, work / _SETTINGS, settings)
+            if (work / SETTINGS).exists():
+                compare_settings(out, work / SETTINGS, settings)
             else:
-                write_atomic(work / _SETTINGS, json.dumps(settings, indent=2).encode() + b"\n")
+                write_atomic(work / SETTINGS, json.dumps(settings, indent=2).encode() + b"\n")
             try:
                 yield work
             except (InputError, NotEnoughMapsError):
@@ -78,7 +79,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
     finally:
         if cleared:
             with suppress(OSError):  # another run may have the folder now; other files stay
-                (work / _LOCK).unlink(missing_ok=True)
+                (work / LOCK).unlink(missing_ok=True)
                 work.rmdir()
                 if new:
                     out.rmdir()
@@ -89,7 +90,7 @@ def _clear(work: Path) -> None:
     for entry in work.iterdir():
         if entry.is_dir():
             shutil.rmtree(entry)
-        elif entry.name != _LOCK:
+        elif entry.name != LOCK:
             entry.unlink()
 
 

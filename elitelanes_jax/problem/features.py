@@ -3,12 +3,11 @@
 A feature is a metric, or a share: a metric's part of the tiles or cells, in thousandths, rounded down.
 """
 
-from difflib import get_close_matches
 from typing import Any
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax.network.counts import COUNT_NAMES
 
 __all__ = ["FEATURES", "SHARES", "SHARE_UNIT", "check_feature", "compute_features", "default_width"]
@@ -57,9 +56,10 @@ def check_feature(source: str, name: Any) -> str:
       InputError: if no feature has it.
     """
     if name not in FEATURES:
-        near = get_close_matches(str(name), FEATURES, 1)
-        hint = f"; is it {near[0]}?" if near else ""
-        raise InputError(f"{source}: expected a metric, or a share such as straight_share, got {name!r}{hint}")
+        raise InputError(
+            f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
+            f"{likely(name, FEATURES)} (elitelanes metrics explains all: {', '.join(FEATURES)})"
+        )
     return str(name)
 
 

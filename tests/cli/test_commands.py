@@ -202,6 +202,11 @@ WRONG = {
     ),
     "no range": (["--where", "crossings"], "--where 'crossings': expected NAME=LOW..HIGH, such as crossings=6..10"),
     "a range of nothing": (["--where", "speed=3"], "--where 'speed=3': expected a metric, or a share such"),
+    "a name that is nearly one": (
+        ["--where", "cycles=3"],
+        "--where 'cycles=3': expected a metric, or a share such as "
+        "straight_share, got 'cycles'; is it cyclomatic? (elitelanes metrics explains all: components, cyclomatic, ",
+    ),
     "a range upside down": (
         ["--where", "bridges=5..2"],
         "--where 'bridges=5..2': expected the lower limit first, got 5 before 2",
@@ -252,7 +257,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(wrong, tmp_path, capsys):
     assert captured.err.startswith(
         f"elitelanes {message}" if message.startswith("generate") else f"elitelanes: {message}"
     )
-    assert len(captured.err) < 200
+    assert len(captured.err) < 600
     assert len(captured.err.splitlines()) == 1
     assert captured.out == ""
     assert not list(tmp_path.iterdir())

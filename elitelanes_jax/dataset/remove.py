@@ -1,0 +1,89 @@
+"""Removing a dataset that an earlier run wrote, to make another one in its place."""
+
+import json
+import re
+import shutil
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from elitelanes_jax._util.atomic_io import foreign_file
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax.dataset.formats import FORMATS
+from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.dataset.work import LAST, LOCK, SETTINGS, WORK
+from elitelanes_jax.tiles.tileset import MASKS
+
+__all__ = ["remove_dataset"]
+
+_DESCRIBING = (
+    rf"README\.md|contact-sheet\.png|{re.escape(LAST)}|(train|validation|test)/metadata\.jsonl"
+    r"|metadata/(train|val|test)\.jsonl|annotations/(train|val|test)\.json"
+)
+_UNFINISHED = rf"{re.escape(WORK)}/({re.escape(SETTINGS)}|{LOCK}|maps/[\w-]+\.jsonl|records/\d{{3,}}/\d{{6,}}\.json)"
+
+
+def remove_dataset(out: Path) -> None:
+    """Removes the files of a dataset, finished or not; the folder stays.
+
+    Args:
+      out: the dataset's folder; nothing is done if it is new or empty.
+
+    Raises:
+      InputError: if any other file is in it, or another run is at work there; nothing is removed then.
+    """
+    if not out.is_dir() or not any(out.iterdir()):
+        return
+    found = _foreign(out)
+    if found:
+        raise InputError(f"{out}: expected a folder with files of an earlier run alone, got one with {found}")
+    work = out / WORK
+    work.mkdir(exist_ok=True)
+    try:
+        with FileLock(work / LOCK).acquire(blocking=False):
+            # What the folder is recognised by goes last: killed in between, it can still be removed.
+            for entry in out.iterdir():
+                if entry.name not in (WORK, LAST):
+                    _remove(entry)
+            (out / LAST).unlink(missing_ok=True)
+            for entry in sorted(work.iterdir(), key=lambda entry: entry.name == SETTINGS):
+                if entry.name != LOCK:
+                    _remove(entry)
+    except Timeout:
+        raise InputError(f"{out}: expected no other run at work in it, got one") from None
+    with suppress(OSError):  # another run may have the folder now
+        (work / LOCK).unlink(missing_ok=True)
+        work.rmdir()
+
+
+def _remove(entry: Path) -> None:
+    if entry.is_dir():
+        shutil.rmtree(entry)
+    else:
+        entry.unlink()
+
+
+def _foreign(out: Path) -> str | None:
+    """Returns the first file in a folder that no run wrote there; None without one."""
+    record = next((file for file in (out / LAST, out / WORK / SETTINGS) if file.exists()), None)
+    if record is None:
+        return f"no {LAST}"
+    try:
+        own = _own_files(json.loads(read_text(record, 32 * MIB)))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return f"{record.relative_to(out)} of another program"
+    return foreign_file(out, lambda path: own.fullmatch(re.sub(r"(^|/)\.([^/]+)\.part$", r"\1\2", path)))
+
+
+def _own_files(about: Any) -> re.Pattern[str]:
+    """Returns the pattern of all files of a dataset that the record describes."""
+    if "elitelanes_jax" not in about["versions"]:
+        raise ValueError
+    layout = FORMATS[about["settings"]["format"]]
+    layers = ("image", "labels", *MASKS, *about["tile_set"]["layers"])
+    pictures = [layout.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
+    patterns = (re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
+    return re.compile("|".join([_DESCRIBING, _UNFINISHED, *patterns]))
