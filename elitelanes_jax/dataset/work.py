@@ -18,8 +18,14 @@ __all__ = ["LAST", "LOCK", "SETTINGS", "WORK", "work_folder"]
 LAST = "dataset.json"
 """The file that is written last: with it the dataset is complete."""
 
-WORK, SETTINGS, LOCK = ".unfinished", "settings.json", "lock"
-"""The folder of unfinished work, and two files in it: the settings, and the lock of the run at work."""
+WORK = ".unfinished"
+"""The folder of unfinished work."""
+
+SETTINGS = "settings.json"
+"""The file in it with all that the dataset's files depend on."""
+
+LOCK = "lock"
+"""The file in it that the run at work holds."""
 
 
 @contextmanager
