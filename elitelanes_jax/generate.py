@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import new_folder
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.settings import record
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.archive_file import write_archive
 from elitelanes_jax.formats.road_map import RoadMap
@@ -20,7 +22,7 @@ from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
 from elitelanes_jax.search import Result, evolve
-from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, refuse_impossible, remedy
+from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, remedy
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -45,8 +47,10 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than asked for; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
+    spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
     tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles)
+    search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         announce(
             f"evolving {many(spec.maps, 'map')} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, "
@@ -76,13 +80,12 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
     """Returns a search whose maps a tile set can draw.
 
     Raises:
-      InputError: for constraints that no map can meet, or an alphabet that the set lacks tiles of.
+      InputError: for an alphabet that the set lacks tiles of.
     """
     missing = set(search.alphabet or ()) - set(tiles.alphabet)
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
         raise InputError(f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}")
-    refuse_impossible(search)
     return search.but({"alphabet": search.alphabet or tiles.alphabet})
 
 

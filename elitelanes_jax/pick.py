@@ -19,7 +19,7 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.search import History, MeasuredElites, Result, RunState
-from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage, refuse_impossible
+from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -56,7 +56,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
             sizes = ("{} x {}".format(*size) for size in (shape, one.shape))
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, found[0].spec)
-    refuse_impossible(search)
+    search.check_maps(shape)
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape)
         elites = _together(found, axes, tiles)

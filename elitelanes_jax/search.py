@@ -16,19 +16,20 @@ from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.settings import record
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.network.metrics import unstack_counts
-from elitelanes_jax.network.weights import Weights, check_weights
+from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
-from elitelanes_jax.optimizers.pso import PsoConfig
 from elitelanes_jax.optimizers.run import advance, seed_keys, start
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import Bounds, bounds_of, parse_ranges, satisfies
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.limits import check_ranges, find_limits
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
 from elitelanes_jax.selection import choose_maps
@@ -213,6 +214,7 @@ def evolve(
     """
     keys, single = _check_keys(key, seeds)
     shape = check_shape(shape, new=True)
+    spec = check_named("spec", record(SearchSpec), spec)
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
     fingerprint = _fingerprint(program, numbers, keys)
@@ -313,15 +315,11 @@ def _prepare(
     spec: SearchSpec, shape: tuple[int, int], config: Config, factory: Callable[[Problem], Optimizer] | None
 ) -> tuple[_Program, _Numbers]:
     """Parts a search's settings into those that a program is compiled for and those that it takes."""
-    height, width = shape
-    if spec.fix is not None and spec.fix.shape != shape:
-        rows, columns = spec.fix.shape
-        raise InputError(f"fix: expected the maps' {height} rows of {width} cells, got {rows} rows of {columns}")
-    if spec.initial and factory is None and isinstance(config, PsoConfig):
-        raise InputError("initial: expected none with the paper's PSO, whose particles are no grids; tuned would do")
-    for grid in spec.initial:
-        if (len(grid), len(grid[0])) != shape:
-            raise InputError(f"initial: expected grids of {height} x {width}, got {len(grid)} x {len(grid[0])}")
+    spec.check_on(shape, "shape")
+    if factory is None:  # one of the user's may make any grids
+        full = ("dead_ends", "empty_cells") if spec.fills and spec.fix is None else ()
+        limits = find_limits(shape, certain=dict.fromkeys(full, 0), fix=spec.fix)
+        check_ranges(spec.where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
     leaves, tree = jax.tree.flatten(config)
     program = _Program(
         shape=shape,
@@ -334,7 +332,7 @@ def _prepare(
         factory=factory,
     )
     numbers = _Numbers(
-        weights=Weights(*(np.asarray(weight, np.int32) for weight in check_weights(spec.all_weights, shape))),
+        weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
         bounds=bounds_of(spec.where),
         config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
         initial=np.array(spec.initial, np.int8) if spec.initial else None,

@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, compute_features
-from elitelanes_jax.problem.rules import RULES
+from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.spec import SearchSpec
 
 if TYPE_CHECKING:
@@ -28,21 +26,10 @@ __all__ = [
     "choose_maps",
     "describe_choice",
     "describe_shortage",
-    "refuse_impossible",
     "remedy",
 ]
 
-# The flaws of a map: the metric, the one value that it should have, and words for others. A map is counted with the
-# first flaw that it has.
-_FLAWS = (
-    ("components", 1, "not in one piece"),
-    ("dead_ends", 0, "with dead ends"),
-    ("boundary_violations", 0, "with roads that leave the grid"),
-    ("mismatches", 0, "with roads that do not meet"),
-    ("off_alphabet", 0, "with tiles that the tile set lacks"),
-)
-_HOLES = ("empty_cells", 0, "with empty cells")
-_AGAINST_RULES, _OUTSIDE = "against the rules", "outside the ranges"
+_OUTSIDE = "outside the ranges"
 
 LEAST_DIFFERENT = (0.15, 0.05, 0.0)
 """Shares of tiles in which a map should differ from others, the first if there are enough."""
@@ -65,35 +52,6 @@ class Choice(NamedTuple):
     rejected: dict[str, int]
     alike: int
     nearest: dict[str, float] | None = None
-
-
-def refuse_impossible(spec: SearchSpec) -> None:
-    """Checks a search's constraints against the properties of all maps that `choose_maps` takes.
-
-    Raises:
-      InputError: for a range that none of them is in, or given cells that none of them has.
-    """
-    fix = spec.fix
-    certain = {name: right for name, right, _ in _flaws(spec)}
-    if _HOLES[0] in certain:
-        certain["coverage"] = 1
-    for item in spec.where:
-        right = certain.get(item.name)
-        if right is not None and not (item.low or 0) <= right <= (right if item.high is None else item.high):
-            raise InputError(f"where {str(item)!r}: expected a range with {right}, which all maps have that are kept")
-    if fix is None:
-        return
-    stubs = np.argwhere(np.isin(fix.grid, KINDS["end"])).tolist()
-    if stubs:
-        row, column = stubs[0]
-        code = int(fix.grid[row, column])
-        raise InputError(f"fix: expected cells without dead ends, got code {code} at row {row}, column {column}")
-    if spec.rules is not None:
-        given = plain_measure(fix.grid)
-        for name in RULES[spec.rules].forbidden:
-            count = given[name]
-            if count:
-                raise InputError(f"fix: expected cells that keep the rules of {spec.rules}, got {name} {count}")
 
 
 def choose_maps(
@@ -173,7 +131,7 @@ def describe_choice(choice: Choice, maps: int) -> str:
     rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
     if choice.alike:
         rejected.append(f"{choice.alike} like another when rotated or mirrored")
-    return f"found {len(choice.maps)} of {maps} maps among {choice.found} elites" + (
+    return f"found {len(choice.maps)} of {many(maps, 'map')} among {many(choice.found, 'elite')}" + (
         f" ({', '.join(rejected)})" if rejected else ""
     )
 
@@ -196,23 +154,13 @@ def describe_shortage(choice: Choice, maps: int, more: str, *, writable: bool = 
     )
 
 
-def _flaws(spec: SearchSpec) -> list[tuple[str, int, str]]:
-    """Returns the flaws that count for a specification, as `_FLAWS` has them."""
-    flaws = list(_FLAWS)
-    if spec.rules is not None:
-        flaws += [(name, 0, _AGAINST_RULES) for name in RULES[spec.rules].forbidden]
-    elif spec.fix is None and spec.fills:
-        flaws.append(_HOLES)
-    return flaws
-
-
 def _without_flaws(
     valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], spec: SearchSpec
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
     """Returns which elites have no flaw, and the number of the others by reason."""
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in _flaws(spec):
+    for name, right, words in find_flaws(spec.rules, filled=spec.fills and spec.fix is None):
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 
 from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, whole
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, likely, many, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid, check_shape
 from elitelanes_jax.network.codes import check_alphabet
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.weights import Weights, check_weights, largest_side
 from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
+from elitelanes_jax.problem.feasible import check_feasible, check_number
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
 
@@ -50,8 +51,11 @@ def parse_weights(weights: Any) -> tuple[tuple[str, int], ...]:
 
 
 def _parse_weight(weight: Any) -> tuple[str, int]:
-    metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
-    metric = metric.strip()
+    try:
+        metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
+    except (TypeError, ValueError):
+        raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
+    metric = metric.strip() if isinstance(metric, str) else metric
     if metric not in Weights._fields:
         raise InputError(
             f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
@@ -133,6 +137,57 @@ class SearchSpec(Settings):
             raise InputError(f"preset: expected one of {', '.join(presets)} for {self.method}, got {self.preset!r}")
         if self.rules is not None and self.fill:
             raise InputError(f"fill: expected none with the rules of {self.rules}, which leave cells empty, got True")
+        if self.initial and (self.method, self.preset) == ("pso", "paper"):
+            expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
+            raise InputError(f"initial: expected {expected}, got {many(len(self.initial), 'grid')}")
+
+    def check_on(self, shape: tuple[int, int], name: str = "size") -> None:
+        """Checks the settings for grids ``(height, width)``; a search does so before it starts.
+
+        Args:
+          shape: of the grids.
+          name: of the shape, for the message.
+
+        Raises:
+          InputError: for given cells or first maps of another shape, or weights with which the fitness of such grids
+            might leave 32 bits.
+        """
+        size = f"{shape[0]} x {shape[1]}"
+        if self.fix is not None and self.fix.shape != shape:
+            rows, columns = self.fix.shape
+            raise InputError(f"fix: expected cells of a map of {size}, got {rows} x {columns}")
+        for grid in self.initial:
+            if (len(grid), len(grid[0])) != shape:
+                raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
+        try:
+            check_weights(self.all_weights, shape)
+        except InputError:
+            if self.weights:
+                raise
+            side = largest_side(self.all_weights)
+            expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
+            raise InputError(f"{name}: expected {expected}, got {size}") from None
+
+    def check_maps(self, shape: tuple[int, int], maps: int = 1) -> None:
+        """Checks that so many maps ``(height, width)`` can be as they are searched for, as far as limits tell.
+
+        Raises:
+          InputError: for a wish that cannot be met; the message says the limit.
+        """
+        check_feasible(shape, self.where, **self._wishes, maps=maps)
+
+    def count_maps(self, shape: tuple[int, int], maps: int) -> None:
+        """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
+
+        Raises:
+          InputError: for a wish that cannot be met; the message says the limit.
+        """
+        self.check_maps(shape, maps)
+        check_number(shape, self.where, **self._wishes, maps=maps)
+
+    @property
+    def _wishes(self) -> dict[str, Any]:
+        return {"fix": self.fix, "rules": self.rules, "filled": self.fills, "alphabet": self.alphabet}
 
     @property
     def fills(self) -> bool:
@@ -184,6 +239,11 @@ class GenerateSpec(Settings):
     search: SearchSpec = option(SearchSpec(), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     tile_px: int = option(64, whole(16, 512), "N")
+
+    def check_together(self) -> None:
+        """Checks the search on maps of the size, and the number of maps."""
+        self.search.check_on(self.size)
+        self.search.check_maps(self.size, 1 if self.at_most else self.maps)
 
     def to_plain(self) -> dict[str, Any]:
         """Returns plain values for JSON."""

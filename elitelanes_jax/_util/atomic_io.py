@@ -40,6 +40,7 @@ def new_folder(
 
     Raises:
       InputError: if the folder is a file, is not empty and not to be replaced, or cannot be made or written to.
+      OSError: of the block; it names the file, as if it were in the given folder, or this folder.
     """
     from filelock import FileLock  # it takes 50 ms to load
 
@@ -73,7 +74,7 @@ def new_folder(
             shutil.rmtree(aside)
         else:
             aside.replace(folder)
-    except BaseException:
+    except BaseException as error:
         _let_go(lock)
         for place in moved:
             _remove(place)
@@ -83,6 +84,9 @@ def new_folder(
         for parent in missing:  # the deepest first
             if parent.is_dir():
                 parent.rmdir()
+        if isinstance(error, OSError) and error.errno is not None:  # names no file, or one in the hidden folder
+            file = str(error.filename or asked).replace(str(aside), str(asked))
+            raise OSError(error.errno, error.strerror, file) from None
         raise
 
 

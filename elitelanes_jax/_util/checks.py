@@ -16,7 +16,9 @@ __all__ = [
     "Check",
     "check_named",
     "check_unique",
+    "ends_as_file",
     "flag",
+    "folder",
     "is_real",
     "is_whole",
     "name",
@@ -33,6 +35,10 @@ Check = Callable[[Any], Any]
 
 LARGEST = 2**30
 """The largest whole number a user may give: the difference of two fits 32 bits."""
+
+_FILES: tuple[str, ...] = (".csv", ".gif", ".graphml", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".md")
+_FILES += (".npy", ".npz", ".pdf", ".png", ".py", ".svg", ".tar", ".toml", ".txt", ".xml", ".xodr", ".yaml", ".yml")
+_FILES += (".zip",)
 
 _LARGEST_INT32 = 2**31 - 1
 
@@ -112,6 +118,19 @@ def name(value: Any) -> str:
 def path(value: Any) -> Path:
     """Checks for a path."""
     return value if isinstance(value, Path) else Path(name(value))
+
+
+def ends_as_file(place: Path) -> bool:
+    """Tells whether a path ends as that of a file does, so that hardly a folder is meant."""
+    return place.name.lower().endswith(_FILES)
+
+
+def folder(value: Any) -> Path:
+    """Checks for the path of a folder to write to; one that is there may have any name."""
+    place = path(value)
+    if ends_as_file(place) and not place.is_dir():
+        raise InputError(f"expected a folder, got the name of a file, {short(repr(str(place)), 40)}")
+    return place
 
 
 def flag(value: Any) -> bool:

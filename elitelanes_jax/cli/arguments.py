@@ -3,7 +3,8 @@
 import argparse
 import inspect
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check
@@ -20,6 +21,7 @@ __all__ = [
     "add_options",
     "checked_by",
     "descriptions",
+    "naming_options",
     "read_options",
 ]
 
@@ -104,10 +106,24 @@ def read_options(given: argparse.Namespace, defaults: Settings) -> Any:
             values[name] = read_options(given, default)
         elif hasattr(given, name):
             values[name] = getattr(given, name)
-    try:
+    with naming_options(defaults):
         return defaults.but(values)
+
+
+@contextmanager
+def naming_options(defaults: Settings, *only: str, **more: str) -> Iterator[None]:
+    """Lets errors in its block that start with the name of a field start with the option's name.
+
+    Args:
+      defaults: the record with the fields.
+      *only: names of fields; by default of all. A file in a message may have the name of another.
+      **more: options by other names that errors may start with.
+    """
+    try:
+        yield
     except InputError as error:
-        raise InputError(_name_flag(str(error), _flags(defaults))) from None
+        flags = {name: flag for name, flag in _flags(defaults).items() if not only or name in only}
+        raise type(error)(_name_flag(str(error), flags | more)) from None
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:

@@ -2,7 +2,8 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.checks import folder, whole
+from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
@@ -11,6 +12,7 @@ from elitelanes_jax.cli.arguments import (
     add_loudness,
     add_options,
     checked_by,
+    naming_options,
     read_options,
 )
 from elitelanes_jax.cli.program import fail, say
@@ -33,7 +35,7 @@ def add_dataset(commands: Commands) -> None:
     )
     command.add_argument(
         "--out",
-        type=checked_by(path),
+        type=checked_by(folder),
         required=True,
         metavar="DIR",
         help="folder to write to: new, empty or begun before",
@@ -54,12 +56,15 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.dataset.spec import DatasetSpec
 
     spec = read_options(options, DatasetSpec())
+    with naming_options(DatasetSpec()):
+        spec.check_search()
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset.make import make_dataset
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        about = make_dataset(spec, options.out, workers=options.workers, force=options.force)
+        with naming_options(DatasetSpec(), "hold_out_tiles"):
+            about = make_dataset(spec, options.out, workers=options.workers, force=options.force)
     except OSError as error:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]
@@ -67,8 +72,7 @@ def _dataset(options: argparse.Namespace) -> int:
     for one in about["classes"]:
         counts = [pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()]
         lines.append(f"{one['name']:14}  " + "  ".join(f"{share:10.2%}" for share in counts))
-    lines.append(
-        f"{sum(about['pictures'].values())} pictures in {options.out}; how to load them: {options.out / 'README.md'}"
-    )
+    pictures = many(sum(about["pictures"].values()), "picture")
+    lines.append(f"{pictures} in {options.out}; how to load them: {options.out / 'README.md'}")
     say("\n".join(lines))
     return 0

@@ -9,11 +9,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from elitelanes_jax._util.checks import name, none_or, path, real
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
+from elitelanes_jax._util.errors import InputError, many, short
 from elitelanes_jax._util.settings import Settings, option
-from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, read_options
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
+from elitelanes_jax.cli.program import say, warn
 
 __all__ = ["add_export", "add_show"]
 
@@ -70,8 +70,6 @@ _FORMATS = {
     "opendrive": _Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
 }
 _TABLES = ("json", "csv")
-
-_ENDINGS = (".yml", ".xml", ".json", ".csv", *(suffix for known in _FORMATS.values() for suffix in known.suffixes))
 
 # Every format can hold this map: an error with it is one of a setting or a missing package.
 _LOOP = [[6, 3], [12, 9]]
@@ -145,13 +143,14 @@ def _export(options: argparse.Namespace) -> int:
         seen.add(os.path.realpath(file))
     target = _FORMATS.get(options.to)
     if target:
-        target.files(_LOOP, **settings)
+        with naming_options(_FormatOptions(), tile="--tile-size"):
+            target.files(_LOOP, **settings)
     grids = [read_map(file).codes for file in options.maps]
     if target:
         _warn(_write_maps(options.maps, grids, target, settings, options.out))
     else:
         _write_new(options.out, _table(options.to, list(map(str, options.maps)), grids))
-    lines = [f"{len(grids)} {'map' if len(grids) == 1 else 'maps'} in {options.out}"]
+    lines = [f"{many(len(grids), 'map')} in {options.out}"]
     if settings.get("dead_ends") == "grass":
         lines.append(_left_out(grids))
     say("\n".join(lines))
@@ -170,7 +169,7 @@ def _write_maps(
         try:
             made = target.files(codes, **settings)
         except InputError as error:
-            raise InputError(f"{file}: {error}") from None
+            raise InputError(f"{file}: {error}".replace("dead_ends='grass'", "--dead-ends grass")) from None
         warnings.extend(f"{file}: {warning}" for warning in made.warnings)
         return made.texts
 
@@ -179,7 +178,7 @@ def _write_maps(
         if len(grids) > 1:
             raise InputError(f"--out: expected a folder for {len(grids)} maps, got a file, {out}")
         _write_new(out, *texts(files[0], grids[0]))
-    elif out.name.lower().endswith(_ENDINGS):
+    elif ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
@@ -187,10 +186,7 @@ def _write_maps(
         with new_folder(out) as folder:
             for file, codes, place in zip(files, grids, places, strict=True):
                 for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
-                    try:
-                        write_atomic(folder / (place + suffix), text.encode())
-                    except OSError as error:  # names the folder that is still hidden
-                        raise OSError(error.errno, error.strerror, str(out / (place + suffix))) from None
+                    write_atomic(folder / (place + suffix), text.encode())
     return warnings
 
 
@@ -216,9 +212,9 @@ def _write_new(file: Path, text: str) -> None:
 
 def _warn(warnings: Sequence[str]) -> None:
     for warning in warnings[:_MOST_WARNINGS]:
-        print(f"elitelanes: {short(warning, 200)}", file=sys.stderr)
+        warn(f"elitelanes: {short(warning, 200)}")
     if len(warnings) > _MOST_WARNINGS:
-        print(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown", file=sys.stderr)
+        warn(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown")
 
 
 def _left_out(grids: Sequence[Any]) -> str:
@@ -258,5 +254,5 @@ def _show(options: argparse.Namespace) -> int:
         drawn = draw_text(codes, ascii_only=True)
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]
     words += [f"{key.replace('_', ' ')} {round(value, 3)}" for key, value in figures.items() if key != "file"]
-    say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)))
+    say(drawn + "\n\n" + "\n".join(textwrap.wrap(", ".join(words), 100)), asked=True)
     return 0

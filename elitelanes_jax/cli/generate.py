@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.checks import folder
 from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
@@ -56,7 +56,7 @@ def add_generate(commands: Commands) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
-        "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
+        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, GenerateSpec())
     add_force(command)
@@ -86,5 +86,6 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
         row = [f"{number:04d}", *(str(figures[name]) for name in _COLUMNS)]
         lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
     of = f" of {wanted:,}" if len(maps) < wanted else ""
-    lines.append(f"{many(len(maps), 'map')}{of} in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}")
+    sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
+    lines.append(f"{many(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
     return "\n".join(lines)

@@ -11,7 +11,7 @@ from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.pick import add_pick
-from elitelanes_jax.cli.program import guarded
+from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.tiles import add_tiles
 
@@ -37,5 +37,5 @@ def make_parser() -> argparse.ArgumentParser:
 
 class _Version(argparse.Action):
     def __call__(self, *_: Any) -> NoReturn:
-        print(f"elitelanes {__version__}")
+        say(f"elitelanes {__version__}")
         raise SystemExit(0)

@@ -2,7 +2,7 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.checks import folder, path
 from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, add_options, checked_by, read_options
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
@@ -31,7 +31,7 @@ def add_pick(commands: Commands) -> None:
         "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an archive.npz, of maps of one size"
     )
     command.add_argument(
-        "--out", type=checked_by(path), required=True, metavar="DIR", help="folder to write to, new or empty"
+        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, PickSpec())
     add_force(command)

@@ -7,13 +7,14 @@ an interruption in 130. A fault of the program keeps its traceback.
 import os
 import sys
 from collections.abc import Callable
-from typing import NoReturn
+from contextlib import suppress
+from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.progress import Loudness, loudness, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
-__all__ = ["fail", "guarded", "leave", "say"]
+__all__ = ["fail", "guarded", "leave", "say", "warn"]
 
 _INTERRUPTED = 130
 
@@ -46,30 +47,88 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Lou
 
 def leave(main: Callable[[], int]) -> NoReturn:
     """Runs a program's main function as the program; interrupted outside of `guarded`, it ends without a word."""
+    _complete_streams()
     with catch_interrupts():
         try:
             code = main()
         except KeyboardInterrupt:
             code = _INTERRUPTED
+        except SystemExit as stop:
+            code = stop.code if isinstance(stop.code, int) else 0
+        for stream in (sys.stdout, sys.stderr):
+            _flush(stream)
         if code == _INTERRUPTED:
-            # At once: while a compiler thread is still at work, the interpreter's own way out crashes.
-            sys.stderr.flush()
-            os._exit(code)
+            os._exit(code)  # while a compiler thread is still at work, the interpreter's own way out crashes
     raise SystemExit(code)
 
 
 def fail(program: str, message: str, code: int) -> int:
     """Prints one line that says what went wrong, even of a file that has several in its name; returns the code."""
-    print(f"{program}: " + "\\n".join(message.splitlines()), file=sys.stderr)
+    warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 
 
-def say(text: str) -> None:
-    """Prints what was done, unless the command is quiet. A failure to print does not undo it."""
+def warn(text: str) -> None:
+    """Prints on standard error, where that is possible."""
+    with suppress(OSError, ValueError):
+        _print(sys.stderr, text)
+
+
+def say(text: str, *, asked: bool = False) -> None:
+    """Prints what was done, unless the command is quiet. A failure to print does not undo it.
+
+    Args:
+      text: to print.
+      asked: whether the text is all that the command was for; then a failure to print it is one of the command, unless
+        the reader just has enough.
+
+    Raises:
+      OSError: for a text that was asked for.
+    """
     if loudness() is Loudness.QUIET:
         return
     try:
-        print(text.encode(sys.stdout.encoding or "ascii", "backslashreplace").decode(sys.stdout.encoding or "ascii"))
-        sys.stdout.flush()
-    except OSError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or it would be tried again at the end
+        _print(sys.stdout, text)
+    except BrokenPipeError:
+        pass
+    except (OSError, ValueError) as error:  # the latter from a stream that is closed
+        if asked:
+            raise OSError(
+                getattr(error, "errno", None), getattr(error, "strerror", str(error)), "standard output"
+            ) from None
+
+
+def _print(stream: TextIO | None, text: str) -> None:
+    """Prints to a stream if there is one, in characters that it has; one that fails is given up."""
+    if stream is None:
+        return
+    encoding = stream.encoding or "utf-8"
+    try:
+        print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream, flush=True)
+    except (OSError, ValueError):
+        _give_up(stream)
+        raise
+
+
+def _flush(stream: TextIO) -> None:
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        _give_up(stream)
+
+
+def _give_up(stream: TextIO) -> None:
+    """Lets nothing more be written to a stream, or the interpreter would try it again when it ends, and complain."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
+def _complete_streams() -> None:
+    """Gives the process the streams that it was started without: else the next file that is opened would be one."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+    sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
+    sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)

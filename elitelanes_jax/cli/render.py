@@ -2,7 +2,7 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import one_of, path, whole
+from elitelanes_jax._util.checks import folder, one_of, path, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, add_force, checked_by
 from elitelanes_jax.cli.program import say
@@ -18,7 +18,7 @@ def add_render(commands: Commands) -> None:
     )
     command.add_argument(
         "--out",
-        type=checked_by(path),
+        type=checked_by(folder),
         metavar="DIR",
         help="folder to write to, new or empty; by default map/ beside map.json",
     )

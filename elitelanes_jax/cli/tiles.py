@@ -2,14 +2,13 @@
 
 import argparse
 import shutil
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.cli.arguments import Commands, checked_by
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.program import say, warn
 
 if TYPE_CHECKING:
     import numpy as np
@@ -31,7 +30,7 @@ def add_tiles(commands: Commands) -> None:
 def _add_check(commands: Commands) -> None:
     command = commands.add_parser("check", help="describe a tile set, or list all its faults")
     command.add_argument("folder", type=checked_by(path), metavar="DIR")
-    command.add_argument("--picture", type=_png, metavar="FILE", help="new PNG file, with the worst seam")
+    command.add_argument("--picture", type=checked_by(_png), metavar="FILE", help="new PNG file, with the worst seam")
     command.set_defaults(action=_check)
 
 
@@ -43,7 +42,7 @@ def _check(options: argparse.Namespace) -> int:
     tiles, problems = inspect_tiles(options.folder)
     strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
-        print("\n".join(problems + strays), file=sys.stderr)
+        warn("\n".join(problems + strays))
         return 2
     seams = find_seams(tiles)
     lines = [describe_tiles(tiles), describe_seams(tiles, seams), *strays]
@@ -70,7 +69,10 @@ def _add_masks(commands: Commands) -> None:
         help="remake also masks that exist: those whose colours are given, else all; a copy is kept beside each",
     )
     command.add_argument(
-        "--sheet", type=_png, metavar="FILE", help="new PNG file for all of them on one sheet; by default DIR/masks.png"
+        "--sheet",
+        type=checked_by(_png),
+        metavar="FILE",
+        help="new PNG file for all of them on one sheet; by default DIR/masks.png",
     )
     command.set_defaults(action=_masks)
 
@@ -100,7 +102,7 @@ def _masks(options: argparse.Namespace) -> int:
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
-        f"{len(masks)} masks of {len(proposals)} tiles in {options.folder}"
+        f"{many(len(masks), 'mask')} of {many(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
         + (f", {len(replaced)} replaced and kept as .{replaced[0].name}.before and the like" if replaced else "")
         + f"; all of them on {sheet}\n"
@@ -139,5 +141,5 @@ def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
 def _png(text: str) -> Path:
     file = path(text)
     if file.suffix.lower() != ".png":
-        raise argparse.ArgumentTypeError(f"expected a name that ends in .png, got {text[:40]!r}")
+        raise InputError(f"expected a name that ends in .png, got {text[:40]!r}")
     return file

@@ -23,7 +23,7 @@ from elitelanes_jax.dataset.formats import Format, find_format
 from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset.remove import remove_dataset
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
-from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
+from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.work import LAST, work_folder
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
@@ -72,6 +72,10 @@ def make_dataset(
         check_given(spec, maps, tiles)
     by_split = tiles_by_split(tiles, spec)
     search = drawable(spec.search, tiles)
+    if maps is None:
+        spec.check_search()
+        for shape, count in maps_by_shape(spec).items():
+            search.count_maps(shape, count)
     identity = _identity(spec, tiles, maps)
     if force:
         remove_dataset(out)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
@@ -137,9 +137,11 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
         if len(free) < counts[place]:
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
+            expected = (
+                f"{many(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
+            )
             raise InputError(
-                f"hold_out_tiles: expected {counts[place]} maps without {' and '.join(lacking)}, of which there is one "
-                f"picture only, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
+                f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
             )
         splits[free[_evenly(len(free), counts[place])]] = place
     return splits

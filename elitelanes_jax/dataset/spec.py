@@ -111,6 +111,12 @@ class DatasetSpec(Settings):
                 f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
             )
 
+    def check_search(self) -> None:
+        """Checks the search on maps of each size, and their number; raises `InputError`."""
+        for shape, count in maps_by_shape(self).items():
+            self.search.check_on(shape)
+            self.search.check_maps(shape, count)
+
     @property
     def shapes(self) -> list[tuple[int, int]]:
         """(height, width) of the maps, in order."""

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from elitelanes_jax._util.checks import flag, is_whole, real, whole
+from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.settings import Settings, option
 
@@ -61,7 +61,8 @@ def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:
 
     Args:
       texts: words, one or several: ``standard`` for `STANDARD`, ``none``, ``quarter-turns``, or ``NAME=NUMBER`` with a
-        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``; later ones win. Or a `Transforms`.
+        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``; ``standard`` and ``none`` stand first. Or a
+        `Transforms`.
 
     Raises:
       InputError: for anything else, or a number out of its range.
@@ -72,6 +73,10 @@ def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
         raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {short(repr(texts))}")
     transforms, numbers = Transforms(), [name for name in Transforms.options() if name != "quarter_turns"]
+    check_unique("transforms", "transform", [text.partition("=")[0] for text in words])
+    late = set(words[1:]) & {"none", "standard"}
+    if late:
+        raise InputError(f"transforms: expected {late.pop()} alone or first, as it says what all others start from")
     for text in words:
         name, equals, value = text.partition("=")
         if text in ("none", "standard"):

@@ -2,15 +2,17 @@
 
 import json
 from collections.abc import Callable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import is_whole
+from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.strict_json import parse_json
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
@@ -115,7 +117,9 @@ def read_map(file: str | Path) -> RoadMap:
 
 def _from_json(text: str) -> RoadMap:
     try:
-        values = json.loads(text)
+        values = parse_json(text)
+    except InputError:
+        raise
     except ValueError as error:  # of JSON, or of a number with too many digits
         raise InputError(f"expected a readable JSON file, got: {error}") from None
     if not isinstance(values, dict) or "codes" not in values:
@@ -126,6 +130,8 @@ def _from_json(text: str) -> RoadMap:
     for name, (fits, expected) in _FIELDS.items():
         if name in values and not fits(values[name]):
             raise InputError(f"{name}: expected {expected}, got {short(json.dumps(values[name]))}")
+    if values.get("shape", list(codes.shape)) != list(codes.shape):
+        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {values['shape']}")
     drawn = Drawn(**values["drawn"]) if "drawn" in values else None
     if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
         raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
@@ -172,11 +178,12 @@ def _is_drawn(value: Any) -> bool:
 
 
 def _numbers_by_name(value: Any) -> bool:
-    return isinstance(value, dict) and all(is_whole(number) or isinstance(number, float) for number in value.values())
+    return isinstance(value, dict) and all(is_real(number) and isfinite(number) for number in value.values())
 
 
 # The fields of a map file beside the codes: a test of the value, and words for what is expected.
 _FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "shape": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers, rows and columns"),
     "metrics": (_numbers_by_name, "numbers by name"),
     "fitness": (is_whole, "a whole number"),
     "descriptor": (_numbers_by_name, "numbers by name"),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from elitelanes_jax._util.checks import LARGEST, check_named, whole
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 
@@ -27,7 +28,7 @@ def rotate(grid: Any, quarter_turns: int = 1) -> Any:
       InputError: for a bad grid (see `check_grid`).
     """
     grid = check_grid(grid)
-    for _ in range(quarter_turns % 4):
+    for _ in range(check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4):
         grid = rotate_codes(grid).T[::-1]
     return grid
 

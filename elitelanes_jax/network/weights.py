@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import largest_counts
 
 if TYPE_CHECKING:
     from jaxtyping import ArrayLike, Int
 
-__all__ = ["Weights", "check_weights"]
+__all__ = ["Weights", "check_weights", "largest_side"]
 
 
 class Weights(NamedTuple):
@@ -63,11 +64,21 @@ def check_weights(weights: Any, shape: tuple[int, int]) -> Weights:
         if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
             raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
     exact = Weights(*(int(np.asarray(weight)) for weight in weights))
-    units = largest_counts(shape) | {"constant": 1}
-    largest = sum(abs(getattr(exact, name)) * most for name, most in units.items())
+    largest = _largest_fitness(exact, shape)
     if largest >= 2**31:
         raise InputError(
             f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "
             f"got weights with which it might reach {largest:,}"
         )
     return exact
+
+
+def largest_side(weights: Weights) -> int:
+    """Returns the longest side of squares whose fitness cannot leave int32; 0 for weights too large for any."""
+    fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) < 2**31]
+    return max(fits, default=0)
+
+
+def _largest_fitness(weights: Weights, shape: tuple[int, int]) -> int:
+    units = largest_counts(shape) | {"constant": 1}
+    return sum(abs(int(getattr(weights, name))) * most for name, most in units.items())

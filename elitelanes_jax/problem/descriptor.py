@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.problem.features import FEATURES, check_feature, compute_features, default_width
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, compute_features, default_width
 
 __all__ = [
     "MOST_NICHES",
@@ -90,7 +90,7 @@ def parse_axes(axes: Any) -> tuple[Axis, ...]:
             axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
         listed = tuple(_check_axis(axis) for axis in axes)
     except TypeError:
-        raise InputError(f"axes: expected records of type Axis, got {axes!r}") from None
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(axes))}") from None
     if not listed:
         raise InputError("axes: expected at least one axis, got none")
     check_unique("axes", "metric", [axis.metric for axis in listed])
@@ -142,20 +142,27 @@ def niche_index(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
 
 
 def _check_axis(axis: Any) -> Axis:
+    given = axis
     if isinstance(axis, str):
         axis = _parse_axis(axis)
     elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
         axis = Axis(**axis)
     if not isinstance(axis, Axis):
-        raise InputError(f"axes: expected records of type Axis, got {axis!r}")
-    check_feature("axes", axis.metric)
-    numbers = (axis.bins, axis.width, axis.start)
-    if not all(type(number) is int for number in numbers) or axis.bins < 1 or axis.width < 0:
-        raise InputError(f"axes: expected whole numbers, at least one bin and no negative width, got {axis}")
-    if max(map(abs, numbers)) > LARGEST:
-        raise InputError(f"axes: expected numbers of at most {LARGEST:,}, got {axis}")
-    if axis.target is not None and not (type(axis.target) is int and 0 <= axis.target < axis.bins):
-        raise InputError(f"axes: expected target to be a bin, 0 to {axis.bins - 1}, got {axis}")
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(given))}")
+    source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
+    check_feature(source, axis.metric)
+    bins, width, start, target = axis[1:]
+    if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
+        got = f"bins {short(repr(bins))}, width {short(repr(width))}, start {short(repr(start))}"
+        raise InputError(f"{source}: expected whole numbers, at least one bin and no negative width, got {got}")
+    largest = max(map(abs, (bins, width, start)))
+    if largest > LARGEST:
+        raise InputError(f"{source}: expected numbers of at most {LARGEST:,}, got {largest:,}")
+    if axis.metric in SHARES and max(bins - 1, width) > SHARE_UNIT:
+        got = f"{bins} of width {width}"
+        raise InputError(f"{source}: expected at most {SHARE_UNIT + 1} bins of {SHARE_UNIT} thousandths, got {got}")
+    if target is not None and not (type(target) is int and 0 <= target < bins):
+        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {short(repr(target))}")
     return axis
 
 

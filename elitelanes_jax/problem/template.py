@@ -1,6 +1,5 @@
 """Templates: cells of a map that are given, such as a city's roads and buildings."""
 
-import json
 import reprlib
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,8 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, reason, short
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.strict_json import parse_json
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
 
@@ -59,7 +60,7 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
     if isinstance(cells, Template):
         return cells
     if isinstance(cells, str | Path):
-        name, cells = str(cells), _read_rows(cells)
+        name, cells = str(cells), _read_rows(path(cells))
     try:
         rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
     except TypeError:
@@ -88,11 +89,11 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
 
 def _read_rows(file: str | Path) -> Any:
     try:
-        content = json.loads(read_text(file, 32 * MIB))
+        content = parse_json(read_text(file, 32 * MIB))
     except OSError as error:
         raise InputError(f"{file}: {reason(error)}") from None
-    except InputError:
-        raise
+    except InputError as error:
+        raise InputError(str(error) if str(error).startswith(f"{file}:") else f"{file}: {error}") from None
     except (ValueError, RecursionError) as error:  # of the text, of JSON, of a number with too many digits
         raise InputError(f"{file}: expected JSON, got: {error}") from None
     if isinstance(content, dict) and "codes" in content:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, is_whole, path
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
@@ -78,6 +78,8 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
       InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
     """
     grid = np.asarray(check_grid(grid))
+    if not isinstance(tiles, TileSet):
+        raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {short(repr(tiles))}")
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
         code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
         remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends leaves such roads out"

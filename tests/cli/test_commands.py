@@ -234,9 +234,9 @@ WRONG = {
     ),
     "dead ends": (
         ["--where", "dead_ends=3.."],
-        "where 'dead_ends=3..': expected a range with 0, which all maps have that are kept",
+        "--where 'dead_ends=3..': expected a range with 0, which maps of 5 x 6 tiles have",
     ),
-    "empty cells without rules": (["--where", "coverage=..0.5"], "where 'coverage=..0.5': expected a range with 1,"),
+    "empty cells without rules": (["--where", "coverage=..0.5"], "--where 'coverage=..0.5': expected a range with 1,"),
     "no template": (["--fix", "nowhere.json"], "--fix: nowhere.json: no such file or directory"),
     "no template of that name": (["--fix", "fix.json"], "--fix: fix.json: no such file or directory"),
     "no map to begin with": (["--from", "nowhere.json"], "--from: nowhere.json: "),
@@ -514,7 +514,7 @@ def test_given_cells_that_no_map_has(cells, rules, message, tmp_path, capsys):
 
 
 def test_the_nearest_map_is_told_where_every_map_has_a_flaw(tmp_path, capsys):
-    asked = ["--where", "crossings=30", "--rules", "duckietown", "--generations", "0"]
+    asked = ["--where", "crossings=8", "--rules", "duckietown", "--generations", "0"]
     assert main(["generate", *SMALL, *asked, "--out", str(tmp_path / "out")]) == 1
     error = capsys.readouterr().err
     assert "; nearest found, with other flaws: crossings " in error
@@ -526,7 +526,7 @@ def test_the_nearest_map_is_told_where_every_map_has_a_flaw(tmp_path, capsys):
     [
         (["--method", "map-elites"], "; more seeds or evaluations find more"),
         ([], "; more seeds find more"),
-        (["--method", "map-elites", "--size", "2", "2"], "; larger maps, more seeds or evaluations find more"),
+        (["--method", "map-elites", "--size", "3", "8"], "; larger maps, more seeds or evaluations find more"),
     ],
 )
 def test_a_shortage_of_maps_tells_what_finds_more(arguments, remedy, tmp_path, capsys):

@@ -103,7 +103,7 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     (folder / "masks.png").unlink()
     assert main(["tiles", "masks", str(folder), "--sheet", str(sheet)]) == 0
     printed = capsys.readouterr().out
-    assert "1 masks of 4 tiles" in printed
+    assert "1 mask of 4 tiles" in printed
     assert "11 that existed are as they were" in printed
     after = files(folder)
     after.pop("turn_1/red.png")
@@ -225,10 +225,15 @@ def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, ca
     """Without three-way crossings no road fills 3 x 3: a loop has as many black cells as white ones."""
     shutil.rmtree(folder / "crossing3_1")
     out = tmp_path / "out"
-    few = ["--size", "3", "3", "--seeds", "2", "--maps", "1", "--preset", "paper", "--generations", "20"]
-    assert main(["generate", *few, "--tiles", str(folder), "--out", str(out)]) == 1
+    few = ["--quiet", "--seeds", "2", "--maps", "1", "--preset", "paper", "--generations", "0", "--tiles", str(folder)]
+    assert main(["generate", "--size", "3", "3", *few, "--out", str(out)]) == 2
+    assert (
+        capsys.readouterr().err
+        == "elitelanes: no map of 3 x 3 tiles is as asked for: none of all 11 grids without dead ends\n"
+    )
+    assert main(["generate", "--size", "5", "6", *few, "--out", str(out)]) == 1
     said = capsys.readouterr().err
-    assert "found 0 of 1 maps" in said
+    assert "found 0 of 1 map" in said
     assert "with tiles that the tile set lacks); a tile set with more kinds of tiles, more seeds" in said
     assert len(said.splitlines()) == 1
     assert not out.exists()

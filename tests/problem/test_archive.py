@@ -132,14 +132,25 @@ def test_descriptors_are_the_metrics_of_the_axes():
 def test_axes_are_checked():
     assert resolve_axes([Axis("bridges", 3)], (12, 12)) == (Axis("bridges", 3, 24),)
     for axes, message in (
-        (5, "axes: expected records of type Axis, got 5"),
+        (5, "axes: expected axes such as 'straight_share:10', got 5"),
         ([], "axes: expected at least one axis, got none"),
         (["bridges"], "axes 'bridges': expected NAME:BINS or NAME:BINS:WIDTH with whole numbers, 1 or more"),
-        ([{"metric": "bridges", "size": 3}], "axes: expected records of type Axis, got {'metric'"),
-        ([Axis("speed", 3)], "axes: expected a metric, or a share such as straight_share, got 'speed'"),
-        ([Axis("bridges", 0)], "axes: expected whole numbers, at least one bin and no negative width, got Axis"),
-        ([Axis("bridges", 3, width=2**31)], "axes: expected numbers of at most 1,073,741,824, got Axis"),
-        ([Axis("bridges", 3, width=0.5)], "axes: expected whole numbers, at least one bin and no negative width"),
+        ([{"metric": "bridges", "size": 3}], "axes: expected axes such as 'straight_share:10', got {'metric'"),
+        ([Axis("speed", 3)], "axes 'speed': expected a metric, or a share such as straight_share, got 'speed'"),
+        (
+            [Axis("bridges", 0)],
+            "'bridges': expected whole numbers, at least one bin and no negative width, got",
+        ),
+        (
+            [Axis("bridges", 3, width=2**31)],
+            "'bridges': expected numbers of at most 1,073,741,824, got 2,147,483,648",
+        ),
+        (
+            [Axis("bridges", 3, width=0.5)],
+            "'bridges': expected whole numbers, at least one bin and no negative width",
+        ),
+        (["coverage:10:1001"], "expected at most 1001 bins of 1000 thousandths, got 10 of width 1001"),
+        (["coverage:1002"], "expected at most 1001 bins of 1000 thousandths, got 1002 of width 0"),
     ):
         with pytest.raises(InputError, match=message):
             resolve_axes(axes, (12, 12))

@@ -1,0 +1,192 @@
+"""Limits refuse nothing that there is: shown on all small grids, and on random larger ones."""
+
+from contextlib import nullcontext
+from fractions import Fraction
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elitelanes_jax import InputError
+from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.problem.constraints import Range, parse_ranges
+from elitelanes_jax.problem.feasible import check_feasible, check_number
+from elitelanes_jax.problem.features import FEATURES, SHARES
+from elitelanes_jax.problem.flaws import find_flaws
+from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
+from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.spec import GenerateSpec, SearchSpec
+
+SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
+
+
+def grid_of(shape, links):
+    """The grid whose cells are linked so, and have no other connections."""
+    grid = np.zeros(shape, np.int8)
+    for row, column, place in links:
+        side = SIDES[place]
+        grid[row, column] |= side.bit
+        grid[row + side.down, column + side.right] |= side.opposite
+    return grid
+
+
+def all_links(shape):
+    sides = [(row, column, place) for row, column in np.ndindex(*shape) for place in (1, 2)]
+    return [
+        link for link in sides if link[0] + SIDES[link[2]].down < shape[0] and link[1] + SIDES[link[2]].right < shape[1]
+    ]
+
+
+@cache
+def repaired_grids(shape):
+    """All grids of which every connection is returned, each with its metrics."""
+    links = all_links(shape)
+    found = [
+        grid_of(shape, [link for link, on in zip(links, there, strict=True) if on])
+        for there in product((0, 1), repeat=len(links))
+    ]
+    return [(grid, metrics_of(grid)) for grid in found]
+
+
+def metrics_of(grid):
+    counted = {
+        f"{words}-way crossings": np.isin(grid, KINDS[f"crossing{n}"]).sum() for words, n in (("three", 3), ("four", 4))
+    }
+    return plain_measure(grid) | {name: int(number) for name, number in counted.items()}
+
+
+def is_map(metrics, rules, filled):
+    return all(metrics[name] == right for name, right, _ in find_flaws(rules, filled=filled))
+
+
+def check(limits, metrics):
+    for name, (low, high) in limits.intervals.items():
+        assert low <= metrics[name] <= high, name
+    for factors, least in limits.inequalities:
+        assert sum(factor * metrics[name] for name, factor in factors.items()) >= least, factors
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_limits_hold_on_all_repaired_grids(shape):
+    limits = find_limits(shape, certain={})
+    for _, metrics in repaired_grids(shape):
+        check(limits, metrics)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("rules", "filled"), [(None, True), (None, False), ("duckietown", False)])
+def test_limits_hold_on_all_maps(shape, rules, filled):
+    certain = {name: right for name, right, _ in find_flaws(rules, filled=filled)}
+    limits = find_limits(shape, certain=certain)
+    kept = [metrics for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)]
+    assert kept
+    for metrics in kept:
+        check(limits, metrics)
+
+
+@given(grids())
+def test_limits_hold_on_grids_that_are_not_repaired(grid):
+    check(find_limits(grid.shape, certain={}, repaired=False), metrics_of(grid))
+
+
+@st.composite
+def networks(draw):
+    """Repaired grids of up to 12 x 12, most without dead ends."""
+    shape = draw(st.tuples(st.integers(2, 12), st.integers(2, 12)))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    share = draw(st.sampled_from([0.2, 0.5, 0.7, 0.9, 1.0]))
+    links = [link for link in all_links(shape) if rng.random() < share]
+    for _ in range(draw(st.sampled_from([0, 3, 99]))):  # dead ends are taken back
+        ends = np.argwhere(CONNECTIONS[grid_of(shape, links)] == 1).tolist()
+        far = {link: (link[0] + SIDES[link[2]].down, link[1] + SIDES[link[2]].right) for link in links}
+        links = [link for link in links if [*link[:2]] not in ends and [*far[link]] not in ends]
+    return grid_of(shape, links)
+
+
+@given(
+    networks(), st.sampled_from([0.1, 0.5, 1.0]), st.lists(st.sampled_from(FEATURES), unique=True), st.integers(0, 2)
+)
+def test_what_a_network_is_can_be_asked_for(grid, share, names, spread):
+    """Limits hold on it, with any of its cells given; and a search for its own values is not refused."""
+    metrics = metrics_of(grid)
+    fixed = np.random.default_rng(0).random(grid.shape) < share
+    fix = parse_template(np.where(fixed, grid.astype(object), None))
+    limits = find_limits(grid.shape, certain={}, fix=fix)
+    check(limits, metrics)
+    where = []
+    for name in names:
+        part, whole = SHARES.get(name, (name, ()))
+        value = Fraction(metrics[part], max(sum(metrics[other] for other in whole), 1) if whole else 1)
+        around = Fraction(spread, 10 if whole else 1)
+        where.append(Range(name, max(value - around, Fraction(0)), value + around))
+    check_ranges(where, limits, "maps")
+    certain, free = (set(map(tuple, links.tolist())) for links in free_links(grid.shape, fix, filled=False))
+    linked = {link for link in all_links(grid.shape) if (grid_of(grid.shape, [link]) & ~grid == 0).all()}
+    assert certain <= linked <= certain | free
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(("rules", "filled"), [(None, True), ("duckietown", False)])
+def test_the_number_of_maps_is_exact_where_they_are_few(shape, rules, filled):
+    forms = {canonical_form(grid) for grid, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
+    for maps in (1, len(forms)):
+        check_feasible(shape, rules=rules, filled=filled, maps=maps)
+        check_number(shape, rules=rules, filled=filled, maps=maps)
+    with pytest.raises(InputError, match=f"maps: expected at most {len(forms)}, all that there are"):
+        check_number(shape, rules=rules, filled=filled, maps=len(forms) + 1)
+    cyclomatic = {metrics["cyclomatic"] for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
+    for value in range(10):
+        asked = [Range("cyclomatic", Fraction(value), Fraction(value))]
+        with nullcontext() if value in cyclomatic else pytest.raises(InputError, match="^no map of "):
+            check_number(shape, asked, rules=rules, filled=filled)
+
+
+def test_given_cells_leave_so_many_maps():
+    loop = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
+    check_number((3, 3), fix=parse_template(loop))
+    with pytest.raises(
+        InputError, match="maps: expected at most 1, as many as 0 free links between cells allow, got 2"
+    ):
+        check_feasible((3, 3), fix=parse_template(loop), maps=2)
+    half = [[6, 5, 3], [None] * 3, [None] * 3]
+    # The second row: straight on, or the loop is closed there, or both sides meet in a crossing.
+    forms = set()
+    for grid, metrics in repaired_grids((3, 3)):
+        if is_map(metrics, None, False) and grid[0].tolist() == half[0]:
+            forms.add(canonical_form(grid))
+    check_number((3, 3), fix=parse_template(half), maps=len(forms))
+    with pytest.raises(InputError, match=f"expected at most {len(forms)}, all"):
+        check_number((3, 3), fix=parse_template(half), maps=len(forms) + 1)
+
+
+def test_messages_say_the_limit():
+    for options, message in (
+        (
+            {"where": "cyclomatic=100.."},
+            "where 'cyclomatic=100..': expected a range with some of 1..9, which maps of 4 x 4",
+        ),
+        ({"where": "tiles=0..3"}, "where 'tiles=0..3': expected a range with 16, which maps of 4 x 4 tiles have"),
+        ({"where": "tiles=0..3", "rules": "duckietown"}, "some of 4..16, which maps of 4 x 4 tiles have"),
+        (
+            {"where": ["cyclomatic=2", "crossings=3.."]},
+            "where 'crossings=3..': expected a range that maps of 4 x 4 tiles with cyclomatic=2 can be in, got",
+        ),
+        ({"where": "straight_share=0.8.."}, "expected a range with some of 0..0.75, which"),
+        (
+            {"alphabet": [3, 5, 6, 9, 10]},
+            r"alphabet: expected the turns \(3, 6, 9, 12\), which every map has, got no 12",
+        ),
+    ):
+        with pytest.raises(InputError, match=message.replace("..", r"\.\.")):
+            GenerateSpec(size=(4, 4), search=SearchSpec(**options))
+
+
+def test_limits_of_large_grids_take_no_time():
+    for shape in ((12, 12), (1024, 2), (1024, 1024)):
+        check_feasible(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16)
