@@ -22,7 +22,7 @@ _MOST_BYTES = 2**32
 
 
 class Archive(NamedTuple):
-    """What a search found.
+    """Finds of a search.
 
     Attributes:
       elites: of all runs, as `evolve` returns them for an array of keys, as arrays of NumPy.
