@@ -6,6 +6,7 @@ This module runs all programs, so that those with the same shapes and methods sh
 import re
 import runpy
 import shlex
+import shutil
 from dataclasses import MISSING, fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
@@ -47,15 +48,14 @@ def test_programs_run_and_print_what_they_say(page, program, capsys):
 
 def test_the_first_program_is_short():
     (_, program), *_ = blocks(PAGES["README.md"], "python")
-    assert len(program.splitlines()) == 10
+    assert len(program.splitlines()) <= 10
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(PAGES[page])])
 def test_commands_are_accepted(page, tmp_path, monkeypatch):
     """Values of options are checked too, with files of the names that pages use."""
     monkeypatch.chdir(tmp_path)
-    (rows,) = re.findall(r"```json\n(.*?)```", PAGES["docs/generate.md"], re.DOTALL)
-    Path("city.json").write_text(rows)
+    shutil.copytree(DOCS / "examples", "docs/examples")
     town = DOCS / "examples" / "town.json"
     Path("town.yaml").write_text(to_duckietown(read_map(town).codes))
     Path("maps/maps/0003").mkdir(parents=True)
@@ -66,6 +66,11 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
         defaults = {"generate": GenerateSpec(), "dataset": DatasetSpec()}.get(command[0])
         if defaults is not None:
             assert type(read_options(options, defaults)) is type(defaults)
+
+
+def test_given_cells_on_the_page_are_those_of_the_file():
+    (rows,) = re.findall(r"```json\n(.*?)```", PAGES["docs/generate.md"], re.DOTALL)
+    assert rows == (DOCS / "examples" / "city.json").read_text()
 
 
 def test_links_targets_and_scripts_are_there():
