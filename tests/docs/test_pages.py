@@ -21,7 +21,7 @@ from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
 from elitelanes_jax.spec import GenerateSpec
 from elitelanes_jax.tiles.files import read_points
 from elitelanes_jax.tiles.masking import COLOURS, parse_colour
@@ -59,7 +59,8 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
     town = DOCS / "examples" / "town.json"
     Path("town.yaml").write_text(to_duckietown(read_map(town).codes))
     Path("maps/maps/0003").mkdir(parents=True)
-    Path("maps/maps/0003/map.json").write_bytes(town.read_bytes())
+    large = RoadMap(np.pad(read_map(town).codes, [(0, 7), (0, 5)]))  # of 12 x 12 tiles
+    Path("maps/maps/0003/map.json").write_text(map_to_json(large))
     for command in commands(PAGES[page]):
         options = make_parser().parse_args(command)
         assert callable(options.action)
