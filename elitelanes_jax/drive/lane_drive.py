@@ -78,6 +78,11 @@ class LaneDriveParams(Config):
     action: str = static("wheels", one_of("wheels", "twist"))
     ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
 
+    @property
+    def max_steps_in_episode(self) -> Any:
+        """The limit, by the name that loops for Gymnax's environments read."""
+        return self.limit
+
 
 class LaneDriveState(NamedTuple):
     """The state of an episode.

@@ -57,6 +57,11 @@ class RoadNavParams(Config):
     goal: str = static("compass", one_of("compass", "mark", "both", "none"))
     whole_map: bool = static(False, flag)
 
+    @property
+    def max_steps_in_episode(self) -> Any:
+        """The limit, by the name that loops for Gymnax's environments read."""
+        return self.limit
+
 
 class RoadNavState(NamedTuple):
     """The state of an episode.

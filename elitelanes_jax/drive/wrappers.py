@@ -1,0 +1,235 @@
+"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium; none of them is imported here.
+
+Where a wrapper needs classes of the other library, it is given the module that has them. Observations become one vector
+(see `flatten`).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key
+from numpy.typing import NDArray
+
+from elitelanes_jax.drive.environment import Environment, auto_reset, draw_level
+from elitelanes_jax.drive.levels import Level
+
+__all__ = ["GymnaxEnv", "JaxUedEnv", "flatten", "gymnasium_env", "gymnasium_vector_env"]
+
+
+def flatten(observation: Any) -> Float[Array, " N"]:
+    """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W."""
+
+    def numbers(part: Array) -> Array:
+        if part.dtype == jnp.int8:
+            part = part[..., None] & jnp.array([8, 4, 2, 1], jnp.int8) > 0
+        return part.astype(jnp.float32).reshape(-1)
+
+    return jnp.concatenate([numbers(jnp.asarray(part)) for part in jax.tree.leaves(observation)])
+
+
+def _action_space(environment: Environment, spaces: Any) -> Any:
+    if environment.actions is not None:
+        return spaces.Discrete(environment.actions)
+    return spaces.Box(-1.0, 1.0, (environment.action_size,))
+
+
+def _observation_space(environment: Environment, params: Any, spaces: Any) -> Any:
+    seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), jax.random.key(0))
+    return spaces.Box(-np.inf, np.inf, seen.shape)
+
+
+class GymnaxEnv:
+    """The interface of Gymnax's environments, for its loops and those of Rejax and PureJaxRL.
+
+    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's figures,
+    ``terminated``, ``truncated``, ``final_observation``, which the action led to, and ``discount``, 0 where the episode
+    terminated.
+    """
+
+    def __init__(self, environment: Environment, params: Any, spaces: Any, *, values: int = 6) -> None:
+        """Wraps an environment.
+
+        Args:
+          environment: `RoadNav` or `LaneDrive`.
+          params: its settings.
+          spaces: the module ``gymnax.environments.spaces``.
+          values: that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated, truncated, info), or
+            5 as before and in Rejax 0.1 (observation, state, reward, done, info).
+        """
+        self._environment, self._resetting = environment, auto_reset(environment)
+        self._spaces, self._six = spaces, values == 6
+        self.default_params = params
+        self.name = type(params).__name__.removesuffix("Params")
+        self.num_actions = environment.actions or environment.action_size
+
+    def reset(self, key: Key[Array, ""], params: Any = None) -> tuple[Array, Any]:
+        """Starts an episode on a level drawn from the settings: (observation, state)."""
+        observation, state = self._environment.reset(key, self.default_params if params is None else params)
+        return flatten(observation), state
+
+    def step(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+        """Makes a step, and a reset where the episode ended: as many values as asked for."""
+        return self._step(self._resetting, key, state, action, params)
+
+    def reset_env(self, key: Key[Array, ""], params: Any = None) -> tuple[Array, Any]:
+        """Does the same as `reset`."""
+        return self.reset(key, params)
+
+    def step_env(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+        """Makes a step without a reset: as many values as `step`."""
+        return self._step(self._environment, key, state, action, params)
+
+    def action_space(self, params: Any = None) -> Any:
+        """Returns the space of actions."""
+        return _action_space(self._environment, self._spaces)
+
+    def observation_space(self, params: Any = None) -> Any:
+        """Returns the space of observations."""
+        return _observation_space(self._environment, self.default_params if params is None else params, self._spaces)
+
+    def _step(self, environment: Environment, key: Any, state: Any, action: Any, params: Any) -> tuple[Any, ...]:
+        done = environment.step(key, state, action, self.default_params if params is None else params)
+        info = done.info._asdict() | {
+            "terminated": done.terminated,
+            "truncated": done.truncated,
+            "final_observation": flatten(done.reached),
+            "discount": 1 - done.terminated.astype(jnp.float32),
+        }
+        ended = (done.terminated, done.truncated) if self._six else (done.terminated | done.truncated,)
+        return flatten(done.observation), done.state, done.reward, *ended, info
+
+
+class JaxUedEnv:
+    """The interface of JaxUED's `UnderspecifiedEnv`: levels are given, and a step never resets."""
+
+    def __init__(self, environment: Environment, params: Any, spaces: Any) -> None:
+        """Wraps an environment.
+
+        Args:
+          environment: `RoadNav` or `LaneDrive`.
+          params: its settings.
+          spaces: the module ``gymnax.environments.spaces``.
+        """
+        self._environment, self._spaces = environment, spaces
+        self.default_params = params
+
+    def reset_to_level(self, key: Key[Array, ""], level: Level, params: Any = None) -> tuple[Array, Any]:
+        """Starts an episode on a level: (observation, state)."""
+        given = self.default_params if params is None else params
+        observation, state = self._environment.reset_to_level(key, level, given)
+        return flatten(observation), state
+
+    def step(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+        """Makes a step: (observation, state, reward, done, info)."""
+        done = self._environment.step(key, state, action, self.default_params if params is None else params)
+        info = done.info._asdict() | {"truncated": done.truncated}
+        return flatten(done.observation), done.state, done.reward, done.terminated | done.truncated, info
+
+    def sample_level(self, key: Key[Array, ""]) -> Level:
+        """Draws one of the settings' levels, as JaxUED's level generators do; the key is consumed."""
+        return draw_level(key, self.default_params.levels)
+
+    def action_space(self, params: Any = None) -> Any:
+        """Returns the space of actions."""
+        return _action_space(self._environment, self._spaces)
+
+
+def _numpy(tree: Any) -> Any:
+    return jax.tree.map(np.array, jax.device_get(tree))
+
+
+def gymnasium_env(
+    environment: Environment, params: Any, gymnasium: Any, *, render: Callable[[Any], NDArray[np.uint8]] | None = None
+) -> Any:
+    """Makes an environment of Gymnasium, for those who do not use JAX: NumPy in, NumPy out.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its settings.
+      gymnasium: the module ``gymnasium``.
+      render: from a state to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+    """
+    begin, go, draw = jax.jit(environment.reset), jax.jit(environment.step), render
+
+    class Env(gymnasium.Env):
+        """The environment."""
+
+        metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
+        render_mode = None if draw is None else "rgb_array"
+        action_space = _action_space(environment, gymnasium.spaces)
+        observation_space = _observation_space(environment, params, gymnasium.spaces)
+
+        def _key(self) -> Any:
+            return jax.random.key(int(self.np_random.integers(2**31)))
+
+        def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+            super().reset(seed=seed)
+            observation, self._state = begin(self._key(), params)
+            return _numpy(flatten(observation)), {}
+
+        def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+            done = go(self._key(), self._state, jnp.asarray(action), params)
+            self._state = done.state
+            ended = bool(done.terminated), bool(done.truncated)
+            return _numpy(flatten(done.observation)), float(done.reward), *ended, _numpy(done.info._asdict())
+
+        def render(self) -> Any:
+            return None if draw is None else np.asarray(draw(self._state))
+
+    return Env()
+
+
+def gymnasium_vector_env(environment: Environment, params: Any, gymnasium: Any, count: int) -> Any:
+    """Makes a vector environment of Gymnasium, which resets in the step that ends an episode.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its settings.
+      gymnasium: the module ``gymnasium``.
+      count: B, the number of environments.
+    """
+    resetting = auto_reset(environment)
+
+    def first(key: Any) -> Any:
+        observation, state = environment.reset(key, params)
+        return flatten(observation), state
+
+    def step(key: Any, state: Any, action: Any) -> Any:
+        done = resetting.step(key, state, action, params)
+        seen = flatten(done.observation), flatten(done.reached)
+        return done.state, (*seen, done.reward, done.terminated, done.truncated, done.info._asdict())
+
+    begin, go = jax.jit(jax.vmap(first)), jax.jit(jax.vmap(step))
+    batched = gymnasium.vector.utils.batch_space
+
+    class VectorEnv(gymnasium.vector.VectorEnv):
+        """The environments."""
+
+        num_envs = count
+        metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012
+        single_action_space = _action_space(environment, gymnasium.spaces)
+        single_observation_space = _observation_space(environment, params, gymnasium.spaces)
+        action_space = batched(single_action_space, count)
+        observation_space = batched(single_observation_space, count)
+
+        def _keys(self) -> Any:
+            return jax.random.split(jax.random.key(int(self.np_random.integers(2**31))), count)
+
+        def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+            super().reset(seed=seed)
+            observation, self._states = begin(self._keys())
+            return _numpy(observation), {}
+
+        def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+            self._states, outcome = go(self._keys(), self._states, jnp.asarray(actions))
+            observation, reached, reward, terminated, truncated, info = _numpy(outcome)
+            ended = terminated | truncated
+            final = np.full(count, None, object)
+            for number in np.flatnonzero(ended):
+                final[number] = reached[number]
+            return observation, reward, terminated, truncated, info | {"final_obs": final, "_final_obs": ended}
+
+    return VectorEnv()

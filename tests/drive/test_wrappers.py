@@ -1,0 +1,128 @@
+"""The environments in other libraries' interfaces; with these installed, in their own loops."""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.drive.environment import auto_reset
+from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive.levels import make_levels
+from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
+from elitelanes_jax.drive.wrappers import GymnaxEnv, JaxUedEnv, flatten, gymnasium_env, gymnasium_vector_env
+
+# Other libraries' warnings are theirs.
+pytestmark = pytest.mark.filterwarnings("default")
+
+SPACES = SimpleNamespace(Discrete=lambda n: ("discrete", n), Box=lambda low, high, shape: ("box", low, high, shape))
+
+
+@pytest.fixture(scope="module")
+def levels():
+    drawn = random_grids(jax.random.key(1), 8, (4, 5))
+    return make_levels(jax.random.key(2), jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))(drawn))
+
+
+@pytest.fixture(scope="module")
+def params(levels):
+    return RoadNavParams(levels, limit=6, window=3).checked()
+
+
+def test_gymnax_has_our_values_as_vectors(params):
+    key = jax.random.key(0)
+    expected = jax.jit(auto_reset(RoadNav).step)
+    for values in (5, 6):
+        env = GymnaxEnv(RoadNav, params, SPACES, values=values)
+        assert env.name == "RoadNav" and env.num_actions == 3 and env.default_params.max_steps_in_episode == 6
+        assert env.action_space() == ("discrete", 3)
+        assert env.observation_space(params) == ("box", -np.inf, np.inf, (3 + 4 * 9 + 3,))
+        observation, state = jax.jit(env.reset)(key, params)
+        step = jax.jit(env.step)
+        cut = False
+        for number in range(7):
+            ours = expected(jax.random.fold_in(key, number), state, number % 3, params)
+            observation, state, reward, *ended, info = step(jax.random.fold_in(key, number), state, number % 3, params)
+            np.testing.assert_array_equal(observation, flatten(ours.observation))
+            np.testing.assert_array_equal(info["final_observation"], flatten(ours.reached))
+            assert reward == ours.reward and len(ended) == values - 4
+            assert info["truncated"] == ours.truncated and info["discount"] == 1 - ours.terminated
+            assert any(ended) == (ours.terminated | ours.truncated)
+            cut |= bool(any(ended))
+        assert cut
+
+
+def test_a_vector_has_codes_as_bits():
+    seen = (jnp.array([[9, 4]], jnp.int8), jnp.array([True]), jnp.float32(0.5), None)
+    assert flatten(seen).tolist() == [1, 0, 0, 1, 0, 1, 0, 0, 1, 0.5]
+
+
+def test_jaxued_stays_on_the_level_that_it_is_given(params):
+    env = JaxUedEnv(RoadNav, params, SPACES)
+    level = env.sample_level(jax.random.key(4))
+    observation, state = jax.jit(env.reset_to_level)(jax.random.key(0), level, params)
+    step = jax.jit(env.step)
+    done = False
+    for _ in range(6):
+        observation, state, _, done, info = step(jax.random.key(0), state, 1, params)
+        np.testing.assert_array_equal(state.grid, level.grid)
+        if done:
+            break
+    assert done and env.action_space() == ("discrete", 3) and "spl" in info and observation.shape == (42,)
+
+
+@pytest.mark.parametrize("environment", ["road-nav", "lane-drive"])
+def test_gymnasium_accepts_them(environment, params, levels):
+    gymnasium = pytest.importorskip("gymnasium")
+    from gymnasium.utils.env_checker import check_env
+
+    given = (RoadNav, params) if environment == "road-nav" else (LaneDrive, LaneDriveParams(levels, limit=20))
+    picture = np.zeros((4, 4, 3), np.uint8)
+    check_env(gymnasium_env(*given, gymnasium, render=lambda state: picture), skip_render_check=True)
+    many = gymnasium_vector_env(*given, gymnasium, 5)
+    observation, _ = many.reset(seed=3)
+    again, _ = many.reset(seed=3)
+    np.testing.assert_array_equal(observation, again)
+    assert observation in many.observation_space
+    ended = 0
+    for _ in range(25):
+        observation, reward, terminated, truncated, info = many.step(many.action_space.sample())
+        assert reward.shape == (5,) and (info["_final_obs"] == terminated | truncated).all()
+        assert all(
+            (final is not None) == over for final, over in zip(info["final_obs"], info["_final_obs"], strict=True)
+        )
+        ended += info["_final_obs"].sum()
+    assert ended > 3
+
+
+@pytest.mark.slow
+def test_rejax_learns_on_it(levels):
+    pytest.importorskip("rejax")
+    from gymnax.environments import spaces
+    from rejax import PPO
+
+    params = RoadNavParams(levels, limit=20)
+    env = GymnaxEnv(RoadNav, params, spaces, values=5)
+    settings = {"total_timesteps": 8192, "eval_freq": 4096, "num_envs": 16, "num_steps": 64}
+    algorithm = PPO.create(env=env, env_params=params, **settings)
+    _, (lengths, returns) = jax.jit(algorithm.train)(jax.random.key(0))
+    assert np.isfinite(returns).all() and (lengths <= 20).all() and returns[-1].mean() > returns[0].mean()
+
+
+@pytest.mark.slow
+def test_jaxued_replays_its_levels(params):
+    wrappers = pytest.importorskip("jaxued.wrappers")
+    from gymnax.environments import spaces
+
+    ours = JaxUedEnv(RoadNav, params, spaces)
+    env = wrappers.AutoReplayWrapper(ours)
+    level = ours.sample_level(jax.random.key(4))
+    _, state = env.reset_to_level(jax.random.key(0), level, params)
+    ended = 0
+    for number in range(20):
+        _, state, _, done, _ = env.step(jax.random.key(number), state, number % 3, params)
+        ended += int(done)
+        np.testing.assert_array_equal(state.env_state.grid, level.grid)
+    assert ended >= 3
