@@ -23,7 +23,8 @@ from .optimizers.pso import pso as pso
 from .optimizers.run import run as run
 from .problem.descriptor import Axis as Axis
 from .problem.road_problem import road_problem as road_problem
-from .search import Result as Result
+from .result import Result as Result
+from .result import SearchInterrupted as SearchInterrupted
 from .search import evolve as evolve
 from .spec import SearchSpec as SearchSpec
 from .tiles.render import render as render

@@ -1,4 +1,4 @@
-"""The file ``archive.npz``: all that a search found, to choose maps from without another search."""
+"""The file ``archive.npz``, which `Result.save` writes: all that a search found, to choose maps from."""
 
 import json
 import zipfile
@@ -12,10 +12,10 @@ from elitelanes_jax._util.errors import InputError, reason, short
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, parse_axes
-from elitelanes_jax.search import MeasuredElites, Result
+from elitelanes_jax.result import MeasuredElites
 from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["Archive", "read_archive", "write_archive"]
+__all__ = ["Archive", "read_archive"]
 
 # More is no archive that a search on one machine wrote.
 _MOST_BYTES = 2**32
@@ -41,26 +41,6 @@ class Archive(NamedTuple):
         """(height, width) of the maps."""
         height, width = self.elites.grids.shape[2:]
         return height, width
-
-
-def write_archive(file: Path, result: Result, seed: int) -> None:
-    """Writes all elites of all seeds, the history and the settings, as arrays with the seeds in front.
-
-    Args:
-      file: to write.
-      result: of a search with an array of keys.
-      seed: that the keys were made from.
-    """
-    elites = result.elites._asdict()
-    arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()} | elites
-    for name, values in result.history._asdict().items():
-        if name != "evaluations_per_second":  # the one thing that is not the same every time
-            arrays[f"history.{name}"] = values
-    arrays["axes"] = np.array([axis.metric for axis in result.axes])
-    settings = {"seed": seed, "axes": [axis._asdict() for axis in result.axes], "search": result.spec.to_plain()}
-    arrays["settings"] = np.array(json.dumps(settings))
-    with file.open("wb") as stream:
-        np.savez_compressed(stream, **{name: np.asarray(array) for name, array in arrays.items()})  # type: ignore[arg-type]
 
 
 def read_archive(file: Path) -> Archive:

@@ -1,7 +1,7 @@
 """From a specification to a folder of road maps, each with its picture, its masks and its metrics."""
 
-import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,30 +9,36 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import new_folder
+from elitelanes_jax._util.atomic_io import new_folder, write_json
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
-from elitelanes_jax.archive_file import write_archive
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.parts import ARCHIVE, RECORD, Evolved, join_parts
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
-from elitelanes_jax.search import Result, evolve
+from elitelanes_jax.result import History
+from elitelanes_jax.search import evolve
 from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, remedy
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
-__all__ = ["drawable", "generate"]
+__all__ = ["drawable", "generate", "merge"]
+
+_SECONDS_A_CHECKPOINT = 10
 
 
 def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
-    The same specification gives the same files, byte for byte, but for the times in ``run.json``.
+    The same specification gives the same files, byte for byte, but for the times in ``run.json``. A search that was
+    killed, or failed after ten seconds, goes on where it was when it is asked for again. Of a part of the seeds the
+    archive and the record are written, and no maps.
 
     Args:
       spec: of the search and the folder.
@@ -43,7 +49,8 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
       The maps, as they were written.
 
     Raises:
-      InputError: for constraints that no map can meet, a bad tile set, or a folder that is not new.
+      InputError: for constraints that no map can meet, a bad tile set, a folder that is not new, or one that another
+        search or another process has begun.
       NotEnoughMapsError: if there are fewer valid and different maps than asked for; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
@@ -51,28 +58,67 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
     tiles = load_tiles(spec.tiles)
     search = drawable(spec.search, tiles)
     search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
-    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+    keys = seed_keys(spec.seed, spec.seeds)[np.array(spec.seed_numbers)]
+    with kept_work(out) as kept, new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+        aim = many(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
         announce(
-            f"evolving {many(spec.maps, 'map')} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, "
-            f"{search.preset}, {many(spec.seeds, 'run')} of {_budget(search)}"
+            f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
+            f"{many(len(keys), 'run')} of {_budget(search)}"
         )
         began = time.perf_counter()
-        result = evolve(seed_keys(spec.seed, spec.seeds), spec.size, spec=search)
+        result = evolve(keys, spec.size, spec=search, checkpoint=kept, every=_SECONDS_A_CHECKPOINT)
+        # A search that went on has had its seconds before.
+        seconds = max(time.perf_counter() - began, _working_seconds(result.history, len(keys)))
+        speed = _median(result.history.evaluations_per_second)
+        return _write_run(folder, Evolved(spec, result, seconds, speed, jax.devices()[0].device_kind), tiles)
+
+
+def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
+    """Puts the parts of a run together, and writes the folder that `generate` writes without parts, byte for byte.
+
+    In ``run.json`` the seconds of the parts are added up, and the speed is their median.
+
+    Args:
+      parts: folders, in any order.
+      out: folder to write to, new or empty.
+      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
+
+    Returns:
+      The maps, as they were written.
+
+    Raises:
+      InputError: for folders that are not all the parts of one run; see `join_parts`.
+      NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification asks for.
+      OSError: if the folder cannot be written.
+    """
+    joined = join_parts(parts)
+    tiles = load_tiles(joined.spec.tiles)
+    if joined.result.spec != drawable(joined.spec.search, tiles):
+        raise InputError(f"{parts[0]}: expected a part for the tile set {tiles.name!r}, got one for another")
+    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+        return _write_run(folder, joined, tiles)
+
+
+def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
+    """Writes the files of a run, or of a part of one; returns its maps."""
+    spec, began = run.spec, time.perf_counter()
+    choice, maps, chosen = None, [], began
+    if spec.part is None:
         with Progress("choosing maps"):
-            choice = choose_maps(result, spec.maps, spec.seed)
+            choice = choose_maps(run.result, spec.maps, spec.seed)
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
-            raise NotEnoughMapsError(describe_shortage(choice, spec.maps, remedy(choice, search.method, spec.size)))
-        evolved = time.perf_counter()
+            words = remedy(choice, spec.search.method, spec.size)
+            raise NotEnoughMapsError(describe_shortage(choice, spec.maps, words))
+        chosen = time.perf_counter()
         title = (
-            f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {search.method}, "
-            f"{many(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
+            f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {spec.search.method}, "
+            f"{many(spec.seeds, 'seed')}, {_budget(spec.search)}, seed {spec.seed}"
         )
         maps = write_maps(folder, choice.maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
-        write_archive(folder / "archive.npz", result, spec.seed)
-        seconds = {"evolve": evolved - began, "draw": time.perf_counter() - evolved}
-        run = _run_record(spec, tiles, choice, seconds, result)
-        (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+    run.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
+    seconds = {"evolve": run.seconds + chosen - began, "draw": time.perf_counter() - chosen}
+    write_json(folder / RECORD, _run_record(run, tiles, choice, seconds))
     return maps
 
 
@@ -95,29 +141,34 @@ def _budget(search: SearchSpec) -> str:
     return f"{search.generations:,} generations"
 
 
-def _run_record(
-    spec: GenerateSpec, tiles: TileSet, choice: Choice, seconds: dict[str, float], result: Result
-) -> dict[str, Any]:
-    elites = result.elites
+def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: dict[str, float]) -> dict[str, Any]:
+    spec, elites = run.spec, run.result.elites
+    chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "settings": spec.to_plain(),
         "config": _plain(PRESETS[spec.search.method, spec.search.preset]),
         "weights": spec.search.all_weights._asdict(),
         "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers")},
-        "axes": [axis._asdict() for axis in result.axes],
-        "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
+        "axes": [axis._asdict() for axis in run.result.axes],
+        **(chosen or {}),
         # By seed; an elite worse than 0 is worth nothing.
         "archive": {
             "coverage": coverage(elites.valid).tolist(),
             "qd_score": qd_score(elites.fitness, elites.valid, worst=0).tolist(),
         },
         "versions": installed_versions(),
-        "device": jax.devices()[0].device_kind,
+        "device": run.device,
         "times": {
             "seconds": {name: round(value, 3) for name, value in seconds.items()},
-            "evaluations_per_second": _median(result.history.evaluations_per_second),
+            "evaluations_per_second": run.speed,
         },
     }
+
+
+def _working_seconds(history: History, seeds: int) -> float:
+    """Returns the seconds that the generations took, without compilation."""
+    each = np.diff(history.evaluations, prepend=0) * seeds
+    return float((each / history.evaluations_per_second).sum())
 
 
 def _median(speeds: NDArray[np.float64]) -> int | None:

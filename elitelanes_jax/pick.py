@@ -18,7 +18,7 @@ from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
-from elitelanes_jax.search import History, MeasuredElites, Result, RunState
+from elitelanes_jax.result import History, MeasuredElites, Result, RunState
 from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles

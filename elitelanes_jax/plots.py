@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from elitelanes_jax.problem.descriptor import Axis
-    from elitelanes_jax.search import History
+    from elitelanes_jax.result import History
 
 __all__ = ["archive_map", "history", "metric_boxes", "road_map", "seed_band"]
 

@@ -2,182 +2,48 @@
 
 import time
 import zlib
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
 from functools import partial
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Key, UInt32
+from jaxtyping import Array, Int8, Key, UInt32
 
-from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.settings import record
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax.checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.network.metrics import unstack_counts
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
 from elitelanes_jax.optimizers.run import advance, seed_keys, start
-from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.constraints import Bounds, bounds_of, parse_ranges, satisfies
+from elitelanes_jax.problem.constraints import Bounds, bounds_of
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
 from elitelanes_jax.problem.limits import check_ranges, find_limits
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
-from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.result import History, MeasuredElites, Result, RunState, SearchInterrupted
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 
-__all__ = ["History", "MeasuredElites", "Result", "RunState", "evolve"]
+__all__ = ["evolve"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
 # and the most generations that it has.
 _SECONDS_A_CALL = 0.2
 _MOST = 256
 
-
-class MeasuredElites(NamedTuple):
-    """The grids that a run has found, in N places, some of which may be vacant.
-
-    Attributes:
-      grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
-      descriptor: int32 ``[N, D]``, the values of the axes' metrics.
-      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
-      metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
-    """
-
-    grids: Int8[Array, "*S N H W"]
-    fitness: Int32[Array, "*S N"]
-    descriptor: Int32[Array, "*S N D"]
-    valid: Bool[Array, "*S N"]
-    metrics: Metrics
-
-    def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
-
-
-class History(NamedTuple):
-    """A run by generation, as NumPy arrays.
-
-    Attributes:
-      generation: int ``[G]``, counted from 1.
-      evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
-      best_fitness: int32 ``[G]``, the lowest among the elites.
-      elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method keeps.
-      evaluations_per_second: float ``[G]``, of all seeds together, measured.
-    """
-
-    generation: Int[np.ndarray, " G"]
-    evaluations: Int[np.ndarray, " G"]
-    best_fitness: Int32[np.ndarray, "*S G"]
-    elite_count: Int32[np.ndarray, "*S G"]
-    evaluations_per_second: Float[np.ndarray, " G"]
-
-    def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
-
-
-class RunState(NamedTuple):
-    """The state that a run continues from, beside its key and settings; arrays only.
-
-    Attributes:
-      generation: int32, generations done.
-      inner: the optimiser's own state.
-      fingerprint: uint32, of the key and the settings, against continuing with others by mistake.
-    """
-
-    generation: Int32[Array | np.ndarray, ""]
-    inner: Any
-    fingerprint: UInt32[Array | np.ndarray, ""]
-
-    def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
-
-
-@jax.tree_util.register_dataclass
-@dataclass(frozen=True)
-class Result:
-    """The result of `evolve`; a pytree.
-
-    Attributes:
-      elites: the grids found, with their metrics.
-      history: of the generations of this call.
-      state: to continue from.
-      spec: of the search.
-      axes: of the descriptor.
-    """
-
-    elites: MeasuredElites
-    history: History
-    state: RunState
-    spec: SearchSpec = field(metadata={"static": True})
-    axes: tuple[Axis, ...] = field(metadata={"static": True})
-
-    def best(self) -> Int8[Array, "*S H W"]:
-        """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
-        ranked = jnp.where(self.elites.valid, self.elites.fitness, VACANT)
-        place = jnp.argmin(ranked, axis=-1)[..., None, None, None]
-        return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
-
-    def satisfies(self) -> Bool[np.ndarray, "*S N"]:
-        """Tells which elites are in all the ranges of the specification, exactly."""
-        metrics = {name: np.asarray(values) for name, values in self.elites.metrics._asdict().items()}
-        return np.asarray(self.elites.valid) & satisfies(metrics, self.spec.where)
-
-    def maps(self, count: int = 16, *, where: Any = (), seed: int = 0) -> list[RoadMap]:
-        """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
-
-        Args:
-          count: the most maps; fewer are returned where there are no more.
-          where: ranges that the maps are in, as `evolve` takes them, beside those of the search; one of a feature that
-            the search has a range of takes its place.
-          seed: of the run, to be noted in the maps.
-
-        Returns:
-          Maps with their metrics, sorted by niche, within one by fitness; see `choose_maps`.
-
-        Raises:
-          InputError: for a bad count or range.
-        """
-        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where))}
-        elites = self.elites
-        if elites.valid.ndim == 1:
-            elites = jax.tree.map(lambda array: array[None], elites)
-        result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
-        return choose_maps(result, check_named("count", whole(1), count), seed).maps
-
-    def __repr__(self) -> str:
-        """Returns what was searched for and what was found, in a few lines."""
-        fitness, (height, width) = self.elites.fitness, self.elites.grids.shape[-2:]
-        if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
-            return f"Result(elites={self.elites!r}, spec={self.spec!r})"
-        valid, seeds = np.asarray(self.elites.valid), 1 if fitness.ndim == 1 else len(fitness)
-        best = f"the best with fitness {np.asarray(fitness)[valid].min()}" if valid.any() else "none valid"
-        spent = self.history.evaluations[-1] if len(self.history.evaluations) else 0
-        axes = " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.axes)
-        where = " ".join(map(str, self.spec.where))
-        return "\n".join(
-            [
-                f"Result of {self.spec.method}, preset {self.spec.preset}: {height} x {width} tiles, "
-                f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
-                f"  elites   {valid.sum():,} in {valid.size:,} places, {best}",
-                f"  axes     {axes}",
-                *([f"  where    {where}"] if where else []),
-                "  fields   elites, history, state, spec, axes",
-                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; satisfies()",
-            ]
-        )
+_OF_SEEDS = ("best_fitness", "elite_count")  # of a history
 
 
 def evolve(
@@ -189,6 +55,8 @@ def evolve(
     config: Config | None = None,
     optimizer: Callable[[Problem], Optimizer] | None = None,
     state: RunState | None = None,
+    checkpoint: str | Path | None = None,
+    every: float = 60.0,
     progress: bool | None = None,
     **options: Any,
 ) -> Result:
@@ -205,43 +73,70 @@ def evolve(
       config: settings of a method in place of a preset's; its type says which method.
       optimizer: a factory of your own, `Problem` -> `Optimizer`, in place of a method's.
       state: of an earlier result, to continue from. 100 generations and 100 more are 200, bit for bit.
+      checkpoint: a folder that keeps the result so far, in ``result.npz`` for `Result.load`. Killed at any moment, the
+        same call goes on from there and ends the same, bit for bit but for the measured speeds; one with a larger
+        budget goes on further. One process at a time has the folder.
+      every: seconds between two checkpoints, 0 for one after every compiled call. Writing takes at most a twentieth of
+        the time.
       progress: whether to show a progress bar, off a terminal a line every 30 seconds; by default in a terminal or
         notebook, when a run takes over a second.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
-      InputError: for an argument out of its range, or a state of a run with another key or other settings.
+      InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other settings,
+        or a checkpoint that another process is at work on.
+      SearchInterrupted: at Ctrl-C, a `KeyboardInterrupt` whose ``result`` is what was found until then. A checkpoint
+        has it too, if the search took ten seconds.
     """
     keys, single = _check_keys(key, seeds)
     shape = check_shape(shape, new=True)
     spec = check_named("spec", record(SearchSpec), spec)
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
-    fingerprint = _fingerprint(program, numbers, keys)
-    done, inner = 0, None
-    if state is not None:
-        done, inner = _restore(state, program, numbers, keys, fingerprint, single)
-    per_step = program.optimizer(numbers).evaluations_per_step
-    last = done + (-(-spec.evaluations // per_step) if spec.generations is None else spec.generations)
+    search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys))
+    done, inner = (0, None) if state is None else _restore(state, search)
+    if checkpoint is None:
+        return _evolve(search, done, inner, None, progress)
+    identity = _identity(search, config, done)
+    with open_checkpoint(checkpoint, identity, check_named("every", real(0), every)) as kept:
+        return _evolve(search, done, inner, kept, progress)
+
+
+def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, progress: bool | None) -> Result:
+    """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
+    per_step = search.program.optimizer(search.numbers).evaluations_per_step
+    spec, shape = search.spec, search.program.shape
+    last = first + (-(-spec.evaluations // per_step) if spec.generations is None else spec.generations)
+    done, parts = first, []
+    if kept is not None and (before := kept.load()) is not None:
+        done, inner = _restore(before.state, search)
+        if done > last:
+            raise InputError(f"{kept.folder}: expected a search of {last} generations at most, got {done} done")
+        seeded = {name: np.atleast_2d(getattr(before.history, name)) for name in _OF_SEEDS}
+        parts.append(before.history._replace(**seeded))
+    count = len(parts)
+    resumed = bool(parts) and done == last
     with Progress(f"{spec.method} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
-        if state is None:
+        if inner is None:
             with bar.doing("compiling"):
-                inner = _start(program, numbers, keys)
-        inner, history = _run(program, numbers, keys, inner, done, last, per_step, bar)
+                inner = _start(search.program, search.numbers, search.keys)
+        try:
+            for states, part in _run(search.program, search.numbers, search.keys, inner, done, last, per_step, bar):
+                parts.append(part)
+                inner, count = states, count + 1  # in one: an interruption falls before it or after it
+                if kept is not None and kept.due:
+                    kept.save(search.result(inner, parts, first))
+        except KeyboardInterrupt:
+            found = partial(search.result, inner, parts[:count], first)
+            if kept is not None and kept.worth_keeping:
+                kept.save(found())
+            generation = int(parts[count - 1].generation[-1]) if count else done
+            raise SearchInterrupted(f"at generation {generation} of {last}", found) from None
         with bar.doing("compiling"):
-            elites, inner = _collect(program, numbers, inner, single)
-    if single:
-        history = history._replace(best_fitness=history.best_fitness[0], elite_count=history.elite_count[0])
-    return Result(elites, history, RunState(np.array(last, np.int32), inner, fingerprint), spec, program.axes)
-
-
-def _in_short(record: Any) -> str:
-    """Returns the fields of a record of arrays, each with its type and shape, in a line."""
-    fields = (
-        f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
-        for name, value in record._asdict().items()
-    )
-    return f"{type(record).__name__}({', '.join(fields)})"
+            result = search.result(inner, parts, first)
+    if kept is not None and not resumed:
+        kept.save(result)
+    return result
 
 
 class _Numbers(NamedTuple):
@@ -279,6 +174,27 @@ class _Program(NamedTuple):
         if self.factory is not None:
             return self.factory(problem)
         return make_optimizer(problem, jax.tree.unflatten(self.config, numbers.config))
+
+
+class _Search(NamedTuple):
+    """One call of `evolve`, checked."""
+
+    program: _Program
+    numbers: _Numbers
+    keys: Key[Array, " S"]
+    single: bool
+    spec: SearchSpec
+    fingerprint: UInt32[np.ndarray, ""]
+
+    def result(self, states: Any, parts: Sequence[History], first: int) -> Result:
+        """Returns the result of the generations after `first`, given in parts."""
+        elites, inner = _collect(self.program, self.numbers, states, self.single)
+        nothing = np.zeros((self.keys.size, 0), np.int32)
+        history = History.joined([History(np.arange(0), np.arange(0), nothing, nothing, np.zeros(0)), *parts])
+        generation = np.array(first + history.generation.size, np.int32)
+        if self.single:
+            history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
+        return Result(elites, history, RunState(generation, inner, self.fingerprint), self.spec, self.program.axes)
 
 
 def _check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
@@ -348,24 +264,36 @@ def _fingerprint(program: _Program, numbers: _Numbers, keys: Key[Array, " S"]) -
     return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
 
 
-def _restore(
-    state: Any, program: _Program, numbers: _Numbers, keys: Key[Array, " S"], fingerprint: Any, single: bool
-) -> tuple[int, Any]:
+def _identity(search: _Search, config: Config, first: int) -> dict[str, Any]:
+    """Returns all that a search depends on but its budget, plain values for JSON."""
+    settings = search.spec.to_plain()
+    del settings["evaluations"], settings["generations"]
+    return {
+        "search": settings,
+        "size": search.program.shape,
+        "config": asdict(config) if search.program.factory is None else None,  # type: ignore[call-overload]
+        "seeds": search.keys.size,
+        "keys": sha256(np.asarray(jax.random.key_data(search.keys)).tobytes()).hexdigest()[:16],
+        "fingerprint": int(search.fingerprint),
+        "after": first,
+        "versions": installed_versions(),
+    }
+
+
+def _restore(state: Any, search: _Search) -> tuple[int, Any]:
     """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
-    inner = jax.tree.map(lambda array: jnp.asarray(array)[None], state.inner) if single else state.inner
-    expected = _start.eval_shape(program, numbers, keys)
-    kinds = [
-        [(leaf.shape, leaf.dtype) for leaf in jax.tree.leaves(tree)] + [jax.tree.structure(tree)]
-        for tree in (inner, expected)
-    ]
-    if int(state.fingerprint) != int(fingerprint) or kinds[0] != kinds[1]:
+    program, keys = search.program, search.keys
+    arrays = [jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner)]
+    leaves, tree = jax.tree.flatten(_start.eval_shape(program, search.numbers, keys))
+    kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, leaves)]
+    if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:
         raise InputError(
             f"state: expected one of this run ({program.shape[0]} x {program.shape[1]}, seeds: {keys.size}), "
             "got one of a run with another key or other settings"
         )
-    return int(state.generation), inner
+    return int(state.generation), jax.tree.unflatten(tree, arrays)
 
 
 def _run(
@@ -377,11 +305,8 @@ def _run(
     last: int,
     per_step: int,
     bar: Progress,
-) -> tuple[Any, History]:
-    """Runs the generations after `done` call by call; returns the states and the history with the seeds in front."""
-    generation = np.arange(done + 1, last + 1)
-    best, counts = [np.zeros((0, keys.size), np.int32)], [np.zeros((0, keys.size), np.int32)]
-    speeds: list[float] = []
+) -> Iterator[tuple[Any, History]]:
+    """Runs the generations after `done` call by call; yields the states and the history of each, seeds in front."""
     stretch = _MOST // 2
     if done < last:
         with bar.doing("compiling"):
@@ -390,16 +315,14 @@ def _run(
         count = min(stretch, last - done)
         began = time.perf_counter()
         states, info = _advance(program, numbers, keys, states, done + 1, done + count)
-        best.append(np.asarray(info.best_fitness)[:count])
-        counts.append(np.asarray(info.elite_count)[:count])
+        best, elites = np.asarray(info.best_fitness)[:count], np.asarray(info.elite_count)[:count]
         seconds = time.perf_counter() - began
+        generation = np.arange(done + 1, done + count + 1)
+        speeds = np.full(count, count * per_step * keys.size / seconds)
         done += count
-        speeds += [count * per_step * keys.size / seconds] * count
-        elites = float(counts[-1][-1].mean())
-        bar.update(done, f"best {best[-1][-1].min():,}, {elites:,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
+        bar.update(done, f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
+        yield states, History(generation, generation * per_step, best.T, elites.T, speeds)
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
-    evaluations = generation * per_step
-    return states, History(generation, evaluations, np.concatenate(best).T, np.concatenate(counts).T, np.array(speeds))
 
 
 # The first populations are made once: to compile that twice as fast is worth more than to run it.

@@ -18,7 +18,7 @@ from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.spec import SearchSpec
 
 if TYPE_CHECKING:
-    from elitelanes_jax.search import Result
+    from elitelanes_jax.result import Result
 
 __all__ = [
     "LEAST_DIFFERENT",

@@ -20,7 +20,16 @@ from elitelanes_jax.problem.feasible import check_feasible, check_number
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
 
-__all__ = ["METHODS", "GenerateSpec", "PickSpec", "SearchSpec", "check_size", "parse_initial", "parse_weights"]
+__all__ = [
+    "METHODS",
+    "GenerateSpec",
+    "PickSpec",
+    "SearchSpec",
+    "check_size",
+    "parse_initial",
+    "parse_part",
+    "parse_weights",
+]
 
 METHODS = {
     "map-elites": ("tuned", "paper", "standard"),
@@ -96,6 +105,20 @@ def check_size(size: Any) -> tuple[int, int]:
     except (TypeError, InputError) as error:
         words = str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
         raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None
+
+
+def parse_part(part: Any) -> tuple[int, int]:
+    """Reads which part of how many, such as ``3/10`` or (3, 10); the first is 1.
+
+    Raises:
+      InputError: for anything else.
+    """
+    given = part.split("/") if isinstance(part, str) else part
+    try:
+        number, count = given
+        return whole(1, whole(1)(count))(number), whole(1)(count)
+    except (TypeError, ValueError):  # an InputError is one
+        raise InputError(f"expected a part such as 3/10, 1/10 being the first, got {short(repr(part), 40)}") from None
 
 
 @dataclass(frozen=True)
@@ -229,6 +252,7 @@ class GenerateSpec(Settings):
       tiles: folder of the tile pictures; by default the package's own
       tile_px: side of a tile in pixels
       search: the search
+      part: run a part of the seeds alone, such as 3/10; elitelanes merge puts the parts together
     """
 
     size: tuple[int, int] = option((12, 12), check_size, ("ROWS", "COLUMNS"))
@@ -239,9 +263,18 @@ class GenerateSpec(Settings):
     search: SearchSpec = option(SearchSpec(), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     tile_px: int = option(64, whole(16, 512), "N")
+    part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
+
+    @property
+    def seed_numbers(self) -> range:
+        """The numbers of the seeds to run: all, or those of the part."""
+        number, count = self.part or (1, 1)
+        return range(self.seeds * (number - 1) // count, self.seeds * number // count)
 
     def check_together(self) -> None:
-        """Checks the search on maps of the size, and the number of maps."""
+        """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
+        if self.part is not None and self.part[1] > self.seeds:
+            raise InputError(f"part: expected {self.seeds} parts at most, as there are seeds, got {self.part[1]}")
         self.search.check_on(self.size)
         self.search.check_maps(self.size, 1 if self.at_most else self.maps)
 

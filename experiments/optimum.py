@@ -31,7 +31,7 @@ from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.features import SHARES
 from elitelanes_jax.problem.qd_metrics import coverage, gaps, qd_score
-from elitelanes_jax.search import Result
+from elitelanes_jax.result import Result
 from elitelanes_jax.selection import choose_maps
 
 # The proven optima by side, from integer programming: of grids with all cells filled (A), or some left empty (B).

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from elitelanes_jax._util.atomic_io import compare_settings, write_atomic
+from elitelanes_jax._util.atomic_io import compare_settings, write_atomic, write_json
 from elitelanes_jax._util.errors import InputError
 
 __all__ = ["kept", "open_results"]
@@ -26,7 +26,7 @@ def open_results(folder: Path, settings: dict[str, Any]) -> None:
         compare_settings(folder, file, settings)
         return
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomic(file, json.dumps(settings, indent=2).encode() + b"\n")
+    write_json(file, settings)
 
 
 def kept(file: Path, make: Callable[[], Any]) -> Any:

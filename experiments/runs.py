@@ -17,7 +17,7 @@ from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.wfc import generate
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.search import Result
+from elitelanes_jax.result import Result
 
 __all__ = ["METHODS", "OFFSPRING", "Runs", "kept_runs", "run_method"]
 

@@ -23,7 +23,7 @@ jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
-ROOMS = ["network", "problem", "optimizers", "search", "interop", "drive"]
+ROOMS = ["network", "problem", "optimizers", "result", "search", "interop", "drive"]
 jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
 
 import numpy as np

@@ -18,7 +18,7 @@ from elitelanes_jax import InputError, evolve, repair
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
 from elitelanes_jax.problem.descriptor import Axis, niche_index, paper_axes
-from elitelanes_jax.search import History
+from elitelanes_jax.result import History
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

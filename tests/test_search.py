@@ -19,7 +19,7 @@ from elitelanes_jax.optimizers.map_elites import MapElitesConfig
 from elitelanes_jax.optimizers.population import EvolutionConfig
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.search import RunState
+from elitelanes_jax.result import RunState
 from elitelanes_jax.spec import METHODS, GenerateSpec
 
 SHAPE = (5, 6)

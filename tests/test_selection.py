@@ -14,7 +14,7 @@ from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import stack_counts
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
-from elitelanes_jax.search import History, MeasuredElites, Result, RunState
+from elitelanes_jax.result import History, MeasuredElites, Result, RunState
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.spec import SearchSpec
 

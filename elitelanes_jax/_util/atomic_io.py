@@ -18,7 +18,17 @@ from elitelanes_jax._util.limited_read import MIB, read_text
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-__all__ = ["check_new", "compare_settings", "foreign_file", "new_folder", "unwritable_error", "write_atomic"]
+__all__ = [
+    "check_new",
+    "compare_settings",
+    "first_difference",
+    "foreign_file",
+    "new_folder",
+    "remove",
+    "unwritable_error",
+    "write_atomic",
+    "write_json",
+]
 
 _LOCK = ".elitelanes-lock"  # held by the process that writes in a hidden folder
 _REPLACED = ".replaced"  # in it, what is removed when all new files have their places
@@ -77,10 +87,10 @@ def new_folder(
     except BaseException as error:
         _let_go(lock)
         for place in moved:
-            _remove(place)
+            remove(place)
         for entry in (aside / _REPLACED).iterdir() if (aside / _REPLACED).is_dir() else ():
             entry.replace(folder / entry.name)
-        _remove(aside)
+        remove(aside)
         for parent in missing:  # the deepest first
             if parent.is_dir():
                 parent.rmdir()
@@ -180,6 +190,11 @@ def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
         raise OSError(error.errno, error.strerror, str(file)) from None
 
 
+def write_json(file: Path, values: Any) -> None:
+    """Writes values as JSON, as `write_atomic` does."""
+    write_atomic(file, json.dumps(values, indent=2).encode() + b"\n")
+
+
 def unwritable_error(place: str | Path, error: OSError) -> InputError:
     """Makes the error that says why a place cannot be written to."""
     got = f" {error.filename}" if error.filename else ""
@@ -203,21 +218,28 @@ def compare_settings(folder: Path, file: Path, asked: dict[str, Any]) -> None:
         raise InputError(f"{folder}: expected a folder that is new, or of the same settings, got another") from None
     if not isinstance(there, dict):
         raise InputError(f"{file}: expected a table of settings, got {type(there).__name__}")
-    _compare(folder, json.loads(json.dumps(asked)), there)
+    difference = first_difference(json.loads(json.dumps(asked)), there)
+    if difference is not None:
+        name, mine, found = difference
+        raise InputError(
+            f"{folder}: expected results of {name} {mine!r}, got some of {found!r}; take another folder for these"
+        )
 
 
-def _compare(folder: Path, asked: dict[str, Any], there: dict[str, Any]) -> None:
+def first_difference(asked: dict[str, Any], there: dict[str, Any]) -> tuple[str, Any, Any] | None:
+    """Compares tables, and tables within them; returns the name of the first value that differs, and both values."""
     for name in asked | there:
         mine, found = asked.get(name), there.get(name)
         if isinstance(mine, dict) and isinstance(found, dict):
-            _compare(folder, mine, found)
+            if (within := first_difference(mine, found)) is not None:
+                return within
         elif mine != found:
-            raise InputError(
-                f"{folder}: expected results of {name} {mine!r}, got some of {found!r}; take another --out for these"
-            )
+            return name, mine, found
+    return None
 
 
-def _remove(place: Path) -> None:
+def remove(place: Path) -> None:
+    """Removes a file, or a folder with all in it, if there is one."""
     if place.is_dir():
         shutil.rmtree(place, ignore_errors=True)
     elif place.exists():

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import folder
-from elitelanes_jax._util.errors import many
+from elitelanes_jax._util.errors import NotEnoughMapsError, many
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
@@ -17,12 +17,16 @@ from elitelanes_jax.cli.arguments import (
     checked_by,
     read_options,
 )
-from elitelanes_jax.cli.program import say
+from elitelanes_jax.cli.program import INTERRUPTED, fail, say
 
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
 
 __all__ = ["add_generate", "describe_maps"]
+
+_CONTINUES = "what is found is kept, and the same command continues from there"
+_KEPT = "; what is found is kept: fewer maps need no new search, and more evaluations continue it"
+
 
 _COLUMNS = (
     "fitness",
@@ -68,12 +72,25 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.spec import GenerateSpec
 
     spec = read_options(options, GenerateSpec())
+    from elitelanes_jax._util.unfinished import is_kept
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.generate import generate
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
-    maps = generate(spec, options.out, force=options.force)
-    say(describe_maps(maps, spec.maps, options.out))
+    try:
+        maps = generate(spec, options.out, force=options.force)
+    except KeyboardInterrupt:
+        if not is_kept(options.out):
+            raise
+        return fail("elitelanes", f"interrupted; {_CONTINUES}", INTERRUPTED)
+    except NotEnoughMapsError as error:
+        return fail("elitelanes", f"{error}{_KEPT if is_kept(options.out) else ''}", 1)
+    if spec.part is None:
+        say(describe_maps(maps, spec.maps, options.out))
+    else:
+        number, count = spec.part
+        seeds = f"seeds {spec.seed_numbers[0]} to {spec.seed_numbers[-1]}"
+        say(f"part {number} of {count}, {seeds}, in {options.out}; elitelanes merge puts all parts together")
     return 0
 
 

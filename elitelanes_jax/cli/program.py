@@ -14,9 +14,10 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.progress import Loudness, loudness, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
-__all__ = ["fail", "guarded", "leave", "say", "warn"]
+__all__ = ["INTERRUPTED", "fail", "guarded", "leave", "say", "warn"]
 
-_INTERRUPTED = 130
+INTERRUPTED = 130
+"""The exit code after an interruption."""
 
 
 def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Loudness = Loudness.NORMAL) -> int:
@@ -38,7 +39,7 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Lou
     except OSError as error:
         return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:
-        return fail(program, f"interrupted; {interrupted}", _INTERRUPTED)
+        return fail(program, f"interrupted; {interrupted}", INTERRUPTED)
     except Exception as error:
         if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
             return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
@@ -52,12 +53,12 @@ def leave(main: Callable[[], int]) -> NoReturn:
         try:
             code = main()
         except KeyboardInterrupt:
-            code = _INTERRUPTED
+            code = INTERRUPTED
         except SystemExit as stop:
             code = stop.code if isinstance(stop.code, int) else 0
         for stream in (sys.stdout, sys.stderr):
             _flush(stream)
-        if code == _INTERRUPTED:
+        if code == INTERRUPTED:
             os._exit(code)  # while a compiler thread is still at work, the interpreter's own way out crashes
     raise SystemExit(code)
 

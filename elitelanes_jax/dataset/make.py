@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.version import installed_versions
@@ -216,7 +216,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     title = f"{count} of {len(splits)} pictures"
     sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
-    write_atomic(out / LAST, json.dumps(about, indent=2).encode() + b"\n")
+    write_json(out / LAST, about)
 
 
 def _on_sheet(record: dict[str, Any], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:

@@ -12,9 +12,10 @@ from filelock import FileLock, Timeout
 from elitelanes_jax._util.atomic_io import foreign_file
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.locks import LOCK
 from elitelanes_jax.dataset.formats import FORMATS
 from elitelanes_jax.dataset.spec import SPLITS
-from elitelanes_jax.dataset.work import LAST, LOCK, SETTINGS, WORK
+from elitelanes_jax.dataset.work import LAST, SETTINGS, WORK
 from elitelanes_jax.tiles.tileset import MASKS
 
 __all__ = ["remove_dataset"]

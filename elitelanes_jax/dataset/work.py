@@ -7,13 +7,12 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from filelock import FileLock, Timeout
-
-from elitelanes_jax._util.atomic_io import compare_settings, unwritable_error, write_atomic
+from elitelanes_jax._util.atomic_io import compare_settings, unwritable_error, write_json
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.locks import LOCK, locked
 
-__all__ = ["LAST", "LOCK", "SETTINGS", "WORK", "work_folder"]
+__all__ = ["LAST", "SETTINGS", "WORK", "work_folder"]
 
 LAST = "dataset.json"
 """The file that is written last: with it the dataset is complete."""
@@ -23,9 +22,6 @@ WORK = ".unfinished"
 
 SETTINGS = "settings.json"
 """The file in it with all that the dataset's files depend on."""
-
-LOCK = "lock"
-"""The file in it that the run at work holds."""
 
 
 @contextmanager
@@ -55,15 +51,11 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
             compare_settings(out, out / LAST, _of_dataset(out, settings))
             yield None
             return
-        work.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(work / LOCK).acquire(blocking=False)
-    except Timeout:
-        raise InputError(f"{out}: expected no other run at work in it, got one") from None
     except OSError as error:
         raise unwritable_error(out, error) from None
     cleared = False
     try:
-        with lock:
+        with locked(work, out):
             if (out / LAST).exists():  # a run was killed while it cleared up, or another one has just ended
                 compare_settings(out, out / LAST, _of_dataset(out, settings))
                 _clear(work)
@@ -73,7 +65,7 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
             if (work / SETTINGS).exists():
                 compare_settings(out, work / SETTINGS, settings)
             else:
-                write_atomic(work / SETTINGS, json.dumps(settings, indent=2).encode() + b"\n")
+                write_json(work / SETTINGS, settings)
             try:
                 yield work
             except (InputError, NotEnoughMapsError):

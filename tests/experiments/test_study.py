@@ -247,7 +247,7 @@ def test_results_of_other_settings_are_left_alone(compared, tmp_path, capsys):
     before = contents(compared)
     with_maps = [argument for argument in SMALL if argument != "--no-maps"]
     for arguments, message in (
-        ([*SMALL, "--seeds", "4"], "expected results of seeds 4, got some of 3; take another --out for these"),
+        ([*SMALL, "--seeds", "4"], "expected results of seeds 4, got some of 3; take another folder for these"),
         ([*SMALL, "--reading", "fill"], "expected results of reading 'fill', got some of 'ours'"),
         (with_maps, "expected results of maps True, got some of False"),
     ):

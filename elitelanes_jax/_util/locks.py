@@ -1,0 +1,37 @@
+"""Folders that one process at a time works in."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from elitelanes_jax._util.atomic_io import unwritable_error
+from elitelanes_jax._util.errors import InputError
+
+__all__ = ["LOCK", "locked"]
+
+LOCK = "lock"
+"""The name of the file that is locked. The system unlocks it when its process ends, killed or not."""
+
+
+@contextmanager
+def locked(folder: Path, asked: str | Path) -> Iterator[None]:
+    """Keeps a folder, which is made where it is missing, from other processes that ask for it.
+
+    Args:
+      folder: to work in.
+      asked: the place that the user named, for messages.
+
+    Raises:
+      InputError: if another process works in it, or it cannot be written to.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(folder / LOCK).acquire(blocking=False)
+    except Timeout:
+        raise InputError(f"{asked}: expected no other run at work in it, got one") from None
+    except OSError as error:
+        raise unwritable_error(asked, error) from None
+    with lock:
+        yield

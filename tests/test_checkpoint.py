@@ -1,0 +1,282 @@
+"""Searches that are killed or interrupted: they go on where they were, and end the same, byte for byte."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import chex
+import jax
+import numpy as np
+import pytest
+from killed_runs import digest
+
+from elitelanes_jax import InputError, Result, SearchInterrupted, evolve, search
+from elitelanes_jax._util import unfinished
+from elitelanes_jax._util.errors import NotEnoughMapsError
+from elitelanes_jax._util.locks import locked
+from elitelanes_jax._util.unfinished import is_kept
+from elitelanes_jax.checkpoint import Checkpoint
+from elitelanes_jax.generate import generate
+from elitelanes_jax.spec import GenerateSpec, SearchSpec
+
+SHAPE = (5, 6)
+KEYS = jax.random.split(jax.random.key(5), 3)
+GENERATIONS = 135  # a call of 128, and seven of 1
+
+run = partial(evolve, KEYS, SHAPE, method="ea", preset="paper", generations=GENERATIONS)
+
+
+def same(one, other):
+    """All but the measured speeds is the same."""
+    chex.assert_trees_all_equal(one.elites, other.elites)
+    for kept, given in zip(jax.tree.leaves(one.state), jax.tree.leaves(other.state), strict=True):
+        np.testing.assert_array_equal(kept, given)
+    chex.assert_trees_all_equal(one.history[:4], other.history[:4])
+    assert one.history.evaluations_per_second.shape == other.history.evaluations_per_second.shape
+
+
+@pytest.fixture(autouse=True)
+def short_calls(monkeypatch):
+    monkeypatch.setattr(search, "_SECONDS_A_CALL", 0.0)
+
+
+@pytest.fixture(scope="module")
+def whole():
+    return run()
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """The folder as it was after each checkpoint of a search."""
+    place, folders = tmp_path_factory.mktemp("kept"), []
+    save = Checkpoint.save
+
+    def save_and_copy(self, result):
+        save(self, result)
+        folders.append(shutil.copytree(self.folder, place / f"at-{len(folders)}"))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Checkpoint, "save", save_and_copy)
+        patch.setattr(search, "_SECONDS_A_CALL", 0.0)
+        run(checkpoint=place / "folder", every=0)
+    return folders
+
+
+def test_from_every_checkpoint_on_it_ends_the_same(kept, whole):
+    done = [int(Result.load(folder / "result.npz").state.generation) for folder in kept]
+    assert done == [*range(128, 136), 135]
+    for folder in (kept[0], kept[3], kept[-1]):
+        again = shutil.copytree(folder, folder.with_name(f"{folder.name}-again"))
+        same(run(checkpoint=again, every=0), whole)
+        same(Result.load(again / "result.npz"), whole)
+
+
+def test_a_finished_search_is_not_run_again_and_a_larger_budget_goes_on(kept, whole, tmp_path, monkeypatch):
+    folder = shutil.copytree(kept[-1], tmp_path / "folder")
+    before = (folder / "result.npz").read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(search, "_advance", None)
+        same(run(checkpoint=folder), whole)
+    assert (folder / "result.npz").read_bytes() == before
+    more = run(checkpoint=folder, generations=140)
+    same(more, run(generations=140))
+
+
+def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
+    alone = partial(run.func, KEYS[0], SHAPE, **run.keywords)
+    one = alone(checkpoint=tmp_path / "alone")
+    np.testing.assert_array_equal(one.elites.grids, whole.elites.grids[0])
+    same(alone(checkpoint=tmp_path / "alone"), one)
+    half = run(generations=130)
+    for _ in range(2):
+        rest = run(generations=5, state=half.state, checkpoint=tmp_path / "rest")
+        chex.assert_trees_all_equal(rest.elites, whole.elites)
+        assert rest.history.generation.tolist() == [131, 132, 133, 134, 135]
+    with pytest.raises(InputError, match="expected results of after 0, got some of 130"):
+        run(checkpoint=tmp_path / "rest")
+
+
+def interrupt_at(patch, number):
+    """Interrupts the search in its call of this number, as Ctrl-C does; the first call runs nothing."""
+    advance, calls = search._advance, []
+
+    def interrupted(*arguments):
+        calls.append(None)
+        if len(calls) == number:
+            raise KeyboardInterrupt
+        return advance(*arguments)
+
+    patch.setattr(search, "_advance", interrupted)
+
+
+@pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 0), (3, 128), (6, 131)])
+def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, number)
+        with pytest.raises(SearchInterrupted, match=f"at generation {done} of 135") as caught:
+            run()
+    found = caught.value.result
+    assert isinstance(caught.value, KeyboardInterrupt)
+    assert found is caught.value.result
+    np.testing.assert_array_equal(found.history.best_fitness, whole.history.best_fitness[:, :done])
+    rest = run(generations=GENERATIONS - done, state=found.state)
+    chex.assert_trees_all_equal(rest.elites, whole.elites)
+
+
+def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monkeypatch):
+    for worth, left in ((10, []), (0, ["lock", "result.npz", "search.json"])):
+        with monkeypatch.context() as patch:
+            patch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", worth)
+            interrupt_at(patch, 5)
+            with pytest.raises(SearchInterrupted):
+                run(checkpoint=tmp_path / "folder")
+        assert sorted({file.name for file in (tmp_path / "folder").iterdir()} | {"lock"} if left else []) == left
+    assert Result.load(tmp_path / "folder" / "result.npz").state.generation == 130
+    same(run(checkpoint=tmp_path / "folder"), whole)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"method": "map-elites"}, "expected results of method 'map-elites', got some of 'ea'; take another folder"),
+        ({"weights": {"bridges": 3}}, "expected results of bridges 3, got some of None"),
+        ({"fill": False}, "expected results of fill False, got some of None"),
+        ({"generations": 100}, "expected a search of 100 generations at most, got 135 done"),
+        ({"shape": (6, 5)}, r"expected results of size \[6, 5\], got some of \[5, 6\]"),
+        ({"key": KEYS[:2]}, "expected results of seeds 2, got some of 3"),
+        ({"key": KEYS[::-1]}, "expected results of keys '"),
+        ({"every": -1}, "every: expected a number, 0 or more, got -1"),
+    ],
+)
+def test_the_checkpoint_of_another_search_is_refused(change, message, kept, tmp_path):
+    folder = shutil.copytree(kept[-1], tmp_path / "folder")
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+    with pytest.raises(InputError, match=message) as caught:
+        evolve(**{"key": KEYS, "shape": SHAPE} | run.keywords | {"checkpoint": folder} | change)
+    assert "\n" not in str(caught.value)
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_a_checkpoint_of_another_version_is_refused(kept, tmp_path, monkeypatch):
+    monkeypatch.setattr(search, "installed_versions", lambda: {"jax": "0.1"})
+    with pytest.raises(InputError, match="expected results of jax '0.1', got some of '"):
+        run(checkpoint=shutil.copytree(kept[-1], tmp_path / "folder"))
+
+
+def test_folders_in_use_damaged_or_no_folders_are_refused(kept, tmp_path):
+    folder = shutil.copytree(kept[-1], tmp_path / "folder")
+    with (
+        locked(folder, folder),
+        pytest.raises(InputError, match="folder: expected no other run at work"),
+    ):
+        run(checkpoint=folder)
+    whole = (folder / "result.npz").read_bytes()
+    (folder / "result.npz").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got one that does not hold"):
+        run(checkpoint=folder)
+    assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
+    with pytest.raises(InputError, match=r"result.npz: expected a place that can be written to"):
+        run(checkpoint=folder / "result.npz")
+
+
+def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_path, monkeypatch, whole):
+    clock = [0.0]
+    monkeypatch.setattr("elitelanes_jax.checkpoint.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr(Result, "save", lambda self, path: clock.__setitem__(0, clock[0] + 3.0))
+    often, seldom = Checkpoint(tmp_path, {}, 0), Checkpoint(tmp_path, {}, 20)
+    assert often.due and not seldom.due
+    clock[0] = 20.0
+    assert seldom.due
+    seldom.save(whole)
+    often.save(whole)
+    assert often.due and not seldom.due
+    clock[0] = 82.9
+    assert not seldom.due
+    clock[0] = 83.1
+    assert seldom.due
+
+
+SMALL = GenerateSpec(size=SHAPE, seeds=3, maps=2, tile_px=16, search=SearchSpec(**run.keywords))
+
+
+def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
+    generate(SMALL, tmp_path / "whole")
+    monkeypatch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", 0)
+    monkeypatch.setattr(unfinished, "_WORTH_KEEPING", 0)
+    out, hidden = tmp_path / "out", tmp_path / ".out-search"
+    with monkeypatch.context() as patch:
+        interrupt_at(patch, 4)
+        with pytest.raises(KeyboardInterrupt):
+            generate(SMALL, out)
+    assert is_kept(out)
+    with pytest.raises(
+        InputError, match=r"\.out-search/search: expected results of seeds 2, got some of 3; take another"
+    ):
+        generate(SMALL.but({"seeds": 2}), out)
+    with locked(hidden, out), pytest.raises(InputError, match="out: expected no other run at work"):
+        generate(SMALL, out)
+    with monkeypatch.context() as patch:  # while it draws
+        patch.setattr(Path, "write_bytes", lambda *_: interrupt())
+        with pytest.raises(KeyboardInterrupt):
+            generate(SMALL, out)
+    with monkeypatch.context() as patch:  # when the folder comes to its place
+        patch.setattr(Path, "replace", full_disk)
+        with pytest.raises(OSError, match="No space"):
+            generate(SMALL, out)
+    assert sorted(file.name for file in tmp_path.iterdir()) == [".out-search", "whole"]
+    with monkeypatch.context() as patch:
+        patch.setattr(search, "_advance", None)
+        with pytest.raises(NotEnoughMapsError, match=r"found \d+ of 60 maps"):
+            generate(SMALL.but({"maps": 60}), out)
+        generate(SMALL, out)
+    assert digest(out) == digest(tmp_path / "whole")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["out", "whole"]
+    assert json.loads((out / "run.json").read_text())["times"]["seconds"]["evolve"] > 0
+
+
+def test_generate_without_a_place_for_the_search(tmp_path, monkeypatch):
+    make = Path.mkdir
+
+    def refuse(path, *arguments, **options):
+        if path.name == ".out-search":
+            raise PermissionError(13, "Permission denied", str(path))
+        make(path, *arguments, **options)
+
+    (tmp_path / "out").mkdir()
+    monkeypatch.setattr(Path, "mkdir", refuse)
+    assert len(generate(SMALL, tmp_path / "out")) == 2
+    assert [file.name for file in tmp_path.iterdir()] == ["out"]
+
+
+REPLACE = Path.replace
+
+
+def interrupt():
+    raise KeyboardInterrupt
+
+
+def full_disk(path, target):
+    if path.name.startswith(".out-") and path.is_dir():
+        raise OSError(28, "No space left on device", str(path))
+    return REPLACE(path, target)
+
+
+def killed(out, kills, seed):
+    program = Path(__file__).parent / "killed_runs.py"
+    command = [sys.executable, str(program), str(out), str(kills), str(seed)]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ, timeout=3000)
+    assert ran.returncode == 0, ran.stderr
+    *digests, last = map(json.loads, ran.stdout.splitlines())
+    assert last == {"kills": kills}
+    assert len(digests) >= 2
+    assert len({record["digest"] for record in digests}) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
+@pytest.mark.parametrize("kills", [3, pytest.param(100, marks=pytest.mark.slow)])
+def test_killed_at_any_moment_it_ends_the_same(kills, tmp_path):
+    killed(tmp_path / "out", kills, seed=kills)

@@ -1,0 +1,230 @@
+"""Results in files: what was saved is loaded, bit for bit, or refused in one line."""
+
+import json
+import zipfile
+from dataclasses import replace
+from functools import partial
+
+import chex
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea, evolve
+from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.spec import METHODS
+
+SHAPE = (5, 6)
+KEYS = jax.random.split(jax.random.key(3), 3)
+
+search = partial(evolve, method="ea", preset="paper", fill=False)
+
+
+@pytest.fixture(scope="module")
+def result():
+    return search(
+        KEYS, SHAPE, generations=7, where=["bridges=0..", "straight_share=0.333333333.."], weights=["bridges=9"]
+    )
+
+
+def same(one, other):
+    assert (one.spec, one.axes) == (other.spec, other.axes)
+    for kept, given in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(kept, given)
+        assert kept.dtype == given.dtype
+
+
+def test_what_is_saved_is_loaded(result, tmp_path):
+    result.save(tmp_path / "result.npz")
+    kept = Result.load(tmp_path / "result.npz")
+    same(kept, result)
+    chex.assert_trees_all_equal_dtypes(kept.elites, result.elites)
+    assert isinstance(kept.elites.grids, jax.Array)
+    np.testing.assert_array_equal(kept.best(), result.best())
+    kept.save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "result.npz").read_bytes()
+
+
+def test_a_search_goes_on_from_a_file(result, tmp_path):
+    result.save(tmp_path / "result.npz")
+    options = {"spec": result.spec, "generations": 4}
+    more, expected = (
+        evolve(KEYS, SHAPE, state=one.state, **options) for one in (Result.load(tmp_path / "result.npz"), result)
+    )
+    chex.assert_trees_all_equal(more.state, expected.state)
+    chex.assert_trees_all_equal(more.elites, expected.elites)
+
+
+@pytest.mark.parametrize("method", ["ea", *(pytest.param(one, marks=pytest.mark.slow) for one in METHODS)])
+def test_one_key_alone_and_any_method(method, tmp_path):
+    alone = search(KEYS[1], SHAPE, method=method, generations=0)
+    alone.save(tmp_path / "alone.npz")
+    kept = Result.load(str(tmp_path / "alone.npz"))
+    same(kept, alone)
+    assert search(KEYS[1], SHAPE, method=method, generations=0, state=kept.state).state.generation == 0
+
+
+def test_settings_of_all_kinds(result, tmp_path):
+    spec = SearchSpec(
+        method="ea",
+        generations=3,
+        axes=["crossings:8:2", {"metric": "tiles", "bins": 4, "target": 2}],
+        where={"turn_share": (0.1, 1 / 3), "crossings": (None, 6)},
+        weights={"dead_ends": 7},
+        fix=[[0, None, None], [None, None, None]],
+        initial=[[[6, 5, 3], [12, 5, 9]]],
+        alphabet=[3, 5, 6, 9, 10, 12, 15],
+    )
+    replace(result, spec=spec).save(tmp_path / "result.npz")
+    assert Result.load(tmp_path / "result.npz").spec == spec
+
+
+def test_without_the_state_equal_searches_give_equal_bytes(result, tmp_path):
+    again = evolve(KEYS, SHAPE, spec=result.spec)
+    for number, one in enumerate((result, again)):
+        one.save(tmp_path / f"{number}.npz", state=False)
+    assert (tmp_path / "0.npz").read_bytes() == (tmp_path / "1.npz").read_bytes()
+    kept = Result.load(tmp_path / "0.npz")
+    chex.assert_trees_all_equal(kept.elites, result.elites)
+    assert np.isnan(kept.history.evaluations_per_second).all()
+    with pytest.raises(InputError, match="state: expected one of this run"):
+        evolve(KEYS, SHAPE, spec=result.spec, state=kept.state)
+
+
+def counting(problem):
+    """An optimiser whose states are dictionaries of arrays."""
+    inner = ea(problem, EvolutionConfig(population=4, offspring=4))
+
+    def init(key):
+        return {"population": inner.init(key), "steps": jnp.zeros((), jnp.int8)}
+
+    return Optimizer(init, lambda *_: None, lambda state: inner.elites(state["population"]), 4)
+
+
+def test_a_state_of_ones_own_is_saved_and_one_with_keys_refused(tmp_path):
+    arrays = evolve(KEYS, (3, 4), optimizer=counting, generations=0)
+    arrays.save(tmp_path / "arrays.npz")
+    same(Result.load(tmp_path / "arrays.npz"), arrays)
+    with pytest.raises(InputError, match=r"state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
+        replace(arrays, state=arrays.state._replace(inner={"key": KEYS})).save(tmp_path / "keys.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["arrays.npz"]
+
+
+def changed(file, **changes):
+    about, arrays = unpack(file)
+    for name, value in changes.items():
+        target = about if name in about else arrays
+        name = name if name in about else name.replace("__", ".")
+        target.pop(name, None)
+        if value is not None:
+            target[name] = value
+    return pack(arrays, about)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"format": "elitelanes result, version 2"},
+            "one of the format 'elitelanes result, version 2', not 'elitelanes",
+        ),
+        ({"format": None}, "a file without its settings"),
+        ({"search": {"method": "luck"}}, "one whose settings do not hold: method: expected one of map-elites"),
+        ({"search": {"luck": 1}}, "one whose settings do not hold: .*luck"),
+        ({"search": [3]}, "one whose settings do not hold: "),
+        ({"axes": "luck"}, "one whose settings do not hold: axes"),
+        ({"axes": ["crossings:3"]}, "descriptor of int32"),
+        ({"grids": None}, "one without grids"),
+        ({"metrics__bridges": None}, "one without metrics.bridges"),
+        ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\) beside the others"),
+        ({"valid": np.zeros((3, 20), np.int32)}, r"valid of int32 \(3, 20\) beside the others"),
+        ({"history__best_fitness": np.zeros((3, 6), np.int32)}, r"history.best_fitness of int32 \(3, 6\)"),
+        ({"state__inner.0": None}, "one whose state is not whole"),
+        ({"state__generation": np.zeros(2, np.int32)}, "one whose state is not whole"),
+        ({"luck": np.zeros(2)}, "one with luck, which no result has"),
+    ],
+)
+def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, changes, message):
+    file = tmp_path / "result.npz"
+    result.save(file)
+    file.write_bytes(changed(file, **changes))
+    with pytest.raises(
+        InputError, match=f"result.npz: expected a result that Result.save wrote, got {message}"
+    ) as caught:
+        Result.load(file)
+    assert "\n" not in str(caught.value)
+
+
+def test_files_of_other_kinds_are_refused(tmp_path):
+    file = tmp_path / "result.npz"
+    with pytest.raises(InputError, match=r"result.npz: no such file or directory"):
+        Result.load(file)
+    with pytest.raises(InputError, match="is a directory"):
+        Result.load(tmp_path)
+    file.write_text('{"codes": [[6, 3], [12, 9]]}')
+    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got one that does not hold"):
+        Result.load(file)
+    with file.open("wb") as stream:
+        np.save(stream, np.zeros(3))
+    with pytest.raises(InputError, match="got one that does not hold: a single array"):
+        Result.load(file)
+    with file.open("wb") as stream:
+        np.savez(stream, grids=np.zeros(3))
+    with pytest.raises(InputError, match="got a file without its settings"):
+        Result.load(file)
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("settings.npy", "[" * 100_000)
+    with pytest.raises(InputError):
+        Result.load(file)
+
+
+def test_nothing_pickled_is_run(tmp_path):
+    class Harm:
+        def __reduce__(self):
+            return (tmp_path.joinpath("harm").write_text, ("done",))
+
+    with (tmp_path / "result.npz").open("wb") as stream:
+        np.savez(stream, grids=np.array([Harm()], object))
+    with pytest.raises(InputError, match="does not hold: Object arrays cannot be loaded"):
+        Result.load(tmp_path / "result.npz")
+    assert not (tmp_path / "harm").exists()
+
+
+def test_damage_anywhere_is_noticed(result, tmp_path):
+    """A bit is flipped, or the end is missing: the file is refused, or what counts is intact."""
+    file, rng = tmp_path / "result.npz", np.random.default_rng(0)
+    result.save(file)
+    whole = file.read_bytes()
+    refused = []
+    for number in range(200):
+        place = int(rng.integers(len(whole)))
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        file.write_bytes(bytes(damaged) if number % 4 else whole[:place])
+        try:
+            same(Result.load(file), result)
+        except InputError as error:
+            refused.append(str(error))
+    assert len(refused) > 100
+    assert not [message for message in refused if "\n" in message]
+
+
+def test_a_file_that_cannot_be_written_leaves_the_one_before(result, tmp_path, small_files_only):
+    result.save(tmp_path / "result.npz")
+    before = (tmp_path / "result.npz").read_bytes()
+    small_files_only(100)
+    with pytest.raises(OSError, match="result.npz"):
+        result.save(tmp_path / "result.npz")
+    assert (tmp_path / "result.npz").read_bytes() == before
+    assert [file.name for file in tmp_path.iterdir()] == ["result.npz"]
+
+
+def test_the_settings_in_a_file_are_plain_json(result, tmp_path):
+    result.save(tmp_path / "result.npz", seed=7)
+    with np.load(tmp_path / "result.npz") as stored:
+        settings = json.loads(str(stored["settings"]))
+        assert stored["grids"].shape == (3, 20, *SHAPE)
+    assert SearchSpec(**settings["search"]) == result.spec
+    assert settings["seed"] == 7
