@@ -39,7 +39,7 @@ def _check(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import describe_tiles, inspect_tiles, stray_files
 
     picture = options.picture and _new_beside(options.folder, options.picture)
-    tiles, problems = inspect_tiles(options.folder)
+    tiles, problems = inspect_tiles(options.folder, lines=True)
     strays = [f"{file}: not used" for file in stray_files(options.folder)] if options.folder.is_dir() else []
     if tiles is None:
         warn("\n".join(problems + strays))

@@ -32,6 +32,7 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import KIB, read_text
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
+from elitelanes_jax.tiles.lines import misplaced_lines
 
 __all__ = [
     "MASKS",
@@ -160,8 +161,13 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     return tiles
 
 
-def inspect_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
-    """Returns a tile set and no problems, or None and all problems of the folder, a line each."""
+def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
+    """Returns a tile set and no problems, or None and all problems of the folder, a line each.
+
+    Args:
+      folder: to look at.
+      lines: whether lines in places where none belong are problems; see `misplaced_lines`.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         return None, [f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}"]
@@ -177,6 +183,8 @@ def inspect_tiles(folder: str | Path) -> tuple[TileSet | None, list[str]]:
         tile = _load_tile(place, about.get("opens", {}), problems)
         if tile is not None:
             tiles.append(tile)
+    if lines:
+        problems += [f"{folder / tile / mask}.png: {fault}" for tile, mask, fault in misplaced_lines(tiles)]
     absent = _absent_kinds(tiles)
     missing: list[str] = [kind for kind in ("straight", "turn") if kind in absent]
     if {"crossing3", "crossing4"} <= set(absent):
@@ -230,6 +238,7 @@ def describe_tiles(tiles: TileSet) -> str:
         f"no {kind}: maps {'with dead ends cannot be drawn' if kind == 'end' else 'will have none'}"
         for kind in _absent_kinds(tiles.tiles)
     ]
+    lines += ["no lane separators"] if not any(tile.yellow.any() for tile in tiles.tiles) else []
     lines += [f"layers: {', '.join(tiles.layers)}"] if tiles.layers else []
     lines += [f"points: {', '.join(tiles.points)}"] if tiles.points else []
     return "\n".join(lines)

@@ -1,0 +1,118 @@
+"""Lines out of place: all that are moved, turned, swapped, turned inside out or left out are found, and no others."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.tiles.lines import misplaced_lines
+from elitelanes_jax.tiles.tileset import MASKS, default_tiles, inspect_tiles
+
+CROSSINGS, OTHERS = ("crossing3_1", "crossing4_1"), ("turn_1", "straight_1", "end_1")
+
+
+def faults(tiles, name, **masks):
+    """The masks of a tile that are faulty when these take the place of its own."""
+    beside = own(tiles, "straight_2")
+    found = misplaced_lines([own(tiles, name)._replace(**masks), beside])
+    assert {tile for tile, *_ in found} <= {name}
+    return {mask for _, mask, _ in found}
+
+
+def shifted(mask, down, right):
+    moved = np.zeros_like(mask)
+    height, width = mask.shape
+    moved[max(down, 0) : height + min(down, 0), max(right, 0) : width + min(right, 0)] = mask[
+        max(-down, 0) : height - max(down, 0), max(-right, 0) : width - max(right, 0)
+    ]
+    return moved
+
+
+def test_lines_that_are_where_they_belong_are_left_alone(drawn_tiles, real_tiles):
+    assert misplaced_lines(drawn_tiles.tiles) == misplaced_lines(real_tiles.tiles) == []
+
+
+def own(tiles, name):
+    (tile,) = (tile for tile in tiles.tiles if tile.name == name)
+    return tile
+
+
+@pytest.mark.parametrize("name", [*CROSSINGS, *OTHERS])
+def test_lines_of_another_place_are_found(name, drawn_tiles):
+    tile, line = own(drawn_tiles, name), "red" if name in CROSSINGS else "yellow"
+    mask = getattr(tile, line)
+    step = len(mask) // 20
+    for wrong in (
+        ~mask,
+        np.zeros_like(mask),
+        np.ones_like(mask),
+        *(shifted(mask, *way) for way in ((step, 0), (-step, 0), (0, step), (0, -step))),
+    ):
+        assert faults(drawn_tiles, name, **{line: wrong}) == {line}
+    if name != "crossing4_1":  # it is the same all around
+        assert faults(drawn_tiles, name, **{line: np.rot90(mask)}) == {line}
+    assert faults(drawn_tiles, name, red=tile.yellow, yellow=tile.red)
+    for other in ("red", "yellow"):
+        assert faults(drawn_tiles, name, **{other: np.ones_like(mask)}) == {other}
+
+
+def test_mirrored_crossings_have_their_stop_lines_on_the_wrong_lane(drawn_tiles):
+    for name in CROSSINGS:
+        tile = own(drawn_tiles, name)
+        red = np.flipud(tile.red)
+        found = misplaced_lines([tile._replace(red=red, image=np.flipud(tile.image))])
+        assert any(
+            "expected a stop line across the incoming, right-hand lane, got one on 0% of it" in w for *_, w in found
+        )
+        assert any("expected no stop line on the outgoing lane, got one on" in words for *_, words in found)
+
+
+def test_a_road_is_in_the_middle_and_in_one_piece(drawn_tiles):
+    tile = own(drawn_tiles, "straight_1")
+    assert "road" in faults(drawn_tiles, "straight_1", road=np.roll(tile.road, 20, axis=1))
+    torn = tile.road.copy()
+    torn[100:110] = False
+    ((_, mask, words),) = [fault for fault in misplaced_lines([tile._replace(road=torn)]) if fault[1] == "road"]
+    assert (mask, words) == ("road", "expected one road that joins all sides that the tile opens, got pieces")
+
+
+def test_a_set_may_do_without_separators(drawn_tiles):
+    without = [tile._replace(yellow=np.zeros_like(tile.yellow)) for tile in drawn_tiles.tiles]
+    assert misplaced_lines(without) == []
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("turn_1", "straight_1", "crossing3_1", "crossing4_1"):
+        shutil.copytree(default_tiles() / name, tmp_path / "tiles" / name)
+    return tmp_path / "tiles"
+
+
+def test_check_names_tile_and_mask(folder, capsys):
+    red, yellow = folder / "crossing4_1" / "red.png", folder / "turn_1" / "yellow.png"
+    cv2.imwrite(str(red), np.zeros((384, 384), np.uint8))
+    cv2.imwrite(str(yellow), 255 - cv2.imread(str(yellow), cv2.IMREAD_GRAYSCALE))
+    assert main(["tiles", "check", str(folder)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    lane = "expected a stop line across the incoming, right-hand lane, got one on 0% of it at the side"
+    assert captured.err.splitlines() == [
+        f"{yellow}: expected lane separators on 15% of the tile at most, got them on 98%",
+        *(f"{red}: {lane} {side}" for side in "NESW"),
+    ]
+    # A set may have lines of its own kind: it can be drawn with.
+    assert inspect_tiles(folder)[1] == []
+
+
+def test_photographs_with_proposed_masks_pass(real_tiles, tmp_path, capsys):
+    source = Path(__file__).parents[3] / "shared" / "real_tiles"
+    for tile in real_tiles.tiles:
+        (tmp_path / "tiles" / tile.name).mkdir(parents=True)
+        shutil.copy(source / tile.name / "image.png", tmp_path / "tiles" / tile.name)
+    assert main(["tiles", "masks", str(tmp_path / "tiles")]) == 0
+    assert main(["tiles", "check", str(tmp_path / "tiles")]) == 0
+    assert len(list((tmp_path / "tiles").glob("*/*.png"))) == (1 + len(MASKS)) * len(real_tiles.tiles)
+    assert not capsys.readouterr().err
