@@ -8,7 +8,7 @@ READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 
-.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum segmentation throughput clean
+.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation throughput clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -75,6 +75,9 @@ scaling: $(READY)
 
 optimum: $(READY)
 	$(BIN)/python experiments/optimum.py
+
+certify: $(READY)
+	$(BIN)/python experiments/certify.py --out results/certificates.json --table results/certificates.md
 
 segmentation: $(READY)
 	$(BIN)/python experiments/segmentation.py

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from check_archive import check, read_certificate
+from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -139,6 +141,13 @@ def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
         found = oracle(grids[place])
         assert fitness[place] == oracle_fitness(found)
         assert counts[place].tolist() == [found[name] for name in COUNT_NAMES]
+
+
+@every_optimizer
+def test_no_elite_is_better_than_its_certificate(name):
+    elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
+    grids = np.asarray(elites.grids)[np.asarray(elites.valid)]
+    assert not check(read_certificate(CERTIFICATES, list(SHAPE), False), grids, fill=False)[1]
 
 
 @every_optimizer

@@ -1,0 +1,227 @@
+"""The certificates: against enumeration, integer programming, and the searches of the package."""
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import certify
+import jax
+import numpy as np
+import pytest
+from check_archive import check, main, rescore
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from integer_programme import solve
+from oracle import CERTIFICATES, fitness, measure
+
+import elitelanes_jax
+from elitelanes_jax import evolve
+
+RECORDS = {
+    (one["height"], one["width"], one["fill"]): one for one in json.loads(CERTIFICATES.read_text())["certificates"]
+}
+FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
+# Proven before, by another programme.
+KNOWN = {True: {3: -10, 4: -18, 5: -56, 6: -158, 8: -438}, False: {3: -10, 4: -34, 5: -82, 6: -158, 8: -466}}
+
+
+def by_niche(record, name):
+    return {niche["cyclomatic"]: niche[name] for niche in record["niches"]}
+
+
+def certificate(height, width, fill):
+    return by_niche(RECORDS[height, width, fill], "optimum")
+
+
+def networks(height, width, fill):
+    return by_niche(RECORDS[height, width, fill], "networks")
+
+
+def consistent_grids(height, width):
+    """All grids without mismatch, boundary violation or tile of one connection, cell by cell."""
+    codes = [code for code in range(16) if code.bit_count() != 1]
+    grid = np.zeros((height, width), np.int8)
+
+    def place(number):
+        if number == height * width:
+            yield grid.copy()
+            return
+        row, column = divmod(number, width)
+        north = row > 0 and grid[row - 1, column] & 2 > 0
+        west = column > 0 and grid[row, column - 1] & 4 > 0
+        for code in codes:
+            leaves = (code & 4 and column == width - 1) or (code & 2 and row == height - 1)
+            if not leaves and (code & 8 > 0) == north and (code & 1 > 0) == west:
+                grid[row, column] = code
+                yield from place(number + 1)
+
+    return np.array(list(place(0)))
+
+
+@cache
+def enumerated():
+    """All grids of 4 x 4, which have smaller ones in a corner; fitness, cyclomatic number, and whether flawless."""
+    grids = consistent_grids(4, 4)
+    found = jax.vmap(elitelanes_jax.measure)(grids)
+    flawless = np.array(found.components == 1)
+    for name in FLAWS:
+        flawless &= np.asarray(getattr(found, name)) == 0
+    return grids, np.asarray(elitelanes_jax.fitness(found)), np.asarray(found.cyclomatic), flawless
+
+
+@pytest.mark.parametrize(("height", "width"), [(3, 3), (3, 4), (4, 4)])
+@pytest.mark.parametrize("fill", [True, False])
+def test_enumeration_finds_the_same(height, width, fill):
+    grids, values, cyclomatic, flawless = enumerated()
+    here = flawless & ~grids[:, height:].any(axis=(1, 2)) & ~grids[:, :, width:].any(axis=(1, 2))
+    if fill:
+        here &= (grids[:, :height, :width] > 0).all(axis=(1, 2))
+    niches = np.unique(cyclomatic[here]).tolist()
+    assert certificate(height, width, fill) == {k: values[here & (cyclomatic == k)].min() for k in niches}
+    assert networks(height, width, fill) == {k: (here & (cyclomatic == k)).sum() for k in niches}
+
+
+@pytest.mark.parametrize("size", [(3, 4, False), (4, 5, True), (4, 4, False), (5, 5, True)])
+def test_the_programme_makes_the_certificates_again(size):
+    record, slow = certify.certify(size), certify.certify(size, thin=False)
+    assert certify.certify(size)["niches"] == record["niches"]
+    for name in ("optimum", "networks"):
+        assert by_niche(record, name) == by_niche(slow, name) == by_niche(RECORDS[size], name)
+    assert slow["cost"]["states"] >= record["cost"]["states"]
+
+
+@pytest.mark.parametrize("size", RECORDS)
+def test_each_optimum_has_a_network(size):
+    for niche in RECORDS[size]["niches"]:
+        grid = np.array([[int(code, 16) for code in row] for row in niche["witness"]])
+        assert grid.shape == size[:2]
+        found = measure(grid)
+        assert fitness(found) == niche["optimum"]
+        assert found["components"] == 1 and found["cyclomatic"] == niche["cyclomatic"]
+        assert not any(found[name] for name in FLAWS)
+        assert grid.all() or not size[2]
+        assert niche["networks"] >= 1
+
+
+def test_all_sizes_are_there_and_agree_with_each_other():
+    assert set(RECORDS) >= set(certify.SIZES)
+    for height, width, fill in RECORDS:
+        if fill and (height, width, False) in RECORDS:
+            some = certificate(height, width, False)
+            assert all(some[niche] <= value for niche, value in certificate(height, width, True).items())
+        larger = RECORDS.get((height, width + 1, False))
+        if not fill and larger:  # a network may lie in a corner of a larger grid
+            some = by_niche(larger, "optimum")
+            assert all(some[niche] <= value for niche, value in certificate(height, width, False).items())
+    for fill, optima in KNOWN.items():
+        for side, value in optima.items():
+            assert min(certificate(side, side, fill).values()) == value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("side", "fill"), [(5, True), (5, False), (6, True), (6, False)])
+def test_integer_programming_proves_the_same(side, fill):
+    proven = 0
+    for cyclomatic, optimum in certificate(side, side, fill).items():
+        value = solve(side, side, fill, cyclomatic, seconds=120)
+        assert value in (None, optimum)
+        proven += value is not None
+    assert proven >= 3 if side == 6 else proven == len(certificate(side, side, fill))
+    for cyclomatic in {1, 2, 3, 4, 5, 6, 7, 8} - set(certificate(side, side, fill)):
+        assert solve(side, side, fill, cyclomatic, seconds=120) in (None, np.inf)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "preset"), [("map-elites", "tuned"), ("map-elites", "standard"), ("ea", "tuned")])
+def test_no_search_is_better_than_a_certificate(method, preset):
+    """Any flawless network counts for B; where it is filled, for A too. Tests of optimisers check what theirs find."""
+    result = evolve(jax.random.key(0), (5, 5), method=method, preset=preset, evaluations=20_000)
+    grids = np.asarray(result.elites.grids)[np.asarray(result.elites.valid)]
+    found, faults = check(certificate(5, 5, False), grids, fill=False)
+    assert found and not faults
+    assert not check(certificate(5, 5, True), grids, fill=True)[1]
+
+
+@settings(max_examples=50)
+@given(st.integers(0, 2**16 - 1), st.booleans())
+def test_the_checker_measures_as_the_oracle(number, repaired):
+    grid = np.random.default_rng(number).integers(0, 16, (4, 5))
+    if repaired:
+        grid = np.asarray(elitelanes_jax.repair(grid.astype(np.int8), np.zeros(grid.shape, bool))).astype(int)
+    found, score = measure(grid), rescore(grid)
+    flawless = found["components"] == 1 and not any(found[name] for name in FLAWS)
+    assert score == (fitness(found), found["cyclomatic"], flawless, bool(grid.all()))
+
+
+@pytest.fixture
+def archive(tmp_path):
+    def write(**arrays):
+        np.savez(tmp_path / "archive.npz", **arrays)
+        return str(tmp_path / "archive.npz")
+
+    return write
+
+
+def witnesses(height, width, fill):
+    niches = RECORDS[height, width, fill]["niches"]
+    return np.array([[[int(code, 16) for code in row] for row in niche["witness"]] for niche in niches], np.int8)
+
+
+def test_the_checker_finds_an_archive_right(archive, capsys):
+    file = archive(grids=witnesses(5, 5, True)[None])
+    assert main([str(CERTIFICATES), file, "--size", "5", "5"]) == 0
+    assert capsys.readouterr().out.splitlines()[1].split() == ["3", "-56", "-56", "1"]
+
+
+def test_the_checker_says_when_a_certificate_is_wrong(archive, tmp_path, capsys):
+    records = json.loads(CERTIFICATES.read_text())
+    for record in records["certificates"]:
+        for niche in record["niches"]:
+            niche["optimum"] += 2
+        record["niches"] = record["niches"][:1]
+    (tmp_path / "wrong.json").write_text(json.dumps(records))
+    file = archive(grids=witnesses(5, 5, True))
+    assert main([str(tmp_path / "wrong.json"), file, "--size", "5", "5"]) == 1
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(", got")[0] for line in told] == [
+        "check_archive.py: cyclomatic number 3: certified -54 at best",
+        "check_archive.py: cyclomatic number 4: certified no network",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "size", "words"),
+    [
+        ({"other": np.zeros(3)}, ["5", "5"], "expected an .npz with grids"),
+        ({"grids": np.zeros((2, 5, 5))}, ["5", "5"], "float64 [2, 5, 5]"),
+        ({"grids": np.full((2, 5, 5), 16)}, ["5", "5"], "16 to 16"),
+        ({"grids": np.zeros((2, 5, 6), int)}, ["5", "5"], "[2, 5, 6]"),
+        ({"grids": np.zeros((2, 5, 40), int)}, ["5", "40"], "expected a certificate of 5 x 40 A"),
+    ],
+)
+def test_the_checker_refuses_other_files(arrays, size, words, archive, capsys):
+    assert main([str(CERTIFICATES), archive(**arrays), "--size", *size]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
+
+
+@pytest.mark.parametrize("text", ["8x8", "8x8C", "1x8A", "15x15A", "eight"])
+def test_it_refuses_sizes(text, capsys):
+    with pytest.raises(SystemExit) as error:
+        certify.main([text])
+    assert error.value.code == 2
+    assert "expected a size such as 8x8A" in capsys.readouterr().err
+
+
+def test_the_program_keeps_what_is_there(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(certify, "ProcessPoolExecutor", lambda workers, mp_context: ThreadPoolExecutor(workers))
+    out, tables = tmp_path / "some.json", tmp_path / "some.md"
+    assert certify.main(["3x3A", "--out", str(out)]) == 0
+    first = out.read_bytes()
+    assert certify.main(["3x3A", "--out", str(out), "--table", str(tables)]) == 0
+    assert out.read_bytes() == first
+    assert "| 3 x 3 A |  | -10 |" in tables.read_text()
+    assert capsys.readouterr().out.splitlines()[0].startswith("3 x 3 A: {2: -10}")
+    out.write_text("[]")
+    assert certify.main(["3x3A", "--out", str(out)]) == 2
+    assert "expected certificates" in capsys.readouterr().err
