@@ -14,6 +14,7 @@ from elitelanes_jax.cli.merge import add_merge
 from elitelanes_jax.cli.pick import add_pick
 from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
+from elitelanes_jax.cli.score import add_score
 from elitelanes_jax.cli.tiles import add_tiles
 
 __all__ = ["main", "make_parser"]
@@ -31,7 +32,7 @@ def make_parser() -> argparse.ArgumentParser:
     parser.set_defaults(interrupted="nothing was written", loud=Loudness.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for add in (add_generate, add_merge, add_pick, add_render, add_dataset, add_export, add_show, add_tiles):
+    for add in (add_generate, add_merge, add_pick, add_render, add_dataset, add_export, add_show, add_tiles, add_score):
         add(commands)
     return parser
 

@@ -35,7 +35,7 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 REFERENCE = "".join(text for page, text in PAGES.items() if page.startswith("docs/reference/"))
 
 # Pages whose programs other tests run.
-RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("exports", "interop", "plots", "scaling", "sumo", "tiles")]
+RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "sumo", "tiles")]
 PROGRAMS = [(page, text) for page in PAGES if page not in RUN_ELSEWHERE for _, text in blocks(PAGES[page], "python")]
 
 HELPERS = ["elitelanes_jax._util.errors", "elitelanes_jax._util.settings", "elitelanes_jax._util.config"]

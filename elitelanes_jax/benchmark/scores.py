@@ -1,0 +1,59 @@
+"""The scores of the benchmark (Mouret and Clune, "Illuminating search spaces by mapping elites", 2015, section 4)."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.benchmark.tasks import Task
+from elitelanes_jax.problem.qd_metrics import coverage
+
+__all__ = ["Scores", "compute_scores", "confidence_interval"]
+
+_RESAMPLES = 10_000
+
+
+class Scores(NamedTuple):
+    """The scores of archives ``[...]``, floats in [0, 1].
+
+    The nearness of an elite is its fitness divided by its niche's optimum, 0 where the fitness is positive.
+
+    Attributes:
+      coverage: the share of feasible niches that are filled.
+      reliability: the mean nearness over feasible niches, 0 in vacant ones.
+      precision: the mean nearness over filled niches; not a number if none is.
+      optimal: the share of feasible niches that are at their optimum.
+    """
+
+    coverage: NDArray[np.float64]
+    reliability: NDArray[np.float64]
+    precision: NDArray[np.float64]
+    optimal: NDArray[np.float64]
+
+
+def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
+    """Computes the scores of archives.
+
+    Args:
+      task: with F feasible niches.
+      best: ``[..., F]`` with at least one axis before, the lowest fitness in each, infinite where it is vacant.
+    """
+    filled = np.isfinite(best)
+    nearness = np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
+    total, number = nearness.sum(axis=-1), filled.sum(axis=-1)
+    precision = np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
+    at_optimum = (filled & (best <= task.optimum)).mean(axis=-1)
+    return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
+
+
+def confidence_interval(values: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
+    """Returns a bootstrap interval of the mean of runs ``[R]``, of percentiles; the same for the same values.
+
+    Runs whose value is not a number are left out; without any the ends are not numbers either.
+    """
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return float("nan"), float("nan")
+    drawn = np.random.default_rng(0).integers(len(known), size=(_RESAMPLES, len(known)))
+    low, high = np.quantile(known[drawn].mean(axis=1), [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)

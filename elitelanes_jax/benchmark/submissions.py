@@ -1,0 +1,180 @@
+"""Raw archives of runs on a task: files of them, and their scores, measured anew."""
+
+import io
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int, Int8
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.limited_read import read_bytes
+from elitelanes_jax.benchmark.scores import Scores, compute_scores
+from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
+
+__all__ = ["LEAST_RUNS", "Submission", "read_submission", "score_submission", "write_submission"]
+
+LEAST_RUNS = 10
+"""The least number of runs, each from another seed."""
+
+_BATCH = 4096
+_MOST_BYTES = 2**30
+
+
+class Submission(NamedTuple):
+    """The archives of R runs on a task, after each of the T budgets up to the task's own.
+
+    Attributes:
+      task: that was run.
+      grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant place is all zeros. Grids
+        that are not flawless, or have an empty cell where every cell has to be filled, count nothing.
+      fitness: int ``[R, T, N]``, as the run had it; anything in vacant places.
+      cyclomatic: int ``[R, T, N]``, likewise.
+    """
+
+    task: Task
+    grids: Int8[np.ndarray, "R T N H W"]
+    fitness: Int[np.ndarray, "R T N"]
+    cyclomatic: Int[np.ndarray, "R T N"]
+
+
+def write_submission(file: Path, submission: Submission) -> None:
+    """Writes a raw archive as an ``.npz``.
+
+    Raises:
+      InputError: if it is not one, as `read_submission` says.
+    """
+    arrays = {name: np.asarray(getattr(submission, name)) for name in ("grids", "fitness", "cyclomatic")}
+    _check(str(file), submission.task, arrays)
+    content = io.BytesIO()
+    np.savez_compressed(content, version=VERSION, task=submission.task.name, **arrays)  # type: ignore[arg-type]
+    write_atomic(file, content.getvalue())
+
+
+def read_submission(file: Path) -> Submission:
+    """Reads a raw archive.
+
+    Raises:
+      InputError: if it is none, of another version or of no task, or its arrays do not fit the task or each other.
+    """
+    names = ("version", "task", "grids", "fitness", "cyclomatic")
+    try:
+        content = io.BytesIO(read_bytes(file, _MOST_BYTES))
+        with zipfile.ZipFile(content) as members:
+            size = sum(member.file_size for member in members.infolist())
+        if size > _MOST_BYTES:
+            raise InputError(f"{file}: expected arrays of at most {_MOST_BYTES:,} bytes, got {size:,}")
+        with np.load(content, allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in names if name in stored}
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{file}: expected a raw archive, got: {reason(error)}") from None
+    except (ValueError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+        raise InputError(f"{file}: expected a raw archive, an .npz, got another file") from None
+    if len(arrays) < len(names):
+        raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(arrays) or 'none of them'}")
+    version, task = arrays.pop("version"), arrays.pop("task")
+    if version.tolist() != VERSION:
+        raise InputError(f"{file}: expected version {VERSION}, got {version.tolist()!r}")
+    try:
+        found = find_task(task.tolist())
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    _check(str(file), found, arrays)
+    return Submission(found, *(arrays[name] for name in Submission._fields[1:]))
+
+
+def _check(source: str, task: Task, arrays: dict[str, NDArray[Any]]) -> None:
+    grids = arrays["grids"]
+    budgets = sum(budget <= task.evaluations for budget in BUDGETS)
+    shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
+    if grids.ndim != 5 or grids.shape[1] != budgets or grids.shape[3:] != task.shape:
+        raise InputError(f"{source}: expected grids {shape} for {task.name}, got {list(grids.shape)}")
+    if len(grids) < LEAST_RUNS:
+        raise InputError(f"{source}: expected at least {LEAST_RUNS} runs, got {len(grids)}")
+    if not grids.size:
+        raise InputError(f"{source}: expected at least one place in grids, got {list(grids.shape)}")
+    for name, array in arrays.items():
+        if not np.issubdtype(array.dtype, np.integer):
+            raise InputError(f"{source}: expected whole numbers in {name}, got {array.dtype}")
+        if array.shape[:3] != grids.shape[:3] or (name != "grids" and array.ndim != 3):
+            raise InputError(f"{source}: expected {name} {list(grids.shape[:3])}, got {list(array.shape)}")
+    if not 0 <= grids.min() <= grids.max() <= 15:
+        raise InputError(f"{source}: expected tile codes 0 to 15 in grids, got {grids.min()} to {grids.max()}")
+
+
+def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
+    """Measures all grids of a raw archive, and scores what they are.
+
+    Returns:
+      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite where it is vacant; and the scores, each
+      ``[R, T]``.
+
+    Raises:
+      InputError: for a grid that is not what the archive says, or is better than its niche's certificate.
+    """
+    task, grids, *claims = submission
+    counts = _measure(grids.reshape(-1, *task.shape))
+    measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}
+    there = (grids > 0).any(axis=(-1, -2))
+    for name, claimed in zip(("fitness", "cyclomatic"), claims, strict=True):
+        wrong = np.argwhere(there & (claimed != measured[name]))
+        if len(wrong):
+            place = tuple(wrong[0].tolist())
+            got = f"{claimed[place]} for a grid that has {measured[name][place]}"
+            raise InputError(f"{name}: expected what the grids have, got {got}, at {_place(place)}")
+    counting = there & measured["flawless"]
+    if task.fill:
+        counting &= measured["empty_cells"] == 0
+    beyond = np.argwhere(counting & ~np.isin(measured["cyclomatic"], task.cyclomatic))
+    if len(beyond):
+        place = tuple(beyond[0].tolist())
+        got = f"one at {measured['cyclomatic'][place]}, {_place(place)}"
+        raise InputError(f"grids: expected none where no network is certified to be, got {got}: tell us of it")
+    best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
+    for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
+        here = counting & (measured["cyclomatic"] == cyclomatic)
+        best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
+        better = np.argwhere(here & (measured["fitness"] < optimum))
+        if len(better):
+            place = tuple(better[0].tolist())
+            got = f"{measured['fitness'][place]} at cyclomatic number {cyclomatic}, {_place(place)}"
+            raise InputError(f"grids: expected none better than the certified {optimum}, got {got}: tell us of it")
+    return best, compute_scores(task, best)
+
+
+def _place(place: tuple[int, ...]) -> str:
+    return f"run {place[0]}, {BUDGETS[place[1]]:,} evaluations, place {place[2]}"
+
+
+def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, NDArray[Any]]:
+    """Measures grids batch by batch, so that memory and compilation do not depend on their number."""
+    import jax
+
+    from elitelanes_jax.network.fitness import fitness
+    from elitelanes_jax.network.metrics import measure
+
+    @jax.jit
+    def measure_batch(batch: Any) -> dict[str, Any]:
+        found = jax.vmap(measure)(batch)
+        flaws = found.dead_ends + found.boundary_violations + found.mismatches
+        flaws += found.adjacent_crossings + found.adjacent_turns
+        return {
+            "fitness": fitness(found),
+            "cyclomatic": found.cyclomatic,
+            "empty_cells": found.empty_cells,
+            "flawless": (found.components == 1) & (flaws == 0),
+        }
+
+    batches = []
+    for start in range(0, len(grids), _BATCH):
+        batch = grids[start : start + _BATCH].astype(np.int8)
+        filler = np.zeros((_BATCH - len(batch), *batch.shape[1:]), np.int8)
+        part = measure_batch(np.concatenate([batch, filler]))
+        batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
+    return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}

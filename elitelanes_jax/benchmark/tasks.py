@@ -1,0 +1,76 @@
+"""The tasks of the benchmark, and the certified optima of their niches."""
+
+import json
+import re
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError, short
+
+__all__ = ["BUDGETS", "SIZES", "VERSION", "Task", "find_task"]
+
+VERSION = 1
+"""The version of tasks and scores: scores of different versions are not comparable."""
+
+BUDGETS = (10_000, 100_000, 1_000_000)
+"""The evaluations that a run may take. A run with one budget is also scored at all lower ones."""
+
+SIZES = ("5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B", "9x9A")
+"""Height, width and variant: in A every cell is filled, in B cells may be empty."""
+
+
+class Task(NamedTuple):
+    """A task: for each cyclomatic number, find the flawless network of lowest fitness.
+
+    A network is flawless if it has one component and no dead end, boundary violation, mismatch, adjacent crossings or
+    adjacent turns. The fitness is that of `elitelanes_jax.Weights()`.
+
+    Attributes:
+      name: size and budget, such as ``8x8A-100000``.
+      shape: (height, width).
+      fill: whether every cell has to be filled.
+      evaluations: the budget of a run.
+      cyclomatic: int ``[F]``, the feasible niches: all other cyclomatic numbers are proven to have no network.
+      optimum: int ``[F]``, the lowest fitness of each, proven.
+      networks: int ``[F]``, how many flawless networks each has.
+      witnesses: int8 ``[F, H, W]``, an optimal network of each.
+    """
+
+    name: str
+    shape: tuple[int, int]
+    fill: bool
+    evaluations: int
+    cyclomatic: NDArray[np.int_]
+    optimum: NDArray[np.int_]
+    networks: NDArray[np.int_]
+    witnesses: NDArray[np.int8]
+
+
+def find_task(name: str) -> Task:
+    """Returns the task of a name: one of `SIZES`, a hyphen, one of `BUDGETS`.
+
+    Raises:
+      InputError: if there is none.
+    """
+    parts = re.fullmatch(r"((\d+)x(\d+)([AB]))-(\d+)", name) if isinstance(name, str) else None
+    if not parts or parts[1] not in SIZES or parts[5] not in map(str, BUDGETS):
+        expected = f"SIZE-BUDGET of {', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
+        raise InputError(f"task: expected {expected}, got {short(repr(name), 40)}")
+    shape, fill = (int(parts[2]), int(parts[3])), parts[4] == "A"
+    niches = _certificates()[*shape, fill]
+    grids = [[[int(code, 16) for code in row] for row in niche["witness"]] for niche in niches]
+    cyclomatic, optimum, networks = (
+        np.array([niche[key] for niche in niches]) for key in ("cyclomatic", "optimum", "networks")
+    )
+    return Task(name, shape, fill, int(parts[5]), cyclomatic, optimum, networks, np.array(grids, np.int8))
+
+
+@cache
+def _certificates() -> dict[tuple[int, int, bool], list[dict[str, Any]]]:
+    text = files(__package__).joinpath("certificates.json").read_text(encoding="utf-8")
+    records = json.loads(text)["certificates"]
+    return {(record["height"], record["width"], record["fill"]): record["niches"] for record in records}

@@ -1,0 +1,60 @@
+"""The command ``elitelanes score``."""
+
+import argparse
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.program import say
+
+if TYPE_CHECKING:
+    from elitelanes_jax.benchmark.scores import Scores
+    from elitelanes_jax.benchmark.submissions import Submission
+
+__all__ = ["add_score"]
+
+
+def add_score(commands: Commands) -> None:
+    """Adds the command ``score`` to a parser's commands."""
+    command = commands.add_parser(
+        "score",
+        help="score raw archives of the benchmark",
+        description="Measures the grids of raw archives anew and prints their scores, with 95 % intervals over runs.",
+    )
+    command.add_argument(
+        "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an .npz of runs on a task"
+    )
+    command.set_defaults(action=_score)
+
+
+def _score(options: argparse.Namespace) -> int:
+    from elitelanes_jax.benchmark.submissions import read_submission, score_submission
+    from elitelanes_jax.compile_cache import use_compile_cache
+
+    use_compile_cache()
+    for file in options.archives:
+        submission = read_submission(file)
+        try:
+            _, scores = score_submission(submission)
+        except InputError as error:
+            raise InputError(f"{file}: {error}") from None
+        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(submission, scores)}")
+    return 0
+
+
+def _table(submission: "Submission", scores: "Scores") -> str:
+    from elitelanes_jax.benchmark.scores import confidence_interval
+    from elitelanes_jax.benchmark.tasks import BUDGETS
+
+    lines = ["".join(f"{name:>22}" for name in ("evaluations", *scores._fields))]
+    for number, budget in enumerate(BUDGETS[: submission.grids.shape[1]]):
+        cells = [f"{budget:,}"]
+        for values in scores:
+            known = values[:, number][~np.isnan(values[:, number])]
+            low, high = confidence_interval(known)
+            cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")
+        lines.append("".join(f"{cell:>22}" for cell in cells))
+    return "\n".join(lines)

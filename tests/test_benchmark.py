@@ -1,0 +1,182 @@
+"""The benchmark: its tasks stay as they are, scores mean what they say, and only honest archives are scored."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pages import blocks
+
+from elitelanes_jax import InputError
+from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval
+from elitelanes_jax.benchmark.submissions import Submission, read_submission, score_submission, write_submission
+from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
+from elitelanes_jax.cli.main import main
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmark.md"
+TASK = find_task("5x5A-100000")
+
+
+def perfect(task=TASK, runs=10):
+    """Runs that found the witnesses at once."""
+    budgets = BUDGETS.index(task.evaluations) + 1
+    parts = (task.witnesses, task.optimum, task.cyclomatic)
+    return Submission(task, *(np.broadcast_to(part, (runs, budgets, *part.shape)).copy() for part in parts))
+
+
+def test_the_tasks_of_a_version_do_not_change():
+    """Whoever means to change them raises the version, and this sum."""
+    facts = [[size, *(np.array(part).tolist() for part in find_task(f"{size}-10000")[4:6])] for size in SIZES]
+    assert VERSION == 1
+    assert hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16] == "d285ec655d311736"
+
+
+@pytest.mark.parametrize("size", ["5x5A", *(pytest.param(size, marks=pytest.mark.slow) for size in SIZES[1:])])
+def test_the_witnesses_have_the_highest_scores(size):
+    task = find_task(f"{size}-10000")
+    best, scores = score_submission(perfect(task))
+    np.testing.assert_array_equal(best[0, 0], task.optimum)
+    assert all((values == 1).all() and values.shape == (10, 1) for values in scores)
+
+
+@pytest.mark.parametrize("name", ["5x5A", "5x5A-1000", "12x12A-10000", "5x5-10000", "5x5C-10000", "", 3])
+def test_there_are_no_other_tasks(name):
+    with pytest.raises(InputError, match=r"^task: expected SIZE-BUDGET of 5x5A, "):
+        find_task(name)
+
+
+def test_what_does_not_count_is_vacant():
+    submission = perfect()
+    submission.grids[0, 0, 0] = 0  # vacant
+    unfilled = find_task("5x5B-10000").witnesses
+    open_cell = next(grid for grid in unfilled if (grid == 0).any())
+    ring = np.array([[6, 5, 3, 6, 3], [10, 0, 10, 10, 10], [12, 5, 9, 12, 9], [0] * 5, [0] * 5])  # turns side by side
+    for place, grid in (((1, 0, 0), open_cell), ((2, 0, 0), ring)):
+        submission.grids[place] = grid
+        submission.fitness[place], submission.cyclomatic[place] = measured(grid)
+    best, scores = score_submission(submission)
+    assert np.isinf(best[:3, 0, 0]).all() and np.isfinite(best[:3, 0, 1]).all()
+    np.testing.assert_array_equal(scores.coverage[:, 0], [0.5] * 3 + [1] * 7)
+    np.testing.assert_array_equal(scores.precision, 1)
+    np.testing.assert_array_equal(scores.coverage[:, 1], 1)
+
+
+def measured(grid):
+    from oracle import fitness, measure
+
+    found = measure(grid)
+    return fitness(found), found["cyclomatic"]
+
+
+fitnesses = st.lists(st.one_of(st.integers(0, 40), st.none()), min_size=2, max_size=2)
+
+
+@given(fitnesses)
+def test_scores_are_what_they_are_said_to_be(above):
+    values = [None if gap is None else int(best) + 2 * gap for gap, best in zip(above, TASK.optimum, strict=True)]
+    scores = compute_scores(TASK, np.array([[np.inf if value is None else value for value in values]]))
+    near = [max(value / best, 0) for value, best in zip(values, TASK.optimum, strict=True) if value is not None]
+    assert scores.coverage == len(near) / 2
+    assert scores.reliability == pytest.approx(sum(near) / 2)
+    assert scores.optimal == sum(gap == 0 for gap in above) / 2
+    assert scores.precision == pytest.approx(sum(near) / len(near)) if near else np.isnan(scores.precision)
+
+
+def test_intervals_cover_the_mean_and_leave_out_what_is_no_number():
+    values = np.random.default_rng(1).random(20)
+    low, high = confidence_interval(values)
+    half = 1.96 * values.std() / np.sqrt(20)
+    np.testing.assert_allclose([low, high], values.mean() + np.array([-half, half]), atol=0.02)
+    assert confidence_interval(np.append(values, np.nan)) == (low, high)
+    assert confidence_interval(np.ones(3)) == (1, 1)
+    assert np.isnan(confidence_interval(np.array([np.nan]))).all()
+
+
+def test_files_keep_archives(tmp_path):
+    write_submission(tmp_path / "a.npz", perfect())
+    read = read_submission(tmp_path / "a.npz")
+    assert read.task.name == TASK.name
+    for name in ("grids", "fitness", "cyclomatic"):
+        np.testing.assert_array_equal(getattr(read, name), getattr(perfect(), name))
+
+
+def arrays(**changed):
+    submission = perfect()
+    given = {"version": VERSION, "task": TASK.name, **submission._asdict(), **changed}
+    given["task"] = given["task"] if isinstance(given["task"], str) else TASK.name
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def lie(name):
+    values = getattr(perfect(), name)
+    values[3, 1, 0] += 2
+    return values
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"version": 2}, "expected version 1, got 2"),
+        ({"version": "x"}, "expected version 1, got 'x'"),
+        ({"task": "5x5A-1"}, "task: expected SIZE-BUDGET of"),
+        ({"task": "5x5A-10000"}, "expected grids [R, 1, N, 5, 5] for 5x5A-10000, got [10, 2, 2, 5, 5]"),
+        ({"task": "6x6A-100000"}, "expected grids [R, 2, N, 6, 6] for 6x6A-100000, got [10, 2, 2, 5, 5]"),
+        ({"grids": None}, "expected arrays version, task, grids, fitness, cyclomatic, got version, task, fitness, "),
+        ({"grids": perfect().grids[:9]}, "expected at least 10 runs, got 9"),
+        ({"grids": perfect().grids[:, :, :0]}, "expected at least one place in grids"),
+        ({"grids": perfect().grids.astype(float)}, "expected whole numbers in grids, got float64"),
+        ({"grids": perfect().grids + 8}, "expected tile codes 0 to 15 in grids"),
+        ({"fitness": perfect().fitness[..., :1]}, "expected fitness [10, 2, 2], got [10, 2, 1]"),
+        (
+            {"fitness": lie("fitness")},
+            "fitness: expected what the grids have, got -54 for a grid that has -56, at run 3",
+        ),
+        ({"cyclomatic": lie("cyclomatic")}, "cyclomatic: expected what the grids have, got 5 for a grid that has 3"),
+    ],
+)
+def test_other_archives_are_refused_in_one_line(changed, words, tmp_path, capsys):
+    file = tmp_path / "a.npz"
+    np.savez(file, **arrays(**changed))
+    assert main(["score", str(file)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"elitelanes: {file}: ") and words in line
+
+
+@pytest.mark.parametrize("content", [None, b"", b"no archive", b"PK\x03\x04"])
+def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
+    file = tmp_path / "a.npz"
+    if content is not None:
+        file.write_bytes(content)
+    assert main(["score", str(file)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"elitelanes: {file}: expected a raw archive, ")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (TASK._replace(optimum=TASK.optimum + 2), "expected none better than the certified -54, got -56"),
+        (
+            TASK._replace(cyclomatic=TASK.cyclomatic + 1),
+            "expected none where no network is certified to be, got one at 3",
+        ),
+    ],
+)
+def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
+    with pytest.raises(InputError, match=words):
+        score_submission(perfect()._replace(task=wrong))
+
+
+@pytest.mark.slow  # it compiles a search for itself
+def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    ((_, program),) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    exec(compile(program, str(PAGE), "exec"), made := {})
+    assert main(["score", "mine.npz"]) == 0
+    title, head, row = capsys.readouterr().out.splitlines()
+    assert title == "mine.npz: 5x5A-10000, 10 runs"
+    assert head.split() == ["evaluations", "coverage", "reliability", "precision", "optimal"]
+    assert row.split()[:2] == ["10,000", f"{made['scores'].coverage.mean():.3f}"]
