@@ -27,6 +27,7 @@ __all__ = [
     "png_of",
     "recall_choice",
     "render",
+    "scale_tiles",
     "write_picture",
     "write_png",
 ]
@@ -133,7 +134,7 @@ def render(
     if chosen is None:
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     place = chosen[..., 0] * 4 + chosen[..., 1]
-    layers = {name: _lay_out(rotated[place]) for name, rotated in _scale(tiles, tile_px).items()}
+    layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
@@ -229,8 +230,17 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
 
 
 @lru_cache(maxsize=4)
-def _scale(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
-    """Scales all layers of all tiles in all four rotations: uint8 ``[4·T, P, P]``, images ``[4·T, P, P, 3]``."""
+def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
+    """Scales all layers of all tiles of a set in all four rotations.
+
+    Args:
+      tiles: the set.
+      size: P, side of a tile in pixels.
+
+    Returns:
+      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and the
+      maker's own masks. Place ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+    """
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
         empty = np.zeros(tile.road.shape, bool)

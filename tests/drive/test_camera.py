@@ -1,0 +1,137 @@
+"""The camera: against OpenCV's warp of the rendered map, and against points that are projected by hand."""
+
+import cv2
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive.camera import Camera, look, make_atlas, rays
+from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, movements
+from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.tiles.render import choose_tiles, render, scale_tiles
+
+TILE_PX = 32
+frame = jax.jit(look)
+
+
+@pytest.fixture(scope="module")
+def scene(drawn_tiles):
+    grid = np.asarray(repair(random_grids(jax.random.key(0), 1, (5, 6))[0], fill=True))
+    chosen = choose_tiles(grid, drawn_tiles, 1)
+    scaled = scale_tiles(drawn_tiles, TILE_PX)
+    picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
+    place = (chosen[..., 0] * 4 + chosen[..., 1]).astype(np.int32)
+    return grid, place, make_atlas(scaled["image"], scaled["labels"]), picture
+
+
+def some_poses(grid, count):
+    rng = np.random.default_rng(0)
+    every = np.argwhere(np.asarray(movements(grid)))
+    chosen = every[rng.integers(0, len(every), count)].astype(np.int32)
+    middle = lane_point(Movement(*chosen.T), rng.uniform(0, 0.4, count).astype(np.float32))
+    beside = rng.uniform(-0.1, 0.1, (2, count)).astype(np.float32)
+    return [Pose(*one) for one in zip(middle.x + beside[0], middle.y, middle.theta + 3 * beside[1], strict=True)]
+
+
+def homography(pose, camera):
+    """From pixels of the camera to pixels of the map, by projecting the plane z = 0 with OpenCV's convention."""
+    focal = camera.rows / 2 / np.tan(np.deg2rad(camera.field_of_view) / 2)
+    intrinsic = np.array([[focal, 0, camera.columns / 2 - 0.5], [0, focal, camera.rows / 2 - 0.5], [0, 0, 1]])
+    pitch, theta = np.deg2rad(camera.pitch), float(pose.theta)
+    east_north_up = {
+        "ahead": np.array([np.cos(theta) * np.cos(pitch), np.sin(theta) * np.cos(pitch), -np.sin(pitch)]),
+        "right": np.array([np.sin(theta), -np.cos(theta), 0]),
+    }
+    down = np.cross(east_north_up["ahead"], east_north_up["right"])
+    rotation = np.stack([east_north_up["right"], down, east_north_up["ahead"]])
+    centre = np.array([np.cos(theta) * camera.forward, np.sin(theta) * camera.forward, camera.height])
+    centre[:2] += np.array([float(pose.x), -float(pose.y)]) * TILE
+    onto = intrinsic @ np.column_stack([rotation[:, 0], rotation[:, 1], -rotation @ centre])
+    metres = np.array(
+        [[TILE / TILE_PX, 0, 0.5 * TILE / TILE_PX], [0, -TILE / TILE_PX, -0.5 * TILE / TILE_PX], [0, 0, 1]]
+    )
+    return np.linalg.inv(onto @ metres)
+
+
+def test_labels_and_colours_are_those_of_opencvs_warp(scene):
+    grid, place, atlas, picture = scene
+    camera = Camera(rows=60, columns=80)
+    same = total = seen = 0
+    for pose in some_poses(grid, 12):
+        view = jax.device_get(frame(jax.random.key(0), pose, place, atlas, camera))
+        matrix = homography(pose, camera)
+        # A pixel in front of the camera has a positive third coordinate on the ground, one above the horizon has not.
+        columns, rows = np.meshgrid(np.arange(80), np.arange(60))
+        ground = matrix @ np.stack([columns, rows, np.ones_like(rows)]).reshape(3, -1)
+        horizon = (ground[2] * np.linalg.det(matrix) > 0).reshape(60, 80)
+        horizon = horizon if horizon[-1].all() else ~horizon
+        flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+        labels = cv2.warpPerspective(picture.labels, matrix, (80, 60), flags=flags) * horizon
+        image = cv2.warpPerspective(picture.image, matrix, (80, 60), flags=flags, borderValue=camera.ground)
+        image = np.where(horizon[..., None], image, np.array(camera.sky)).astype(np.uint8)
+        agree = labels == view.labels
+        same, total, seen = same + agree.sum(), total + agree.size, seen + len(np.unique(labels))
+        grown = cv2.dilate(labels, np.ones((3, 3), np.uint8)), cv2.erode(labels, np.ones((3, 3), np.uint8))
+        assert (agree | (grown[0] != grown[1])).all()
+        assert (np.abs(image.astype(int) - view.image).max(axis=-1) <= 1).mean() > 0.98
+    assert same / total >= 0.995
+    assert seen > 30
+
+
+def test_rays_meet_the_ground_where_points_project_from():
+    camera = Camera(rows=48, columns=64)
+    ahead, left = np.asarray(rays(camera)) * TILE
+    focal = 24 / np.tan(np.deg2rad(37.5))
+    pitch = np.deg2rad(19.15)
+    seen = np.isfinite(ahead)
+    assert (seen == (np.arange(48)[:, None] > 24 - focal * np.tan(pitch) - 0.5)).all()
+    rows, columns = (index[seen] + 0.5 for index in np.mgrid[:48, :64])
+    right, down, depth = to_camera(ahead[seen], left[seen]).T
+    np.testing.assert_allclose(24 + focal * down / depth, rows, atol=2e-3)
+    np.testing.assert_allclose(32 + focal * right / depth, columns, atol=2e-3)
+
+    ahead, left = np.asarray(rays(Camera(rows=48, columns=64, distortion=(-0.2, 0.05)))) * TILE
+    seen = np.isfinite(ahead) & (ahead < 2)  # further away a ray hardly falls
+    rows, columns = (index[seen] + 0.5 for index in np.mgrid[:48, :64])
+    intrinsic = np.array([[focal, 0, 32], [0, focal, 24], [0, 0, 1.0]])
+    bend = np.array([-0.2, 0.05, 0, 0])
+    projected, _ = cv2.projectPoints(to_camera(ahead[seen], left[seen]), np.zeros(3), np.zeros(3), intrinsic, bend)
+    np.testing.assert_allclose(projected[:, 0], np.stack([columns, rows], axis=1), atol=0.02)
+
+
+def to_camera(ahead, left):
+    """Points on the ground, in metres, as a camera has them that looks down by its pitch: right, down, depth."""
+    pitch, forward = np.deg2rad(19.15), ahead.astype(float) - 0.066
+    down = 0.108 * np.cos(pitch) - forward * np.sin(pitch)
+    return np.stack([-left.astype(float), down, forward * np.cos(pitch) + 0.108 * np.sin(pitch)], axis=-1)
+
+
+def test_light_and_noise_change_colours_alone(scene):
+    grid, place, atlas, _ = scene
+    (pose,) = some_poses(grid, 1)
+    plain, dark, noisy = (
+        jax.device_get(frame(jax.random.key(2), pose, place, atlas, camera))
+        for camera in (Camera(), Camera(light=0.5), Camera(noise=5.0))
+    )
+    assert (plain.labels == dark.labels).all() and (plain.labels == noisy.labels).all()
+    np.testing.assert_allclose(dark.image, plain.image * 0.5, atol=0.51)
+    change = noisy.image.astype(float) - plain.image
+    assert 4 < change[plain.image < 200].std() < 6
+    poses = Pose(*np.array([pose, pose], np.float32).T)
+    both = jax.vmap(look, in_axes=(0, 0, None, None, None))(
+        jax.random.split(jax.random.key(0), 2), poses, place, atlas, Camera()
+    )
+    np.testing.assert_array_equal(both.labels[1], plain.labels)
+    np.testing.assert_array_equal(both.image[0], plain.image)
+
+
+def test_faults_are_named():
+    with pytest.raises(InputError, match="camera.pitch: expected a number, -90 to 90, got 120"):
+        Camera(pitch=120).checked("camera")
+    with pytest.raises(InputError, match="camera.sky: expected three numbers, 0 to 255"):
+        Camera(sky=(1, 2)).checked("camera")
+    with pytest.raises(
+        InputError, match=r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
+    ):
+        make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))
