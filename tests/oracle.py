@@ -131,3 +131,30 @@ def repair(grid, rank):
                 made[row, column] |= side
                 made[other] |= OPPOSITE[side]
     return made
+
+
+def raster_rank(shape):
+    """Ranks that fall row by row: the paper's loop goes through the tiles in this order."""
+    return np.arange(shape[0] * shape[1], 0, -1).reshape(shape)
+
+
+def fill(grid, fixed):
+    """Adds links to a repaired grid: stubs go straight on, then east, south, west and north are tried in turn."""
+    grid = np.array(grid, int)
+
+    def link(row, column, side):
+        down, right = {8: (-1, 0), 4: (0, 1), 2: (1, 0), 1: (0, -1)}[side]
+        other = (row + down, column + right)
+        if min(other) < 0 or other[0] >= grid.shape[0] or other[1] >= grid.shape[1]:
+            return
+        if not fixed[row, column] and not fixed[other]:
+            grid[row, column] |= side
+            grid[other] |= OPPOSITE[side]
+
+    for row, column, code in [(*place, grid[place]) for place in np.ndindex(grid.shape)]:
+        if code in OPPOSITE:
+            link(row, column, OPPOSITE[code])
+    for side in (4, 2, 1, 8):
+        for row, column in [place for place in np.ndindex(grid.shape) if int(grid[place]).bit_count() < 2]:
+            link(row, column, side)
+    return grid

@@ -1,22 +1,29 @@
 """Repair: every connection returned by the neighbour, none across the border (paper, "Constraint Repair")."""
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int, Int8, Shaped
+from jax import lax
+from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.materialize import materialize
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.network.padded_layout import Links, PaddedLayout
+from elitelanes_jax.network.packed_cells import PackedCells, in_all_cells
 
-__all__ = ["raster_rank", "repair"]
+__all__ = ["repair"]
+
+_NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOUTH, WEST))
 
 
-def repair(grid: Any, dirty: Any = None, *, fill: bool = False, fixed: Any = None) -> Int8[Array, "H W"]:
+def repair(
+    grid: Any, dirty: Any = None, *, raster: Any = False, fill: bool = False, fixed: Any = None
+) -> Int8[Array, "H W"]:
     """Matches all connections of a grid and removes those across the border.
 
     Where two neighbours disagree about the link between them, the dirty one decides and the other's bit is flipped;
@@ -25,7 +32,9 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False, fixed: Any = Non
 
     Args:
       grid: integer codes ``[H, W]``.
-      dirty: bool ``[H, W]``, the tiles that decide; none by default. Integers rank the tiles: the higher one decides.
+      dirty: bool ``[H, W]``, the tiles that decide; none by default.
+      raster: bool, whether instead each tile decides over its neighbours to the east and south. That is what the
+        paper's loop gives when all tiles are dirty: it goes through them row by row.
       fill: afterwards add connections to every tile with fewer than two, until all tiles are straights, turns or
         crossings. A stub is continued straight ahead where the grid goes on. Every grid can be filled, but for those
         one tile wide.
@@ -43,102 +52,94 @@ def repair(grid: Any, dirty: Any = None, *, fill: bool = False, fixed: Any = Non
     if fill and min(grid.shape) < 2:
         raise InputError(f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}")
     dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
-    return _repair(grid, dirty, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
+    return _repair(grid, dirty, raster, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
 
 
 def _check_mask(name: str, mask: Any, shape: tuple[int, int]) -> Any:
-    expected = f"{name}: expected bool or 32-bit integers of the grid's shape {shape}"
+    expected = f"{name}: expected bool of the grid's shape {shape}"
     try:
         array = mask if isinstance(mask, jax.Array) else np.asarray(mask)
     except ValueError:
         raise InputError(f"{expected}, got rows of several lengths") from None
-    if array.shape != shape or array.dtype.kind not in "biu":
+    if array.shape != shape or array.dtype != bool:
         raise InputError(f"{expected}, got {array.dtype} {array.shape}")
-    if array.dtype.itemsize > 4 and not isinstance(array, jax.Array) and (array != array.astype(np.int32)).any():
-        raise InputError(f"{expected}, got numbers beyond")
     return array
 
 
 @partial(jax.jit, static_argnames="fill")
 def _repair(
-    grid: Int8[Array, "H W"], dirty: Shaped[Array, "H W"], fixed: Shaped[Array, "H W"] | None, fill: bool
+    grid: Int8[Array, "H W"],
+    dirty: Bool[Array | np.ndarray, "H W"],
+    raster: Bool[ArrayLike, ""],
+    fixed: Bool[Array | np.ndarray, "H W"] | None,
+    fill: bool,
 ) -> Int8[Array, "H W"]:
-    layout = PaddedLayout(*grid.shape)
-    free = _pairs(layout)
-    if fixed is not None:
-        dirty = jnp.where(fixed, jnp.iinfo(jnp.int32).max, dirty)
-        padded = layout.pad(fixed)
-        here = layout.here(padded)
-        free = Links(free.east & ~here & ~layout.east(padded), free.south & ~here & ~layout.south(padded))
-    links = _agree(layout, layout.pad(grid), layout.pad(dirty))
-    return layout.unpad(_codes(layout, _fill(layout, links, free) if fill else links))
+    cells = PackedCells(*grid.shape)
+    rows, columns = np.indices(grid.shape)
+    room = np.where(columns < cells.width - 1, EAST, 0) | np.where(rows < cells.height - 1, SOUTH, 0)
+    fixed = np.zeros(grid.shape, bool) if fixed is None else fixed
+    words = (cells.pack(array) for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room))
+    all_bits = jnp.broadcast_to(jnp.where(raster, np.uint32(0xFFFFFFFF), 0), cells.words)
+    return cells.unpack(_mender(cells, fill)(*words, all_bits))
 
 
-def raster_rank(shape: tuple[int, int]) -> np.ndarray:
-    """Returns ranks int32 ``[H, W]`` that fall from north-west to south-east, row by row.
-
-    As `repair`'s `dirty` they give what the paper's loop gives when every tile is dirty: it goes through the tiles in
-    this order, and each decides over the neighbours that come after it.
-    """
-    return np.arange(shape[0] * shape[1], 0, -1, dtype=np.int32).reshape(shape)
+_Mender = Callable[..., UInt32[Array, " N"]]
 
 
-def _pairs(layout: PaddedLayout) -> Links:
-    """Returns where the grid has room for a link: all neighbouring pairs of tiles."""
-    rows, columns = layout.rows(), layout.columns()
-    return Links(
-        east=jnp.asarray(columns < layout.width - 1),
-        south=jnp.asarray((rows < layout.height - 1) & (columns < layout.width)),
-    )
+@cache
+def _mender(cells: PackedCells, fill: bool) -> _Mender:
+    """Makes the repair of packed cells. It takes the grids of a batch end to end, as one long vector."""
+
+    @jax.custom_batching.custom_vmap
+    def mend(grid: Array, dirty: Array, fixed: Array, room: Array, raster: Array) -> Array:
+        # A cell's own bits, east and south, stand for its links there; these are the neighbours' bits for the same.
+        theirs = (cells.following(grid, 1) & _WEST) << 2 | (cells.following(grid, cells.width) & _NORTH) >> 2
+        dirty_there, fixed_there = _at_other_end(cells, dirty), _at_other_end(cells, fixed)
+        free = ~(fixed | fixed_there)
+        wins = fixed & ~fixed_there | free & (raster | dirty & ~dirty_there)
+        loses = fixed_there & ~fixed | free & ~raster & dirty_there & ~dirty
+        links = (grid & ~loses | theirs & ~wins) & room
+        # Stored, else each of a word's eight cells would compute it.
+        return materialize(_both_ends(cells, _fill(cells, links, room & free) if fill else links))
+
+    @mend.def_vmap
+    def _(axis_size: int, batched: list[bool], *words: Array) -> tuple[Array, bool]:
+        whole = (
+            array if has_axis else jnp.broadcast_to(array, (axis_size, *array.shape))
+            for array, has_axis in zip(words, batched, strict=True)
+        )
+        return mend(*(array.reshape(-1) for array in whole)).reshape(axis_size, -1), True
+
+    return mend
 
 
-def _agree(layout: PaddedLayout, padded: Int[Array, " padded"], dirty: Shaped[Array, " padded"]) -> Links:
-    here, rank = layout.here(padded), layout.here(dirty)
-
-    def decide(mine: Array, theirs: Array, their_rank: Array, inside: Array) -> Array:
-        made = jnp.where(rank == their_rank, mine | theirs, jnp.where(rank > their_rank, mine, theirs))
-        return made & inside
-
-    inside = _pairs(layout)
-    return Links(
-        east=decide(here & EAST > 0, layout.east(padded) & WEST > 0, layout.east(dirty), inside.east),
-        south=decide(here & SOUTH > 0, layout.south(padded) & NORTH > 0, layout.south(dirty), inside.south),
-    )
+def _at_other_end(cells: PackedCells, masks: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    """Returns for the links to the east and south of each cell the mask of the neighbour there."""
+    return cells.following(masks, 1) & _EAST | cells.following(masks, cells.width) & _SOUTH
 
 
-def _shift_on(vector: Bool[Array, " size"], places: int) -> Bool[Array, " size"]:
-    """Moves each value so many places on; False comes in at the start."""
-    return jnp.pad(vector[:-places], (places, 0))
+def _both_ends(cells: PackedCells, links: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    """Returns the codes of tiles with links to the east and south."""
+    return links | (cells.preceding(links, 1) & _EAST) >> 2 | (cells.preceding(links, cells.width) & _SOUTH) << 2
 
 
-def _shift_back(vector: Bool[Array, " size"], places: int) -> Bool[Array, " size"]:
-    """Moves each value so many places back; False comes in at the end."""
-    return jnp.pad(vector[places:], (0, places))
+# What the needy cells get, stage after stage. A stub is first continued straight ahead: the roads found are better than
+# with any other first choice (measured). What is still missing is added in one direction after another: links of the
+# cell itself to the east and south, then links to the west and north, which its neighbours there hold. A cell that then
+# still lacked a connection would have fewer than two neighbours.
+_OWN = np.array([0, _EAST, _SOUTH, 0, 0], np.uint32)
+_NEIGHBOURS = np.array([_EAST | _SOUTH, 0, 0, _EAST, _SOUTH], np.uint32)
 
 
-def _codes(layout: PaddedLayout, links: Links) -> Int8[Array, " size"]:
-    codes = jnp.where(_shift_on(links.south, layout.stride), NORTH, 0)
-    codes = codes | jnp.where(links.east, EAST, 0) | jnp.where(links.south, SOUTH, 0)
-    return (codes | jnp.where(_shift_on(links.east, 1), WEST, 0)).astype(jnp.int8)
+def _fill(cells: PackedCells, links: UInt32[Array, " N"], room: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    def add(stage: Array, links: Array) -> Array:
+        codes = _both_ends(cells, links)
+        pairs = codes & codes >> 1 & in_all_cells(5), (codes | codes >> 1) & in_all_cells(5)
+        enough = (pairs[0] | pairs[0] >> 2 | pairs[1] & pairs[1] >> 2) & in_all_cells(1)
+        needy = (enough ^ in_all_cells(1)) * 15
+        needy = materialize(jnp.where(stage == 0, needy & codes, needy))
+        straight = jnp.where(stage == 0, (needy & _WEST) << 2 | (needy & _NORTH) >> 2, 0)
+        added = needy & jnp.asarray(_OWN)[stage] | _at_other_end(cells, needy) & jnp.asarray(_NEIGHBOURS)[stage]
+        return links | (straight | added) & room
 
-
-def _fill(layout: PaddedLayout, links: Links, inside: Links) -> Links:
-    stride = layout.stride
-    east, south = links
-
-    def needy() -> Array:
-        connections = east.astype(jnp.int8) + south + _shift_on(east, 1) + _shift_on(south, stride)
-        return connections < 2
-
-    # A stub is first continued straight ahead: the roads found are better than with any other first choice (measured).
-    stub = needy()
-    on_east, on_west = stub & _shift_on(east, 1), _shift_back(stub & east, 1)
-    on_south, on_north = stub & _shift_on(south, stride), _shift_back(stub & south, stride)
-    east, south = east | (on_east | on_west) & inside.east, south | (on_south | on_north) & inside.south
-    # What is still missing is added in one direction after another. A tile that then still lacked a connection
-    # would have fewer than two neighbours.
-    east = east | (needy() & inside.east)
-    south = south | (needy() & inside.south)
-    east = east | (_shift_back(needy(), 1) & inside.east)
-    south = south | (_shift_back(needy(), stride) & inside.south)
-    return Links(east, south)
+    return lax.fori_loop(0, len(_OWN), add, links)

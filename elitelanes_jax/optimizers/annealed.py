@@ -153,8 +153,8 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
 
         def make_child(grid: Array, mate: Array, fresh: Array, move_bits: Array) -> Array:
             varied = move.apply(move_bits, grid, mate)
-            new, rank = random_grid(problem, fresh)
-            return problem.repair(jnp.where(restart, new, varied.grid), jnp.where(restart, rank, varied.dirty))
+            new = random_grid(problem, fresh)
+            return problem.repair(jnp.where(restart, new, varied.grid), varied.dirty, restart)
 
         grids = jax.vmap(make_child)(chains.grids, mates(bits, state), bits.fresh, bits.move)
         children = evaluate(problem, grids)

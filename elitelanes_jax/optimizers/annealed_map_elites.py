@@ -288,9 +288,8 @@ def _make_child(
     """Moves from a chain's grid; where a cycle begins, returns a random grid or the elite that it starts from."""
     opposite = jnp.where(restarts, 0, jnp.float32(config.opposite))
     varied = with_opposite(opposite, problem_move(problem, config.annealing.moves)).apply(bits.move, grid, mate)
-    new, new_rank = random_grid(problem, bits.fresh)
-    first, first_rank = jnp.where(restarts, new, elite), jnp.where(restarts, new_rank, 0)
-    return problem.repair(jnp.where(begins, first, varied.grid), jnp.where(begins, first_rank, varied.dirty))
+    first = jnp.where(restarts, random_grid(problem, bits.fresh), elite)
+    return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 
 
 def _pursued_fitness(

@@ -18,7 +18,6 @@ from elitelanes_jax._util.checks import none_or, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.random_bits import exponential, randint, random_bits
-from elitelanes_jax.network.repair import raster_rank
 from elitelanes_jax.optimizers.moves import Mix, random_move
 from elitelanes_jax.optimizers.mutations import Move
 from elitelanes_jax.problem.road_problem import Problem
@@ -187,8 +186,8 @@ def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains:
     return grids[first + randint(bits, chains)]
 
 
-def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> tuple[Int8[Array, "H W"], Int32[Array, "H W"]]:
-    """Makes a random grid of the alphabet from 32 random bits, and the ranks with which to repair it.
+def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
+    """Makes a random grid of the alphabet from 32 random bits, to be repaired in raster order.
 
     It costs so little that every step makes one for each chain: where all seeds of a run are one computation, a branch
     that is seldom taken is always paid for.
@@ -203,4 +202,4 @@ def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> tuple[Int8[Array, 
     # The finaliser of MurmurHash3 (A. Appleby): every bit of the input and of the cell's number reaches every other.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed = (mixed ^ mixed >> shift) * np.uint32(factor)
-    return codes[randint(mixed ^ mixed >> 16, codes.size)], jnp.asarray(raster_rank(problem.shape))
+    return codes[randint(mixed ^ mixed >> 16, codes.size)]

@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.materialize import lookup, materialize
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.network.repair import repair
@@ -202,8 +203,8 @@ class _Change(NamedTuple):
       toggles: bool, whether the links along its outline are toggled; where it is one tile wide, those along it. Else
         its tiles are written.
       code: int32, the code that is written; -1 for tiles that are copied.
-      rows: int32 ``[H]``, the row that each row's tiles are copied from.
-      columns: int32 ``[W]``, the column that each column's tiles are copied from.
+      rows: int32 ``[H]`` and
+      columns: int32 ``[W]``, which add up to the place, row by row, that each tile is copied from.
       flipped: bool, whether copied tiles are mirrored north to south.
       mirrored: bool, whether they are mirrored east to west.
       transposed: bool, whether rows and columns of the source are exchanged first.
@@ -251,15 +252,15 @@ def _apply(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) 
     links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
     links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
     written = jnp.where(change.code < 0, _copy(change, grid, mate), change.code)
-    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid))
-    return Variation(varied.astype(jnp.int8), jnp.where(change.toggles, links != 0, inside))
+    varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid)).astype(jnp.int8)
+    dirty = jnp.where(change.toggles, links != 0, inside)
+    both = materialize(varied | dirty.astype(jnp.int8) << 4)
+    return Variation(both & 15, both > 15)
 
 
 def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
-    width = grid.shape[1]
-    source = jnp.where(change.from_mate, mate, grid).reshape(-1)
-    rows, columns = change.rows[:, None], change.columns[None]
-    tiles = source[jnp.where(change.transposed, columns * width + rows, rows * width + columns)]
+    source = materialize(jnp.where(change.from_mate, mate, grid).reshape(-1))
+    tiles = materialize(lookup(source, change.rows[:, None] + change.columns))
     transposed = exchange_sides(exchange_sides(tiles, NORTH, WEST), EAST, SOUTH)
     tiles = jnp.where(change.transposed, transposed, tiles)
     tiles = jnp.where(change.mirrored, exchange_sides(tiles, EAST, WEST), tiles)
@@ -276,8 +277,12 @@ def _write(sides: _Sides, code: Int32[Array, ""], shape: tuple[int, ...]) -> _Ch
     return _Change(sides, no, code, rows, columns, no, no, no, no)
 
 
-def _copy_from(sides: _Sides, rows: Array, columns: Array, shape: tuple[int, ...]) -> _Change:
-    return _write(sides, jnp.int32(-1), shape)._replace(rows=rows, columns=columns)
+def _copy_from(
+    sides: _Sides, rows: Array, columns: Array, shape: tuple[int, ...], transposed: Bool[ArrayLike, ""] = False
+) -> _Change:
+    down, right = jnp.where(transposed, 1, shape[1]), jnp.where(transposed, shape[1], 1)
+    change = _write(sides, jnp.int32(-1), shape)
+    return change._replace(rows=rows * down, columns=columns * right, transposed=jnp.asarray(transposed))
 
 
 def _plan_link(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
@@ -375,8 +380,9 @@ def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Ar
         jnp.where(flipped, height - 1 - rows, rows),
         jnp.where(mirrored, width - 1 - columns, columns),
         shape,
+        transposed,
     )
-    return change._replace(flipped=flipped, mirrored=mirrored, transposed=transposed, from_mate=jnp.asarray(True))
+    return change._replace(flipped=flipped, mirrored=mirrored, from_mate=jnp.asarray(True))
 
 
 def _places(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Key
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.materialize import materialize
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.fitness import fitness, penalty_weights
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.metrics import measure, stack_counts, unstack_counts
-from elitelanes_jax.network.repair import raster_rank, repair
+from elitelanes_jax.network.repair import repair
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.constraints import Bounds, violation
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
@@ -47,7 +48,7 @@ class Problem(NamedTuple):
       fill: whether repair fills.
       fixed: bool ``[H, W]``, the cells that are given and stay; None where none is.
       random: (key, count) -> int8 ``[count, H, W]``, repaired: what a search begins with.
-      repair: (grid, dirty) -> grid, all ``[H, W]``.
+      repair: (grid, dirty, raster) -> grid, as `repair`.
       repair_raster: grid -> grid, repairs one of which all tiles are new: each decides over those after it, row by row.
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
       penalties: int32 ``[P, M]``, metrics -> int32 ``[P]``, the fitness without rewards.
@@ -98,13 +99,13 @@ def road_problem(
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
-    def repair_dirty(grid: Array, dirty: Array) -> Array:
+    def repair_grid(grid: Array, dirty: Array | None = None, raster: Any = False) -> Array:
         if fix is not None:
             grid = jnp.where(fix.fixed, fix.grid, grid)
-        return repair(grid, dirty, fill=fill, fixed=fixed)
+        return repair(grid, dirty, raster=raster, fill=fill, fixed=fixed)
 
     def repair_raster(grid: Array) -> Array:
-        return repair_dirty(grid, jnp.asarray(raster_rank(shape)))
+        return repair_grid(grid, raster=True)
 
     def random(key: Array, count: int) -> Array:
         grids = jax.vmap(repair_raster)(random_grids(key, count, shape, alphabet=alphabet))
@@ -114,8 +115,7 @@ def road_problem(
             raise InputError(
                 f"initial: expected at most {count} grids, as many as there are at first, got {len(initial)}"
             )
-        clean = jnp.zeros(shape, bool)
-        return grids.at[: len(initial)].set(jax.vmap(lambda grid: repair_dirty(grid, clean))(jnp.asarray(initial)))
+        return grids.at[: len(initial)].set(jax.vmap(repair_grid)(jnp.asarray(initial)))
 
     def violations(counts: Array) -> Array:
         return jnp.int32(0) if bounds is None else violation(compute_features(counts), bounds, shape)
@@ -124,10 +124,11 @@ def road_problem(
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-        counts = stack_counts(metrics)
-        return Evaluation(fitness(metrics, weights) + violations(counts), counts)
+        counts = materialize(stack_counts(metrics))
+        metrics = unstack_counts(counts, shape[0] * shape[1])
+        return Evaluation(materialize(fitness(metrics, weights) + violations(counts)), counts)
 
     def penalties(counts: Array) -> Array:
         return fitness(unstack_counts(counts, shape[0] * shape[1]), penalty_weights(weights)) + violations(counts)
 
-    return Problem(shape, alphabet, axes, fill, fixed, random, repair_dirty, repair_raster, evaluate, penalties)
+    return Problem(shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties)

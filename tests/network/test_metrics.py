@@ -12,12 +12,12 @@ from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import stack_counts, unstack_counts
 from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.repair import raster_rank
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
 
 measure_many = jax.jit(jax.vmap(measure))
 repair_many = jax.jit(jax.vmap(repair))
+repair_raster_many = jax.jit(jax.vmap(lambda grid: repair(grid, raster=True)))
 mirror_many, rotate_many = jax.vmap(mirror), jax.vmap(rotate, in_axes=(0, None))
 fill_many = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))
 
@@ -39,10 +39,9 @@ def kinds_of_grids(rng, count, shape):
     yield anything
     yield np.where(rng.random(anything.shape) < rng.random((count, 1, 1)), anything, 0).astype(np.int8)
     yield np.array(repair_many(anything))
-    rank = np.broadcast_to(raster_rank(shape), anything.shape)
-    yield np.array(repair_many(anything, rank))
+    yield np.array(repair_raster_many(anything))
     sparse = np.where(rng.random(anything.shape) < 0.6, anything, 0).astype(np.int8)
-    yield np.array(repair_many(sparse, rank))
+    yield np.array(repair_raster_many(sparse))
     yield np.array(fill_many(sparse))
 
 

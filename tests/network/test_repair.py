@@ -6,20 +6,21 @@ import pytest
 from conftest import grids
 from hypothesis import given
 from hypothesis import strategies as st
+from oracle import fill as oracle_fill
 from oracle import measure as oracle
+from oracle import raster_rank
 from oracle import repair as oracle_repair
 
 from elitelanes_jax import InputError, measure, repair
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.repair import raster_rank
 
 
 @given(grids(thin=True), st.integers(0, 2**32 - 1))
 def test_repair_is_the_rule_applied_to_every_edge(grid, seed):
     rng = np.random.default_rng(seed)
     mask = rng.random(grid.shape) < rng.random()
-    for dirty in (mask, rng.integers(0, 4, grid.shape), raster_rank(grid.shape)):
-        np.testing.assert_array_equal(repair(grid, dirty), oracle_repair(grid, dirty))
+    np.testing.assert_array_equal(repair(grid, mask), oracle_repair(grid, mask))
+    np.testing.assert_array_equal(repair(grid, mask, raster=True), oracle_repair(grid, raster_rank(grid.shape)))
     np.testing.assert_array_equal(repair(grid), oracle_repair(grid, np.zeros(grid.shape)))
 
 
@@ -43,10 +44,21 @@ def test_a_repaired_grid_fits_together_and_stays_as_it_is(grid):
     np.testing.assert_array_equal(repair(repaired), repaired)
 
 
+@given(grids(), st.integers(0, 2**32 - 1), st.booleans())
+def test_fixed_tiles_decide_and_filling_leaves_them(grid, seed, raster):
+    rng = np.random.default_rng(seed)
+    fixed, dirty = rng.random(grid.shape) < rng.random(), rng.random(grid.shape) < rng.random()
+    rank = np.where(fixed, 2**30, raster_rank(grid.shape) if raster else dirty)
+    expected = oracle_repair(grid, rank)
+    np.testing.assert_array_equal(repair(grid, dirty, raster=raster, fixed=fixed), expected)
+    filled = repair(grid, dirty, raster=raster, fixed=fixed, fill=True)
+    np.testing.assert_array_equal(filled, oracle_fill(expected, fixed))
+
+
 @given(grids(), st.booleans())
-def test_a_filled_grid_has_a_picture_for_every_tile(grid, ranked):
-    dirty = raster_rank(grid.shape) if ranked else None
-    plain, filled = np.array(repair(grid, dirty)), np.array(repair(grid, dirty, fill=True))
+def test_a_filled_grid_has_a_picture_for_every_tile(grid, raster):
+    plain, filled = np.array(repair(grid, raster=raster)), np.array(repair(grid, raster=raster, fill=True))
+    np.testing.assert_array_equal(filled, oracle_fill(plain, np.zeros(grid.shape, bool)))
     found = oracle(filled, ROAD_ALPHABET)
     assert found["mismatches"] == found["boundary_violations"] == found["dead_ends"] == found["off_alphabet"] == 0
     assert found["coverage"] == 1
@@ -87,7 +99,6 @@ def test_a_stub_leads_straight_on():
 
 
 def test_bad_masks_are_refused():
-    beyond = np.array([[2**32, 0], [0, 0]])
-    for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True, "x", [[1], [1, 2]], beyond):
-        with pytest.raises(InputError, match="dirty: expected bool or 32-bit integers of the grid's shape"):
+    for dirty in (np.zeros((2, 3), bool), np.zeros((2, 2), float), True, "x", [[1], [1, 2]], [[0, 1], [1, 0]]):
+        with pytest.raises(InputError, match="dirty: expected bool of the grid's shape"):
             repair([[0, 0], [0, 0]], dirty)
