@@ -11,9 +11,9 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.materialize import materialize
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.materialize import materialize
 from elitelanes_jax.network.packed_cells import PackedCells, in_all_cells
 
 __all__ = ["repair"]

@@ -18,8 +18,8 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.materialize import lookup, materialize
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
+from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.network.repair import repair
 from elitelanes_jax.optimizers.mutations import Move, Variation

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Key
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.materialize import materialize
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.fitness import fitness, penalty_weights
 from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.materialize import materialize
 from elitelanes_jax.network.metrics import measure, stack_counts, unstack_counts
 from elitelanes_jax.network.repair import repair
 from elitelanes_jax.network.weights import Weights

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.materialize import lookup, materialize
+from elitelanes_jax.network.materialize import lookup, materialize
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int32, np.uint32])
