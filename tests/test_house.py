@@ -91,6 +91,7 @@ def test_what_needs_no_jax_does_not_wait_for_it():
     "command",
     [
         ["show", "docs/examples/town.json"],
+        ["metrics", "bridges"],
         ["generate", "--method", "luck", "--out", "x"],
         ["dataset", "--where", "cycles=3", "--out", "x"],
     ],

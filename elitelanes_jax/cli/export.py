@@ -15,7 +15,7 @@ from elitelanes_jax._util.settings import Settings, option
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
 
-__all__ = ["add_export", "add_show"]
+__all__ = ["FORMATS", "TABLES", "add_export", "add_show"]
 
 # Formats import slow modules when they run.
 
@@ -61,7 +61,7 @@ _STREETS = ("tile_size", "lane", "speed", "right_of_way")
 _PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
 
 # By the names that --to takes: the formats of a map, and those of tables.
-_FORMATS = {
+FORMATS = {
     "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
     "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": _Format((".graphml",), partial(_graphml, reduced=True)),
@@ -69,7 +69,7 @@ _FORMATS = {
     "sumo-plain": _Format(_PLAIN, partial(_sumo, to="plain"), _STREETS),
     "opendrive": _Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
 }
-_TABLES = ("json", "csv")
+TABLES = ("json", "csv")
 
 # Every format can hold this map: an error with it is one of a setting or a missing package.
 _LOOP = [[6, 3], [12, 9]]
@@ -112,7 +112,7 @@ def add_export(commands: Commands) -> None:
         "maps", type=checked_by(path), nargs="+", metavar="MAP", help="a map.json, or a map of Duckietown, .yaml"
     )
     command.add_argument(
-        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*_FORMATS, *_TABLES))
+        "--to", type=checked_by(name), required=True, metavar="FORMAT", help=", ".join((*FORMATS, *TABLES))
     )
     command.add_argument(
         "--out",
@@ -128,11 +128,11 @@ def add_export(commands: Commands) -> None:
 def _export(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.road_map import read_map
 
-    if options.to not in (*_FORMATS, *_TABLES):
-        raise InputError(f"--to: expected one of {', '.join((*_FORMATS, *_TABLES))}, got {short(repr(options.to))}")
+    if options.to not in (*FORMATS, *TABLES):
+        raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {short(repr(options.to))}")
     settings = {key: value for key, value in vars(read_options(options, _FormatOptions())).items() if value is not None}
     for key in settings:
-        able = [to for to, known in _FORMATS.items() if key in known.takes]
+        able = [to for to, known in FORMATS.items() if key in known.takes]
         if options.to not in able:
             flag = f"--{key.replace('_', '-')}"
             raise InputError(f"{flag}: expected it with {', '.join(able)} alone, got it with {options.to}")
@@ -141,7 +141,7 @@ def _export(options: argparse.Namespace) -> int:
         if os.path.realpath(file) in seen:
             raise InputError(f"{file}: expected each map once, got it twice")
         seen.add(os.path.realpath(file))
-    target = _FORMATS.get(options.to)
+    target = FORMATS.get(options.to)
     if target:
         with naming_options(_FormatOptions(), tile="--tile-size"):
             target.files(_LOOP, **settings)

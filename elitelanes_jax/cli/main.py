@@ -7,10 +7,12 @@ from typing import Any, NoReturn
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
+from elitelanes_jax.cli.metrics import add_metrics
 from elitelanes_jax.cli.pick import add_pick
 from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
@@ -32,8 +34,20 @@ def make_parser() -> argparse.ArgumentParser:
     parser.set_defaults(interrupted="nothing was written", loud=Loudness.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for add in (add_generate, add_merge, add_pick, add_render, add_dataset, add_export, add_show, add_tiles, add_score):
+    for add in (
+        add_generate,
+        add_merge,
+        add_pick,
+        add_render,
+        add_dataset,
+        add_export,
+        add_show,
+        add_metrics,
+        add_tiles,
+        add_score,
+    ):
         add(commands)
+    add_completion(commands, make_parser)
     return parser
 
 

@@ -14,10 +14,13 @@ from elitelanes_jax.dataset.transforms import STANDARD, Transforms, parse_transf
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["SPLITS", "DatasetSpec", "Sides", "maps_by_shape", "maps_by_split", "parse_sides", "parse_split"]
+__all__ = ["LAYOUTS", "SPLITS", "DatasetSpec", "Sides", "maps_by_shape", "maps_by_split", "parse_sides", "parse_split"]
 
 SPLITS = ("train", "validation", "test")
 """The parts of a dataset."""
+
+LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
+"""The layouts of a dataset's folder."""
 
 Sides = tuple[tuple[int, int], ...]
 """The smallest and the largest side: once for squares, or for rows and for columns."""
@@ -84,7 +87,7 @@ class DatasetSpec(Settings):
     split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
     views: int = option(1, whole(1), "N")
     hold_out_tiles: bool = option(False, flag, "")
-    format: str = option("imagefolder", one_of("imagefolder", "mmseg", "coco", "plain"), "NAME")
+    format: str = option("imagefolder", one_of(*LAYOUTS), "NAME")
     transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))

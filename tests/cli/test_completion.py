@@ -1,0 +1,101 @@
+"""Scripts for shells, in the shells themselves where they are installed."""
+
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.problem.features import FEATURES
+from elitelanes_jax.spec import METHODS
+
+COMMANDS = {
+    "generate",
+    "merge",
+    "score",
+    "pick",
+    "render",
+    "dataset",
+    "export",
+    "show",
+    "metrics",
+    "tiles",
+    "completion",
+}
+
+COMPLETED = {
+    "": COMMANDS,
+    "ge": {"generate"},
+    "tiles ": {"check", "masks"},
+    "tiles masks --over": {"--overwrite"},
+    "generate --at": {"--at-most"},
+    "generate --method ": set(METHODS),
+    "generate --quiet --method m": {"map-elites"},
+    "generate --where cyc": {"cyclomatic="},
+    "pick --axes ": {f"{name}:" for name in FEATURES},
+    "dataset --weights ": {f"{name}=" for name in Weights._fields},
+    "metrics ": set(FEATURES),
+    "completion ": {"bash", "zsh", "fish"},
+    "export --to j": {"json"},
+}
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory):
+    """A function from a shell to the path of its script."""
+
+    def write(shell):
+        program = f"from elitelanes_jax.cli.main import main; main(['completion', {shell!r}])"
+        made = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        file = tmp_path_factory.mktemp("completion") / shell
+        file.write_text(made.stdout)
+        return file
+
+    return write
+
+
+def run(shell, program):
+    if shutil.which(shell) is None:
+        pytest.skip(f"{shell} is not installed")
+    ran = subprocess.run([shell, "-c", program], capture_output=True, text=True, check=True)
+    assert ran.stderr == ""
+    return ran.stdout
+
+
+def test_bash_completes_commands_options_and_values(script):
+    asked = "\n".join(
+        f"COMP_WORDS=(elitelanes {line}{' ' + repr('') if not line or line.endswith(' ') else ''}); "
+        "COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); COMPREPLY=(); _elitelanes; echo ${COMPREPLY[*]}"
+        for line in COMPLETED
+    )
+    said = run("bash", f"source {script('bash')}\n{asked}").split("\n")
+    assert {line: set(words.split()) for line, words in zip(COMPLETED, said, strict=False)} == COMPLETED
+
+
+def test_bash_leaves_other_words_to_files(script):
+    asked = "COMP_WORDS=(elitelanes show ''); COMP_CWORD=2; _elitelanes; echo ${#COMPREPLY[@]}; complete -p elitelanes"
+    said = run("bash", f"source {script('bash')}\n{asked}")
+    assert said == "0\ncomplete -o default -F _elitelanes elitelanes\n"
+
+
+def test_fish_completes_commands_options_and_values(script):
+    asked = "\n".join(f"complete -C 'elitelanes {line}' | cut -f 1; echo end" for line in COMPLETED)
+    said = run("fish", f"source {script('fish')}\n{asked}").split("end\n")
+    for (line, words), found in zip(COMPLETED.items(), said, strict=False):
+        assert words == {word for word in found.splitlines() if not word.endswith("/")}, line
+
+
+def test_zsh_reads_the_script(script):
+    asked = "autoload -Uz compinit && compinit -u -D; source"
+    assert (
+        run("zsh", f"{asked} {script('zsh')}; print ${{_comps[elitelanes]}}")
+        == "_bash_complete -o default -F _elitelanes\n"
+    )
+
+
+def test_another_shell_is_refused(capsys):
+    with pytest.raises(SystemExit, match="2"):
+        main(["completion", "csh"])
+    assert "expected one of bash, zsh, fish, got 'csh'" in capsys.readouterr().err
