@@ -17,7 +17,7 @@ def add_metrics(commands: Commands) -> None:
     """Adds the command to a parser's."""
     command = commands.add_parser(
         "metrics",
-        help="list the metrics and shares that maps can be asked for, or show one",
+        help="list what maps can be asked for, or show one metric",
         description="Lists all metrics and shares that --where, --axes and --weights name, with their ranges on maps "
         "of 12 x 12 tiles as generate writes them; or shows one, with maps that have the least and the most of it.",
     )
