@@ -2,13 +2,13 @@
 
 import json
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax._util.npz import DAMAGES, open_arrays
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, parse_axes
@@ -16,9 +16,6 @@ from elitelanes_jax.result import MeasuredElites
 from elitelanes_jax.spec import SearchSpec
 
 __all__ = ["Archive", "read_archive"]
-
-# More is no archive that a search on one machine wrote.
-_MOST_BYTES = 2**32
 
 
 class Archive(NamedTuple):
@@ -60,21 +57,17 @@ def read_archive(file: Path) -> Archive:
         raise InputError(f"{file}: expected an archive.npz of generate, got: {reason(error)}") from None
     except KeyError as error:
         raise InputError(f"{file}: expected an archive.npz of generate, got settings without {error}") from None
-    except (ValueError, TypeError, EOFError, MemoryError, NotImplementedError, RecursionError, zlib.error) as error:
-        words = short(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
-        raise InputError(f"{file}: expected an archive.npz of generate, got: {words}") from None
     except zipfile.BadZipFile:
         raise InputError(f"{file}: expected an archive.npz of generate, got a file that is no archive") from None
+    except DAMAGES as error:
+        words = short(str(error).splitlines()[0] if str(error) else type(error).__name__, 120)
+        raise InputError(f"{file}: expected an archive.npz of generate, got: {words}") from None
     return Archive(elites, axes, spec, seed)
 
 
 def _read_arrays(file: Path) -> dict[str, Any]:
-    with zipfile.ZipFile(file) as members:
-        size = sum(member.file_size for member in members.infolist())
-    if size > _MOST_BYTES:
-        raise InputError(f"expected at most {_MOST_BYTES:,} bytes, got {size:,}")
     wanted = ["settings", "grids", "fitness", "valid", *(f"metrics.{name}" for name in Metrics._fields)]
-    with np.load(file, allow_pickle=False) as stored:
+    with open_arrays(file) as stored:
         missing = [name for name in wanted if name not in stored.files]
         if missing:
             raise InputError(f"one without {missing[0]!r}")

@@ -1,20 +1,30 @@
 """Files of arrays by name, of which one is a JSON table: NumPy's ``.npz``, without pickles."""
 
 import json
+import tokenize
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax._util.limited_read import MIB
 
-__all__ = ["pack", "unpack"]
+__all__ = ["DAMAGES", "open_arrays", "pack", "unpack"]
 
 _SETTINGS = "settings"
+_MOST_BYTES, _MOST_RATIO = 512 * MIB, 64  # unpacked, whichever is more; arrays of ours shrink to a tenth at most
+
+DAMAGES = (
+    *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError, tokenize.TokenError),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError),
+)
+"""Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted."""
 
 
 def pack(arrays: Mapping[str, np.ndarray], settings: Any) -> bytes:
@@ -31,15 +41,31 @@ def unpack(path: str | Path) -> tuple[Any, dict[str, np.ndarray]]:
       InputError: if it cannot be read, is no such file, or is damaged.
     """
     try:
-        with Path(path).open("rb") as stream:
-            archive = np.load(stream, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise ValueError("a single array")
+        with open_arrays(path) as archive:
             settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
             return settings, {name: archive[name] for name in archive.files if name != _SETTINGS}
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
-    # Of NumPy, JSON, the ZIP format; NotImplementedError for a kind of compression, RuntimeError for an encrypted file.
-    except (ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
-        words = str(error).partition("\n")[0]
+    except DAMAGES as error:
+        words = short(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
+
+
+@contextmanager
+def open_arrays(path: str | Path) -> Iterator[Any]:
+    """Opens a file of arrays by name, which are read without pickles.
+
+    Raises:
+      InputError: if it would unpack to over 512 MiB and over 64 times its size.
+      OSError: if it cannot be read; and any of `DAMAGES`, here and when arrays are read.
+    """
+    with Path(path).open("rb") as stream:
+        if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle
+            raise zipfile.BadZipFile("no archive of arrays")
+        with zipfile.ZipFile(stream) as members:
+            size = sum(member.file_size for member in members.infolist())
+        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2))
+        if size > most:
+            raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
+        stream.seek(0)
+        yield np.load(stream, allow_pickle=False)
