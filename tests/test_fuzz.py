@@ -134,7 +134,7 @@ def spoilt(good, words):
     def apply(edits):
         content = good
         for place, cut, word, times in edits:
-            content = content[:place] + word * times + content[place + cut :]
+            content = content[:place] + word * min(times, 1 + 2**18 // (len(word) + 1)) + content[place + cut :]
         return content
 
     return st.lists(edits, min_size=1, max_size=4).map(apply)

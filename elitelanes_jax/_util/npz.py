@@ -21,8 +21,8 @@ _SETTINGS = "settings"
 _MOST_BYTES, _MOST_RATIO = 512 * MIB, 64  # unpacked, whichever is more; arrays of ours shrink to a tenth at most
 
 DAMAGES = (
-    *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError, tokenize.TokenError),
-    *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError),
+    *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError),
+    *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError),
 )
 """Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted."""
 
