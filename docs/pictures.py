@@ -1,4 +1,4 @@
-"""Draws the pictures of the README and of docs/render.md.
+"""Draws the pictures of the README, of docs/render.md and of docs/drive.md.
 
 python docs/pictures.py
 """
@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.ride import make_rides, trails
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.tiles.render import Picture, overlay
+from elitelanes_jax.tiles.tileset import load_tiles
 
 FOLDER = Path(__file__).parent
 
@@ -21,6 +24,7 @@ def main() -> None:
     towns()
     village()
     map_and_labels()
+    drive_trails()
 
 
 def towns() -> None:
@@ -40,6 +44,12 @@ def map_and_labels() -> None:
     maps = sorted(choose_maps(result, 200).maps, key=lambda road_map: road_map.fitness or 0)
     best = next(road_map for road_map in maps if (road_map.metrics or {})["cyclomatic"] == 12)
     write("map-and-labels.jpg", beside_labels(render(best.codes, tile_px=64, seed=1), gap=24), scale=0.75)
+
+
+def drive_trails() -> None:
+    town = read_map(FOLDER / "examples" / "town.json").codes
+    picture = trails(town, load_tiles(), make_rides(town, 6))
+    cv2.imwrite(str(FOLDER / "drive-trails.png"), picture[..., ::-1])
 
 
 def beside_labels(picture: Picture, gap: int) -> NDArray[np.uint8]:

@@ -9,6 +9,7 @@ from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
+from elitelanes_jax.cli.drive import add_drive
 from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
@@ -40,6 +41,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_pick,
         add_render,
         add_dataset,
+        add_drive,
         add_export,
         add_show,
         add_metrics,

@@ -109,22 +109,3 @@ def test_rejax_learns_on_it(levels):
     algorithm = PPO.create(env=env, env_params=params, **settings)
     _, (lengths, returns) = jax.jit(algorithm.train)(jax.random.key(0))
     assert np.isfinite(returns).all() and (lengths <= 20).all() and returns[-1].mean() > returns[0].mean()
-
-
-@pytest.mark.slow
-def test_jaxued_replays_its_levels(params, monkeypatch):
-    wrappers = pytest.importorskip("jaxued.wrappers")
-    # JaxUED 0.0.1 asks for a name that JAX no longer has.
-    monkeypatch.setattr(jax, "tree_map", jax.tree.map, raising=False)
-    from gymnax.environments import spaces
-
-    ours = JaxUedEnv(RoadNav, params, spaces)
-    env = wrappers.AutoReplayWrapper(ours)
-    level = ours.sample_level(jax.random.key(4))
-    _, state = env.reset_to_level(jax.random.key(0), level, params)
-    ended = 0
-    for number in range(20):
-        _, state, _, done, _ = env.step(jax.random.key(number), state, number % 3, params)
-        ended += int(done)
-        np.testing.assert_array_equal(state.env_state.grid, level.grid)
-    assert ended >= 3

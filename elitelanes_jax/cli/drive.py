@@ -1,0 +1,109 @@
+"""The command ``elitelanes drive``."""
+
+import argparse
+from pathlib import Path
+
+from elitelanes_jax._util.checks import one_of, path, real, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.program import say
+
+__all__ = ["add_drive"]
+
+
+def add_drive(commands: Commands) -> None:
+    """Adds the command to a parser's."""
+    command = commands.add_parser(
+        "drive",
+        help="drive on a map and film it",
+        description="Lets a robot drive on a map: a film of its camera beside the map, or a picture of many trails.",
+    )
+    command.add_argument(
+        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
+    )
+    command.add_argument(
+        "--out",
+        type=_film_or_picture,
+        required=True,
+        metavar="FILE",
+        help="new file: an .mp4 film of one ride, or a .png with the trails of all",
+    )
+    command.add_argument(
+        "--policy",
+        type=checked_by(one_of("route", "random")),
+        default="route",
+        metavar="NAME",
+        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; by default route",
+    )
+    command.add_argument(
+        "--rides", type=checked_by(whole(1, 1000)), default=6, metavar="N", help="trails in a picture; by default 6"
+    )
+    command.add_argument(
+        "--seconds",
+        type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
+        default=60,
+        metavar="S",
+        help="after which a ride ends; by default 60",
+    )
+    command.add_argument(
+        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
+    )
+    command.add_argument(
+        "--tile-px",
+        type=checked_by(whole(16, 512)),
+        default=64,
+        metavar="N",
+        help="side of a tile in pixels; by default 64",
+    )
+    command.add_argument(
+        "--seed",
+        type=checked_by(whole(0, 2**31 - 1)),
+        default=0,
+        metavar="N",
+        help="of the starts, the goals and the wheels; by default 0",
+    )
+    command.set_defaults(action=_drive)
+
+
+def _film_or_picture(text: str) -> Path:
+    file = path(text)
+    if file.suffix.lower() not in (".mp4", ".png"):
+        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4 or .png, got {text[:40]!r}")
+    return file
+
+
+def _drive(options: argparse.Namespace) -> int:
+    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.ride import film, make_rides, trails, write_film
+    from elitelanes_jax.tiles.render import choose_tiles, png_of, recall_choice
+    from elitelanes_jax.tiles.tileset import load_tiles
+
+    check_new(options.out)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    use_compile_cache()
+    picture = options.out.suffix.lower() == ".png"
+    try:
+        drawn, chosen = road_map.drawn, None
+        if drawn and drawn.tile_set == tiles.name:
+            chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+        chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
+        rides = make_rides(
+            road_map.codes,
+            options.rides if picture else 1,
+            policy=options.policy,
+            seconds=options.seconds,
+            seed=options.seed,
+        )
+    except InputError as error:
+        raise InputError(f"{options.map}: {error}") from None
+    if picture:
+        image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
+        write_atomic(options.out, png_of(image))
+    else:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        write_film(options.out, film(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen))
+    reached, count = int(rides.success.sum()), len(rides.success)
+    say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")
+    return 0

@@ -1,0 +1,60 @@
+"""Rides to look at: trails lie on the lanes, a film has a frame for each step, the command writes whole files."""
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.drive.lanes import on_road
+from elitelanes_jax.ride import film, make_rides, trails
+
+GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
+
+
+@pytest.fixture(scope="module")
+def rides():
+    return make_rides(GRID, 1, seconds=20)
+
+
+def test_rides_stay_on_the_road_and_reach_their_goals(rides):
+    assert rides.success.all() and (rides.steps > 30).all() and rides.x.shape == (1, 601)
+    column, row = np.floor(rides.x).astype(int), np.floor(rides.y).astype(int)
+    assert np.asarray(on_road(GRID[row, column], rides.x - column, rides.y - row)).all()
+    end = int(rides.steps[0])
+    goal = [int(rides.levels.goal.row[0]), int(rides.levels.goal.column[0])]
+    assert [row[0, end], column[0, end]] == goal and (rides.x[0, end:] == rides.x[0, end]).all()
+    with pytest.raises(InputError, match="policy: expected one of route, random, got 'nobody'"):
+        make_rides(GRID, policy="nobody")
+
+
+def test_trails_and_films_show_the_ride(rides, drawn_tiles):
+    plain = trails(GRID, drawn_tiles, rides._replace(steps=np.zeros(1, int)), tile_px=16)
+    drawn = trails(GRID, drawn_tiles, rides, tile_px=16)
+    changed = np.argwhere((plain != drawn).any(axis=-1))
+    path = np.stack([rides.y[0], rides.x[0]], axis=1) * 16
+    distance = np.hypot(*(changed[:, None] + 0.5 - path).transpose(2, 0, 1)).min(axis=1)
+    assert len(changed) > 20 and distance.max() < 2
+    short = rides._replace(steps=np.array([3]))
+    frames = list(film(GRID, drawn_tiles, short, tile_px=16))
+    assert [frame.shape for frame in frames] == [(480, 640 + 720, 3)] * 4
+    assert (frames[0] != frames[3]).any()
+
+
+def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
+    (tmp_path / "city.json").write_text(f'{{"codes": {GRID.tolist()}}}')
+    command = ["drive", str(tmp_path / "city.json"), "--tile-px", "16", "--seconds", "0.1", "--out"]
+    assert main([*command, str(tmp_path / "ride.mp4")]) == 0
+    assert "0 of 1 goals reached, 0.1 s driven" in capsys.readouterr().out
+    reader = cv2.VideoCapture(str(tmp_path / "ride.mp4"))
+    assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 4 and reader.get(cv2.CAP_PROP_FPS) == 30
+    assert main([*command, str(tmp_path / "ride.mp4")]) == 2
+    assert "expected a file that is new" in capsys.readouterr().err
+    (tmp_path / "park.json").write_text('{"codes": [[0, 0], [0, 0]]}')
+    command[1] = str(tmp_path / "park.json")
+    assert main([*command, str(tmp_path / "none.png")]) == 2
+    assert "park.json: grids[0]: expected a map with a lane" in capsys.readouterr().err
+    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "park.json", "ride.mp4"}
+    with pytest.raises(SystemExit):
+        main([*command, str(tmp_path / "none.gif")])
+    assert "expected a name that ends in .mp4 or .png" in capsys.readouterr().err
