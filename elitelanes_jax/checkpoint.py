@@ -33,8 +33,7 @@ class Checkpoint:
     def __init__(self, folder: Path, identity: dict[str, Any], every: float) -> None:
         self.folder = folder
         self._identity, self._every = identity, every
-        self._began = time.monotonic()
-        self._due = self._began + every
+        self._began = self._due = float("inf")
 
     def load(self) -> Result | None:
         """Returns the result so far; None where nothing is kept.
@@ -59,8 +58,11 @@ class Checkpoint:
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write."""
-        return time.monotonic() >= self._due
+        """Whether it is time to write; the first question starts the clock, as compiling is no search."""
+        now = time.monotonic()
+        if self._began > now:
+            self._began, self._due = now, now + self._every
+        return now >= self._due
 
     def save(self, result: Result) -> None:
         """Writes the result so far; a kill meanwhile leaves the one before."""

@@ -9,7 +9,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import new_folder, write_json
+from elitelanes_jax._util.atomic_io import new_folder, remove, write_json
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
@@ -30,7 +30,8 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 __all__ = ["drawable", "generate", "merge"]
 
-_SECONDS_A_CHECKPOINT = 10
+# The seconds between two checkpoints, and those of a search that is kept while maps are drawn.
+_SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
 def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
@@ -67,8 +68,10 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
         )
         began = time.perf_counter()
         result = evolve(keys, spec.size, spec=search, checkpoint=kept, every=_SECONDS_A_CHECKPOINT)
-        # A search that went on has had its seconds before.
-        seconds = max(time.perf_counter() - began, _working_seconds(result.history, len(keys)))
+        searched = _working_seconds(result.history, len(keys))
+        if kept is not None and searched < _WORTH_KEEPING:
+            remove(kept)
+        seconds = max(time.perf_counter() - began, searched)  # a search that went on has had its seconds before
         speed = _median(result.history.evaluations_per_second)
         return _write_run(folder, Evolved(spec, result, seconds, speed, jax.devices()[0].device_kind), tiles)
 

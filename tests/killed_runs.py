@@ -49,7 +49,7 @@ def _fork(out):
     try:
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         use_compile_cache()
-        module._SECONDS_A_CHECKPOINT = 0
+        module._SECONDS_A_CHECKPOINT = module._WORTH_KEEPING = 0
         module.generate(SPEC, out)
         os._exit(0)
     except BaseException:

@@ -1,5 +1,6 @@
 """Searches that are killed or interrupted: they go on where they were, and end the same, byte for byte."""
 
+import importlib
 import json
 import os
 import shutil
@@ -15,7 +16,6 @@ import pytest
 from killed_runs import digest
 
 from elitelanes_jax import InputError, Result, SearchInterrupted, evolve, search
-from elitelanes_jax._util import unfinished
 from elitelanes_jax._util.errors import NotEnoughMapsError
 from elitelanes_jax._util.locks import locked
 from elitelanes_jax._util.unfinished import is_kept
@@ -128,13 +128,13 @@ def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
 
 
 def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monkeypatch):
-    for worth, left in ((10, []), (0, ["lock", "result.npz", "search.json"])):
+    for worth, left in ((10, []), (0, ["result.npz", "search.json"])):
         with monkeypatch.context() as patch:
             patch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", worth)
             interrupt_at(patch, 5)
             with pytest.raises(SearchInterrupted):
                 run(checkpoint=tmp_path / "folder")
-        assert sorted({file.name for file in (tmp_path / "folder").iterdir()} | {"lock"} if left else []) == left
+        assert sorted(file.name for file in tmp_path.rglob("*.*")) == left
     assert Result.load(tmp_path / "folder" / "result.npz").state.generation == 130
     same(run(checkpoint=tmp_path / "folder"), whole)
 
@@ -154,6 +154,7 @@ def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monke
 )
 def test_the_checkpoint_of_another_search_is_refused(change, message, kept, tmp_path):
     folder = shutil.copytree(kept[-1], tmp_path / "folder")
+    (folder / "lock").unlink()
     before = {file.name: file.read_bytes() for file in folder.iterdir()}
     with pytest.raises(InputError, match=message) as caught:
         evolve(**{"key": KEYS, "shape": SHAPE} | run.keywords | {"checkpoint": folder} | change)
@@ -188,15 +189,19 @@ def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_
     monkeypatch.setattr("elitelanes_jax.checkpoint.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(Result, "save", lambda self, path: clock.__setitem__(0, clock[0] + 3.0))
     often, seldom = Checkpoint(tmp_path, {}, 0), Checkpoint(tmp_path, {}, 20)
+    clock[0] = 50.0  # compiling
     assert often.due and not seldom.due
-    clock[0] = 20.0
+    assert not seldom.worth_keeping
+    clock[0] = 60.0
+    assert seldom.worth_keeping and not seldom.due
+    clock[0] = 70.0
     assert seldom.due
     seldom.save(whole)
     often.save(whole)
     assert often.due and not seldom.due
-    clock[0] = 82.9
+    clock[0] = 132.9
     assert not seldom.due
-    clock[0] = 83.1
+    clock[0] = 133.1
     assert seldom.due
 
 
@@ -206,7 +211,7 @@ SMALL = GenerateSpec(size=SHAPE, seeds=3, maps=2, tile_px=16, search=SearchSpec(
 def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     generate(SMALL, tmp_path / "whole")
     monkeypatch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", 0)
-    monkeypatch.setattr(unfinished, "_WORTH_KEEPING", 0)
+    monkeypatch.setattr(importlib.import_module("elitelanes_jax.generate"), "_WORTH_KEEPING", 0)
     out, hidden = tmp_path / "out", tmp_path / ".out-search"
     with monkeypatch.context() as patch:
         interrupt_at(patch, 4)

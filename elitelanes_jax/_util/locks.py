@@ -1,7 +1,7 @@
 """Folders that one process at a time works in."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -19,6 +19,8 @@ LOCK = "lock"
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """Keeps a folder, which is made where it is missing, from other processes that ask for it.
 
+    A folder that was made is removed again if nothing is in it at the end.
+
     Args:
       folder: to work in.
       asked: the place that the user named, for messages.
@@ -26,12 +28,21 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     Raises:
       InputError: if another process works in it, or it cannot be written to.
     """
+    new, lock = not folder.exists(), FileLock(folder / LOCK)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(folder / LOCK).acquire(blocking=False)
+        lock.acquire(blocking=False)
     except Timeout:
         raise InputError(f"{asked}: expected no other run at work in it, got one") from None
     except OSError as error:
         raise unwritable_error(asked, error) from None
-    with lock:
+    try:
         yield
+    finally:
+        with suppress(OSError):  # while it is held, so that nobody else gets it; but Windows removes no open file
+            (folder / LOCK).unlink()
+        lock.release()
+        with suppress(OSError):  # something is in it, or another run has it now
+            (folder / LOCK).unlink(missing_ok=True)
+            if new:
+                folder.rmdir()

@@ -1,18 +1,14 @@
 """Work for a folder that is kept beside it until the folder is there, so that a run that was killed goes on."""
 
 import os
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from elitelanes_jax._util.atomic_io import remove
-from elitelanes_jax._util.locks import LOCK, locked
+from elitelanes_jax._util.locks import locked
 
 __all__ = ["is_kept", "kept_work"]
-
-# The seconds of work that is kept after an error: to do less again is no loss.
-_WORTH_KEEPING = 10
 
 _KEPT = "search"
 
@@ -26,8 +22,7 @@ def is_kept(folder: str | Path) -> bool:
 def kept_work(folder: str | Path) -> Iterator[Path | None]:
     """Provides a hidden folder beside a given one, for work that the next run goes on from.
 
-    When the block ends, it is removed. If it ends with an error, the work stays, but for that of under ten seconds. One
-    process at a time has it.
+    When the block ends, it is removed; if it ends with an error, the work stays. One process at a time has it.
 
     Args:
       folder: to be made within the block.
@@ -48,18 +43,12 @@ def kept_work(folder: str | Path) -> Iterator[Path | None]:
     kept, mine = place / _KEPT, False
     try:
         with locked(place, folder):
-            mine, before, began = True, kept.exists(), time.monotonic()
-            try:
-                yield kept
-            except BaseException:
-                if not before and time.monotonic() - began < _WORTH_KEEPING:
-                    remove(kept)
-                raise
+            mine = True
+            yield kept
             remove(kept)
     finally:
         with suppress(OSError):  # something is in them, or another run has them now
             if mine and not kept.exists():
-                (place / LOCK).unlink(missing_ok=True)
                 place.rmdir()
                 for parent in missing:  # the deepest first
                     parent.rmdir()
