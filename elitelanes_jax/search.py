@@ -16,7 +16,8 @@ from jaxtyping import Array, Int8, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.config import Config
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
+from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.settings import record
 from elitelanes_jax._util.version import installed_versions
@@ -87,6 +88,7 @@ def evolve(
         or a checkpoint that another process is at work on.
       SearchInterrupted: at Ctrl-C, a `KeyboardInterrupt` whose ``result`` is what was found until then. A checkpoint
         has it too, if the search took ten seconds.
+      NotEnoughMemoryError: a `MemoryError`, where the search cannot fit into the memory that is free.
     """
     keys, single = _check_keys(key, seeds)
     shape = check_shape(shape, new=True)
@@ -118,6 +120,7 @@ def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, 
     resumed = bool(parts) and done == last
     with Progress(f"{spec.method} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
         if inner is None:
+            _check_memory(_start.eval_shape(search.program, search.numbers, search.keys), search.keys.size, shape)
             with bar.doing("compiling"):
                 inner = _start(search.program, search.numbers, search.keys)
         try:
@@ -137,6 +140,21 @@ def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, 
     if kept is not None and not resumed:
         kept.save(result)
     return result
+
+
+def _check_memory(states: Any, seeds: int, shape: tuple[int, int]) -> None:
+    """Checks that states fit into the free memory twice, as those before and after a step are there at once."""
+    stats = jax.local_devices()[0].memory_stats()  # of an accelerator
+    free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
+    needed = 2 * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(states))
+    if free is None or needed <= free:
+        return
+    fitting = free * seeds // needed
+    fewer = f"{many(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
+    raise NotEnoughMemoryError(
+        f"not enough memory: {many(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} or "
+        f"more, and {in_gigabytes(free)} are free; {fewer} would fit"
+    )
 
 
 class _Numbers(NamedTuple):
@@ -201,7 +219,10 @@ def _check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
     """Returns the keys as an array ``[S]``, and whether there was one key alone."""
     if is_whole(key):
         seeds = GenerateSpec.seeds if seeds is None else seeds
-        return seed_keys(check_named("key", whole(0, 2**32 - 1), key), check_named("seeds", whole(1), seeds)), False
+        return seed_keys(
+            check_named("key", whole(0, 2**32 - 1), key),
+            check_named("seeds", GenerateSpec.options()["seeds"].check, seeds),
+        ), False
     if seeds is not None:
         raise InputError(f"seeds: expected it with a whole number as key, as keys say how many they are, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:

@@ -258,7 +258,7 @@ class GenerateSpec(Settings):
     size: tuple[int, int] = option((12, 12), check_size, ("ROWS", "COLUMNS"))
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
-    seeds: int = option(8, whole(1), "N")
+    seeds: int = option(8, whole(1, 10**6), "N")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")

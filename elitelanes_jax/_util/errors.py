@@ -4,7 +4,16 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
 
-__all__ = ["InputError", "MissingPackageError", "NotEnoughMapsError", "likely", "many", "reason", "short"]
+__all__ = [
+    "InputError",
+    "MissingPackageError",
+    "NotEnoughMapsError",
+    "NotEnoughMemoryError",
+    "likely",
+    "many",
+    "reason",
+    "short",
+]
 
 
 class InputError(ValueError):
@@ -21,6 +30,10 @@ class MissingPackageError(InputError):
 
 class NotEnoughMapsError(Exception):
     """A search found fewer maps than were asked for; the message says how many, and why others were rejected."""
+
+
+class NotEnoughMemoryError(MemoryError):
+    """A search needs more memory than there is; the message says how much, and what needs less."""
 
 
 def likely(name: Any, known: Iterable[str]) -> str:

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import NoReturn, TextIO
 
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
+from elitelanes_jax._util.memory import is_out_of_memory
 from elitelanes_jax._util.progress import Loudness, loudness, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
@@ -41,7 +42,9 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Lou
     except KeyboardInterrupt:
         return fail(program, f"interrupted; {interrupted}", INTERRUPTED)
     except Exception as error:
-        if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):  # the latter is how JAX says it
+        if isinstance(error, NotEnoughMemoryError):
+            return fail(program, str(error), 1)
+        if is_out_of_memory(error):
             return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
         raise
 

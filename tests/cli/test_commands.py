@@ -175,7 +175,7 @@ def test_too_few_maps_are_one_line_and_exit_code_1(tmp_path, capsys):
 
 WRONG = {
     "no maps": (["--maps", "0"], "--maps: expected a whole number, 1 or more, got '0'"),
-    "half a seed": (["--seeds", "0.5"], "--seeds: expected a whole number, 1 or more, got '0.5'"),
+    "half a seed": (["--seeds", "0.5"], "--seeds: expected a whole number, 1 to 1000000, got '0.5'"),
     "no digit": (["--maps", "²"], "--maps: expected a whole number, 1 or more, got '²'"),
     "too many digits": (["--maps", "9" * 5000], "--maps: expected a whole number, 1 or more, got '9999"),
     "no preset": (["--preset", ""], "--preset: expected a name, got ''"),
@@ -335,7 +335,12 @@ def test_rendering_beside_the_map(generated, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes.")]
+    "error",
+    [
+        MemoryError(),
+        RuntimeError("RESOURCE_EXHAUSTED: Out of memory allocating 9 bytes."),
+        RuntimeError("INTERNAL: CUDA: out of memory"),
+    ],
 )
 def test_too_little_memory_is_one_line(error, tmp_path, capsys, monkeypatch):
     def fail(*_, **__):
