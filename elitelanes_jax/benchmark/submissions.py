@@ -42,7 +42,7 @@ class Submission(NamedTuple):
     cyclomatic: Int[np.ndarray, "R T N"]
 
 
-def write_submission(file: Path, submission: Submission) -> None:
+def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
     Raises:
@@ -52,10 +52,10 @@ def write_submission(file: Path, submission: Submission) -> None:
     _check(str(file), submission.task, arrays)
     content = io.BytesIO()
     np.savez_compressed(content, version=VERSION, task=submission.task.name, **arrays)  # type: ignore[arg-type]
-    write_atomic(file, content.getvalue())
+    write_atomic(Path(file), content.getvalue())
 
 
-def read_submission(file: Path) -> Submission:
+def read_submission(file: str | Path) -> Submission:
     """Reads a raw archive.
 
     Raises:

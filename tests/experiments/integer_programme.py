@@ -1,5 +1,7 @@
 """The optimum of one niche as an integer programme, solved by HiGHS: another way than the frontier's."""
 
+import time
+
 import networkx as nx
 import numpy as np
 from oracle import STEPS, road_graph
@@ -72,7 +74,8 @@ def solve(height, width, fill, cyclomatic, seconds):
     gains = np.zeros(size)
     for (_, run), place in runs.items():
         gains[place] = len(run) ** 2
-    while True:
+    deadline = time.monotonic() + seconds
+    while time.monotonic() < deadline:
         entries = [(number, place, value) for number, terms in enumerate(rows) for place, value in terms.items()]
         number, place, value = zip(*entries, strict=True)
         matrix = csr_array((value, (number, place)), shape=(len(rows), size))
@@ -81,7 +84,7 @@ def solve(height, width, fill, cyclomatic, seconds):
             constraints=LinearConstraint(matrix, lows, highs),
             integrality=np.ones(size),
             bounds=Bounds(0, 1),
-            options={"time_limit": seconds, "mip_rel_gap": 0},
+            options={"time_limit": max(1, deadline - time.monotonic()), "mip_rel_gap": 0},
         )
         if found.status == 2:
             return np.inf
@@ -99,7 +102,7 @@ def solve(height, width, fill, cyclomatic, seconds):
             graph.add_edge(*edge)
         if len(parts) == 1:
             return -2 * (cyclomatic + round(-found.fun))
-        for part in parts[: None if len(parts) > 2 else 1]:
+        for part in parts:
             leaving = {}
             for row, column in part:
                 for side, (down, right) in STEPS.items():
@@ -111,6 +114,7 @@ def solve(height, width, fill, cyclomatic, seconds):
             # With a road on both sides at least two links lead from one to the other.
             ends = total(inner, bool, -2) | total(outer, bool, -2)
             require(_sum(leaving, ends), -2, np.inf)
+    return None
 
 
 def _sum(one, other):
