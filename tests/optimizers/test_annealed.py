@@ -170,7 +170,7 @@ def test_chains_that_pursue_flawless_niches_fill_more_of_them():
 
 
 def test_target_bins_are_bins():
-    with pytest.raises(InputError, match="axes: expected target to be a bin, 0 to 2"):
+    with pytest.raises(InputError, match="expected target to be a bin, 0 to 2"):
         evolve(jax.random.key(0), (4, 4), axes=[Axis("crossings", 3, target=3)])
 
 
