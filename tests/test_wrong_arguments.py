@@ -1,0 +1,59 @@
+"""Wrong arguments from Python: each is named in one line, before any search."""
+
+import sys
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, evolve, fitness, random_grids, rotate
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.generate import generate
+from elitelanes_jax.spec import GenerateSpec, SearchSpec
+from elitelanes_jax.tiles.render import choose_tiles, render
+
+GRID = np.array([[6, 3], [12, 9]])
+
+WRONG = {
+    "seed: expected a whole number, 0 to": lambda: GenerateSpec(seed=-1),
+    "tile_px: expected a whole number, 16 to 512, got 'x'": lambda: GenerateSpec(tile_px="x"),
+    "maps: expected a whole number, 1 or more, got 1.5": lambda: GenerateSpec(maps=1.5),
+    "size: expected rows and columns, got 8": lambda: GenerateSpec(size=8),
+    "spec: expected GenerateSpec, got 'x'": lambda: generate("x", "out"),
+    "out: expected a name, got 5": lambda: generate(GenerateSpec(), 5),
+    "nowhere: expected a folder of tile pictures, got none": lambda: generate(GenerateSpec(tiles="nowhere"), "out"),
+    "transforms: expected words such as": lambda: DatasetSpec(transforms=3),
+    "transforms: expected some of none, standard": lambda: DatasetSpec(transforms="luck"),
+    "fill: expected True or False, got 'no'": lambda: SearchSpec(fill="no"),
+    "weights: expected weights such as 'bridges=300', got 3": lambda: SearchSpec(weights=[3]),
+    "axes: expected axes such as 'straight_share:10', got 3": lambda: SearchSpec(axes=[3]),
+    "spec: expected SearchSpec, got 3": lambda: evolve(0, spec=3),
+    "where 'cyclomatic=200..': expected a range with some of 1..121, which": lambda: evolve(
+        0, where="cyclomatic=200.."
+    ),
+    "metrics: expected Metrics, as measure gives them, got ndarray": lambda: fitness(GRID),
+    "tiles: expected a TileSet, as load_tiles gives it, got 'tiles'": lambda: choose_tiles(GRID, "tiles"),
+    "tiles: expected a name, got 3": lambda: render(GRID, 3),
+    "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),
+    "key: expected a jax.random.key, got 0": lambda: random_grids(0, 3),
+    "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
+}
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize("message", WRONG)
+def test_a_wrong_argument_is_named(message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as error:
+        WRONG[message]()
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_progress_needs_no_stream(monkeypatch):
+    for shown in (None, True):
+        monkeypatch.setattr(sys, "stderr", None)
+        with Progress("evolving", 3, "maps", shown=shown) as bar:
+            bar.update(3)
