@@ -98,6 +98,7 @@ def test_a_goal_that_is_no_place_is_reached_from_nowhere():
     assert (find(np.zeros((3, 3), np.int8), Place(1, 1, 0)) == UNREACHABLE).all()
 
 
+@pytest.mark.slow
 def test_a_short_table_keeps_the_first_places():
     grid = serpentine(4, 5)
     found = find_route(grid, Place(0, 1, 1), Place(3, 0, 3), most=6)

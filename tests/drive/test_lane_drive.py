@@ -113,6 +113,7 @@ def test_the_figures_of_the_lane_are_those_of_lane_pose(params, rides):
     np.testing.assert_allclose(ahead, np.array([-1 / 0.3, 0, 1 / 0.7])[movement.turn[going]], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_straight_on_for_ever_ends_off_the_road(params):
     step = jax.jit(LaneDrive.step)
     _, state = jax.jit(LaneDrive.reset)(jax.random.key(0), params)
@@ -126,6 +127,7 @@ def test_straight_on_for_ever_ends_off_the_road(params):
     assert total < 0 and done.reward < -9
 
 
+@pytest.mark.slow
 def test_turns_of_a_lane_are_drawn_and_lead_round_for_ever(params):
     follow = LaneDriveParams(params.levels, task="lane", action="twist", limit=250).checked()
     done = jax.device_get(ride(follow, jax.random.key(5), 250))

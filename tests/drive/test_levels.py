@@ -22,28 +22,28 @@ RING = np.array([[6, 3, 0, 0], [12, 9, 0, 2], [0, 0, 4, 9]], np.int8)
 
 @pytest.fixture(scope="module")
 def maps():
-    drawn = random_grids(jax.random.key(1), 40, SHAPE)
+    drawn = random_grids(jax.random.key(1), 16, SHAPE)
     return np.asarray(jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn))
 
 
 def test_drawn_levels_are_as_far_as_asked(maps):
     for least, most in ((1, UNREACHABLE), (4, 6)):
-        levels = check_level(make_levels(jax.random.key(2), maps, 80, least=least, most=most), SHAPE)
+        levels = check_level(make_levels(jax.random.key(2), maps, 16, least=least, most=most), SHAPE)
         starts = set()
-        for number in range(80):
+        for number in range(16):
             one = jax.tree.map(lambda part, number=number: np.asarray(part)[number].tolist(), levels)
-            graph = place_graph(maps[number % 40])
+            graph = place_graph(maps[number])
             lengths = nx.single_source_shortest_path_length(graph.reverse(copy=False), tuple(one.goal))
             assert lengths[tuple(one.start)] == one.shortest > 0
             furthest, asked = max(lengths.values()), [length for length in lengths.values() if least <= length <= most]
             assert one.shortest in asked or (not asked and (one.shortest == furthest or one.shortest > most))
             starts.add(tuple(one.start))
-        assert len(starts) > 30
+        assert len(starts) > 8
 
 
 def test_goals_are_drawn_from_all_places_that_can_be_reached():
     grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
-    levels = jax.device_get(make_levels(jax.random.key(3), np.repeat(grid[None], 40, 0), 400))
+    levels = jax.device_get(make_levels(jax.random.key(3), grid[None], 400))
     graph = place_graph(grid)
     goals, counts = np.unique(np.stack(levels.goal, axis=1), axis=0, return_counts=True)
     expected = {node for node in graph if graph.in_degree(node)}
