@@ -16,7 +16,8 @@ PAGE = (Path(__file__).parents[2] / "docs" / "scaling.md").read_text(encoding="u
 PROGRAMS = [text for _, text in blocks(PAGE, "python")]
 SMALL = ["--size", "5", "6", "--seeds", "6", "--maps", "3", "--tile-px", "16", "--method", "ea", "--preset", "paper"]
 SMALL += ["--generations", "9000"]
-SPEC = 'GenerateSpec(size=(5, 6), maps=3, seeds=6, tile_px=16, search=dict(method="ea", preset="paper", generations=9000)), 3'
+SPEC = 'GenerateSpec(size=(5, 6), maps=3, seeds=6, tile_px=16, search=SearchSpec(method="ea", preset="paper", '
+SPEC += "generations=9000)), 3"
 
 
 @pytest.mark.parametrize("number", [0, 1])
@@ -33,8 +34,7 @@ def whole(tmp_path, monkeypatch):
 
 def smaller(program):
     """The program with a small run in three parts."""
-    spec = SPEC.replace("dict(", "SearchSpec(")
-    program = program.replace("GenerateSpec(seeds=1000, maps=100), 10", spec)
+    program = program.replace("GenerateSpec(seeds=1000, maps=100), 10", SPEC)
     return program.replace("import GenerateSpec", "import GenerateSpec, SearchSpec")
 
 
