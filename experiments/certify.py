@@ -115,7 +115,7 @@ def table(records: list[dict[str, Any]]) -> str:
         "",
     ]
     lines += ["| grid | seconds | MiB | states | most on one line |", "|---|---:|---:|---:|---:|"]
-    for record in (one for one in records if "cost" in one):
+    for record in records:
         cost = record["cost"]
         row = f"{cost['seconds']:,.1f} | {cost['mebibytes']:,} | {cost['states']:,} | {cost['peak']:,}"
         lines.append(f"| {_name(record)} | {row} |")
