@@ -127,6 +127,7 @@ def compare_many(count, seed):
     return (found < UNREACHABLE).sum()
 
 
+@pytest.mark.slow
 def test_many_at_once_are_those_of_networkx():
     assert compare_many(200, 0) > 5000
 

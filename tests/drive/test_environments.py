@@ -73,6 +73,7 @@ def pick(tree, number):
     return jax.tree.map(lambda part: part[number], tree)
 
 
+@pytest.mark.slow
 @every_environment
 def test_alone_is_as_in_a_batch(name):
     environment, params = made(name)

@@ -41,6 +41,7 @@ def test_drawn_levels_are_as_far_as_asked(maps):
         assert len(starts) > 8
 
 
+@pytest.mark.slow
 def test_goals_are_drawn_from_all_places_that_can_be_reached():
     grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     levels = jax.device_get(make_levels(jax.random.key(3), grid[None], 400))
