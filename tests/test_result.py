@@ -168,7 +168,7 @@ def test_files_of_other_kinds_are_refused(tmp_path):
         Result.load(file)
     with file.open("wb") as stream:
         np.save(stream, np.zeros(3))
-    with pytest.raises(InputError, match="got one that does not hold: a single array"):
+    with pytest.raises(InputError, match="got one that does not hold: no archive of arrays"):
         Result.load(file)
     with file.open("wb") as stream:
         np.savez(stream, grids=np.zeros(3))

@@ -288,7 +288,7 @@ def test_progress_is_shown_when_asked_for(capsys):
     [
         ({"key": "3"}, "key: expected a jax.random.key or an array of them, got '3'"),
         ({"key": -1}, "key: expected a whole number, 0 to 4294967295, got -1"),
-        ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 or more, got 0"),
+        ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 to 1000000, got 0"),
         ({"seeds": 2}, "seeds: expected it with a whole number as key, .*, got 2"),
         ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),

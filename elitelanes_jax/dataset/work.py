@@ -76,11 +76,9 @@ def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
             cleared = True
     finally:
         if cleared:
-            with suppress(OSError):  # another run may have the folder now; other files stay
-                (work / LOCK).unlink(missing_ok=True)
-                work.rmdir()
-                if new:
-                    out.rmdir()
+            for folder in (work, out) if new else (work,):
+                with suppress(OSError):  # it is gone, another run has it now, or other files are in it
+                    folder.rmdir()
 
 
 def _clear(work: Path) -> None:

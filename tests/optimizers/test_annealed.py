@@ -109,7 +109,7 @@ def test_what_is_asked_for_is_found_and_other_ranges_need_no_second_compilation(
         assert 0.2 * found["tiles"] <= found["straights"] <= 0.6 * found["tiles"]
         assert result.elites.fitness[seed, place] == oracle_fitness(found)
     with compilations() as compiled:
-        evolve(seed_keys(0, 2), (6, 6), evaluations=320, where=["bridges=0", "tiles=9..20"], **setting)
+        evolve(seed_keys(0, 2), (6, 6), evaluations=320, where=["bridges=0", "turns=4..20"], **setting)
     assert not compiled
 
 
