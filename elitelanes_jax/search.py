@@ -22,6 +22,7 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.settings import record
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.checkpoint import Checkpoint, open_checkpoint
+from elitelanes_jax.devices import choose_devices, cut, join, side_by_side
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import unstack_counts
@@ -59,6 +60,7 @@ def evolve(
     checkpoint: str | Path | None = None,
     every: float = 60.0,
     progress: bool | None = None,
+    devices: int | Sequence[jax.Device] | None = None,
     **options: Any,
 ) -> Result:
     """Evolves road networks.
@@ -81,6 +83,8 @@ def evolve(
         the time.
       progress: whether to show a progress bar, off a terminal a line every 30 seconds; by default in a terminal or
         notebook, when a run takes over a second.
+      devices: that the seeds are spread over, any of them more than once, or how many: of the processor's cores, GPUs
+        or TPU cores; by default all local ones. The result is the same, bit for bit.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
@@ -91,11 +95,14 @@ def evolve(
       NotEnoughMemoryError: a `MemoryError`, where the search cannot fit into the memory that is free.
     """
     keys, single = _check_keys(key, seeds)
+    chosen = choose_devices(devices)
     shape = check_shape(shape, new=True)
     spec = check_named("spec", record(SearchSpec), spec)
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
     program, numbers = _prepare(spec, shape, config, optimizer)
-    search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys))
+    if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
+        chosen = chosen[:1]
+    search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
     done, inner = (0, None) if state is None else _restore(state, search)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
@@ -123,8 +130,9 @@ def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, 
             _check_memory(_start.eval_shape(search.program, search.numbers, search.keys), search.keys.size, shape)
             with bar.doing("compiling"):
                 inner = _start(search.program, search.numbers, search.keys)
+        inner = cut(inner, search.devices)
         try:
-            for states, part in _run(search.program, search.numbers, search.keys, inner, done, last, per_step, bar):
+            for states, part in _run(search, inner, done, last, per_step, bar):
                 parts.append(part)
                 inner, count = states, count + 1  # in one: an interruption falls before it or after it
                 if kept is not None and kept.due:
@@ -203,10 +211,11 @@ class _Search(NamedTuple):
     single: bool
     spec: SearchSpec
     fingerprint: UInt32[np.ndarray, ""]
+    devices: list[jax.Device]
 
-    def result(self, states: Any, parts: Sequence[History], first: int) -> Result:
-        """Returns the result of the generations after `first`, given in parts."""
-        elites, inner = _collect(self.program, self.numbers, states, self.single)
+    def result(self, states: Sequence[Any], parts: Sequence[History], first: int) -> Result:
+        """Returns the result of the generations after `first`; states by device, the history in parts."""
+        elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
         nothing = np.zeros((self.keys.size, 0), np.int32)
         history = History.joined([History(np.arange(0), np.arange(0), nothing, nothing, np.zeros(0)), *parts])
         generation = np.array(first + history.generation.size, np.int32)
@@ -318,28 +327,37 @@ def _restore(state: Any, search: _Search) -> tuple[int, Any]:
 
 
 def _run(
-    program: _Program,
-    numbers: _Numbers,
-    keys: Key[Array, " S"],
-    states: Any,
-    done: int,
-    last: int,
-    per_step: int,
-    bar: Progress,
-) -> Iterator[tuple[Any, History]]:
-    """Runs the generations after `done` call by call; yields the states and the history of each, seeds in front."""
+    search: _Search, states: list[Any], done: int, last: int, per_step: int, bar: Progress
+) -> Iterator[tuple[list[Any], History]]:
+    """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
+    numbers, seeds = search.numbers, search.keys.size
+    keys, devices = cut(search.keys, search.devices), search.devices[: len(states)]
     stretch = _MOST // 2
     if done < last:
         with bar.doing("compiling"):
-            jax.block_until_ready(_advance(program, numbers, keys, states, done + 1, done))  # runs nothing
+            # Once for a device. Lowered in this thread, as JAX's settings may be those of this one alone.
+            lowered = {
+                device: _advance.lower(search.program, numbers, *part, np.int32(0), np.int32(0))
+                for device, *part in zip(devices, keys, states, strict=True)
+            }
+            compiled = dict(zip(lowered, side_by_side([each.compile for each in lowered.values()]), strict=True))
+
+    def advance_part(part: int, first: int, last: int) -> tuple[Any, Info]:
+        run = compiled[devices[part]]
+        return jax.block_until_ready(run(numbers, keys[part], states[part], np.int32(first), np.int32(last)))
+
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
-        states, info = _advance(program, numbers, keys, states, done + 1, done + count)
-        best, elites = np.asarray(info.best_fitness)[:count], np.asarray(info.elite_count)[:count]
+        ran = side_by_side([partial(advance_part, part, done + 1, done + count) for part in range(len(states))])
+        states, infos = [list(each) for each in zip(*ran, strict=True)]
+        best, elites = (
+            np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds]
+            for name in ("best_fitness", "elite_count")
+        )
         seconds = time.perf_counter() - began
         generation = np.arange(done + 1, done + count + 1)
-        speeds = np.full(count, count * per_step * keys.size / seconds)
+        speeds = np.full(count, count * per_step * seeds / seconds)
         done += count
         bar.update(done, f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
         yield states, History(generation, generation * per_step, best.T, elites.T, speeds)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path
-from elitelanes_jax.cli.arguments import Parser, checked_by
+from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.formats.text import LINES
@@ -239,6 +239,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = Parser(prog="optimum.py", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--out", type=checked_by(path), default=Path("results/optimum"), help="folder to write to")
     parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
+    add_cores(parser)
     options = parser.parse_args(arguments)
     return guarded("optimum.py", lambda: _run(options), interrupted="nothing was written")
 

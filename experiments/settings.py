@@ -10,7 +10,7 @@ from runs import METHODS
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.version import __version__
-from elitelanes_jax.cli.arguments import checked_by
+from elitelanes_jax.cli.arguments import add_cores, checked_by
 from elitelanes_jax.network.checks import check_shape
 
 __all__ = ["add_settings", "checked_settings"]
@@ -38,6 +38,7 @@ def add_settings(parser: argparse.ArgumentParser, *, sizes: list[tuple[int, int]
         "--generations", type=checked_by(whole(1)), default=200, metavar="N", help="of 40 grids; by default 200"
     )
     parser.add_argument("--reading", default="ours", metavar="NAME", help=f"of the paper: {', '.join(READINGS)}")
+    add_cores(parser)
     parser.add_argument("--out", type=checked_by(path), default=Path(out), metavar="DIR", help=f"by default {out}")
 
 

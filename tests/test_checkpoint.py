@@ -101,16 +101,16 @@ def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
 
 
 def interrupt_at(patch, number):
-    """Interrupts the search in its call of this number, as Ctrl-C does; the first call runs nothing."""
-    advance, calls = search._advance, []
+    """Interrupts the search in its call of this number, as Ctrl-C does; the first call compiles."""
+    side_by_side, calls = search.side_by_side, []
 
-    def interrupted(*arguments):
+    def interrupted(functions):
         calls.append(None)
         if len(calls) == number:
             raise KeyboardInterrupt
-        return advance(*arguments)
+        return side_by_side(functions)
 
-    patch.setattr(search, "_advance", interrupted)
+    patch.setattr(search, "side_by_side", interrupted)
 
 
 @pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 0), (3, 128), (6, 131)])

@@ -1,8 +1,26 @@
 """More devices than one: the same results, bit for bit."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from functools import partial
+from threading import Barrier
+
+import chex
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elitelanes_jax import InputError, evolve
+from elitelanes_jax._util import cores
+from elitelanes_jax.cli.main import make_parser
+from elitelanes_jax.devices import choose_devices, cut, join, side_by_side, use_cores
+
+CPU = jax.devices("cpu")[0]
 
 PROGRAM = """
 import chex
@@ -36,11 +54,117 @@ def search(keys):
 keys = jax.random.split(jax.random.key(1), 4)
 there = jax.device_put(keys, NamedSharding(mesh, split))
 chex.assert_trees_all_equal(jax.jit(search)(there), jax.jit(search)(keys))
+
+one, *others = (
+    evolve(keys[:3], (5, 6), preset="paper", generations=20, devices=devices)
+    for devices in (1, jax.local_devices(), jax.local_devices()[1:])
+)
+for other in others:
+    chex.assert_trees_all_equal((other.elites, other.state), (one.elites, one.state))
 print("done")
 """
 
 
 def test_grids_and_seeds_spread_over_devices():
-    environment = os.environ | {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
+    environment = os.environ | {
+        "XLA_FLAGS": "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=1",
+        "JAX_PLATFORMS": "cpu",
+    }
     ran = subprocess.run([sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=False)
     assert ran.stdout == "done\n", ran.stderr[-2000:]
+
+
+@pytest.mark.parametrize("method", ["ea", "map-elites"])
+def test_seeds_are_the_same_on_any_number_of_devices_stopped_and_continued_on_others(method):
+    run = partial(evolve, jax.random.split(jax.random.key(3), 7), (5, 6), method=method, preset="paper", fill=False)
+    one, *others = (run(generations=12, devices=devices) for devices in (1, 2, 3, [CPU] * 7))
+    for other in others:
+        chex.assert_trees_all_equal((other.elites, other.state), (one.elites, one.state))
+        chex.assert_trees_all_equal(other.history[:4], one.history[:4])
+    half = run(generations=5, devices=2)
+    rest = run(generations=7, devices=7, state=half.state)
+    chex.assert_trees_all_equal((rest.elites, rest.state), (one.elites, one.state))
+
+
+def test_keys_that_depend_on_those_beside_them_stay_together():
+    """The bits of other kinds of keys depend on the batch: on several devices they would not be those on one."""
+    run = partial(evolve, jax.random.split(jax.random.key(3, impl="rbg"), 3), (5, 6), method="ea", preset="paper")
+    one, other = (run(generations=5, devices=devices).elites for devices in (1, 3))
+    chex.assert_trees_all_equal(one, other)
+
+
+@given(rows=st.integers(1, 12), count=st.integers(1, 15))
+def test_parts_have_one_size_and_make_the_whole(rows, count):
+    tree = {"numbers": np.arange(rows * 2).reshape(rows, 2), "flags": np.arange(rows) % 3 == 0}
+    parts = cut(tree, [CPU] * count)
+    assert len({len(part["flags"]) for part in parts}) == 1
+    assert len(parts) <= min(rows, count)
+    assert len(parts[0]["flags"]) == -(-rows // count)  # as short as can be
+    chex.assert_trees_all_equal(join(parts, rows), tree)
+
+
+def test_parts_of_keys():
+    keys = jax.random.split(jax.random.key(1), 5)
+    parts = cut((keys, np.arange(5)), [CPU] * 3)
+    assert [part[1].tolist() for part in parts] == [[0, 1], [2, 3], [4, 4]]
+    assert (join(parts, 5)[0] == keys).all()
+
+
+def test_calls_run_at_once_and_return_in_order():
+    barrier = Barrier(3)
+
+    def call(number):
+        barrier.wait(10)  # breaks if any of them waits for another to end
+        time.sleep(0.01 * (3 - number))
+        return number
+
+    assert side_by_side([partial(call, number) for number in range(3)]) == [0, 1, 2]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
+def test_errors_and_interruptions_come_when_all_have_ended():
+    ended = []
+
+    def fail():
+        raise MemoryError("no more")
+
+    def work():
+        time.sleep(0.2)
+        ended.append(None)
+
+    def interrupt():
+        time.sleep(0.05)  # until all are at work
+        signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(MemoryError, match="no more"):
+        side_by_side([work, fail])
+    assert len(ended) == 1
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # under nohup it is ignored
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            side_by_side([work, interrupt, work])
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert len(ended) == 3
+
+
+def test_devices_are_cores_by_default():
+    assert choose_devices() == [CPU] * cores.count_cores()
+    assert choose_devices(3) == choose_devices([CPU] * 3) == [CPU] * 3
+
+
+def test_fewer_cores_on_request(monkeypatch):
+    monkeypatch.setattr(cores, "_most", None)  # put back after the test
+    there = choose_devices()
+    make_parser().parse_args(["generate", "--cores", "1", "--out", "maps"])
+    assert choose_devices() == [CPU]
+    use_cores(2**20)  # there are fewer
+    assert choose_devices() == there
+    with pytest.raises(InputError, match="^cores: expected a whole number, 1 or more, got 0$"):
+        use_cores(0)
+
+
+@pytest.mark.parametrize("wrong", [0, -1, 1.5, True, "cpu", [], ["cpu"]])
+def test_wrong_devices_are_refused(wrong, any_types):
+    with pytest.raises(InputError, match="^devices: expected JAX's devices, or their number, at least 1, got "):
+        evolve(devices=wrong)

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check
+from elitelanes_jax._util.checks import Check, whole
+from elitelanes_jax._util.cores import use_cores
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
@@ -16,6 +17,7 @@ __all__ = [
     "COMPILING",
     "Commands",
     "Parser",
+    "add_cores",
     "add_force",
     "add_loudness",
     "add_options",
@@ -91,6 +93,23 @@ def add_loudness(command: argparse.ArgumentParser) -> None:
         ("--verbose", Loudness.VERBOSE, "tell each step and how long it took"),
     ):
         either.add_argument(flag, dest="loud", action="store_const", const=loud, help=words, default=argparse.SUPPRESS)
+
+
+def add_cores(command: argparse.ArgumentParser) -> None:
+    """Adds ``--cores`` to a command that works on all of them."""
+    command.add_argument(
+        "--cores",
+        action=_Cores,
+        type=checked_by(whole(1, 1024)),
+        default=argparse.SUPPRESS,
+        metavar="N",
+        help="work on at most so many of the processor's cores; by default on all. The results are the same",
+    )
+
+
+class _Cores(argparse.Action):
+    def __call__(self, *given: Any) -> None:
+        use_cores(given[2])
 
 
 def read_options(given: argparse.Namespace, defaults: Settings) -> Any:

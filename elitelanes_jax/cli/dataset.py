@@ -2,12 +2,13 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import folder, whole
+from elitelanes_jax._util.checks import folder
 from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
+    add_cores,
     add_force,
     add_loudness,
     add_options,
@@ -41,13 +42,8 @@ def add_dataset(commands: Commands) -> None:
         help="folder to write to: new, empty or begun before",
     )
     add_options(command, DatasetSpec())
-    command.add_argument(
-        "--workers",
-        type=checked_by(whole(1, 1024)),
-        metavar="N",
-        help="threads that draw; by default one for each processor",
-    )
     add_force(command)
+    add_cores(command)
     add_loudness(command)
     command.set_defaults(action=_dataset, interrupted=_CONTINUES)
 
@@ -64,7 +60,7 @@ def _dataset(options: argparse.Namespace) -> int:
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
         with naming_options(DatasetSpec(), "hold_out_tiles"):
-            about = make_dataset(spec, options.out, workers=options.workers, force=options.force)
+            about = make_dataset(spec, options.out, force=options.force)
     except OSError as error:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]

@@ -11,6 +11,7 @@ from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
+    add_cores,
     add_force,
     add_loudness,
     add_options,
@@ -64,6 +65,7 @@ def add_generate(commands: Commands) -> None:
     )
     add_options(command, GenerateSpec())
     add_force(command)
+    add_cores(command)
     add_loudness(command)
     command.set_defaults(action=_generate)
 

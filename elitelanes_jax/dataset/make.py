@@ -1,7 +1,6 @@
 """From a specification to a dataset's folder, by several threads; killed at any moment, it continues."""
 
 import json
-import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.cores import count_cores
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset.card import sample_sheet, write_card
@@ -52,7 +52,7 @@ def make_dataset(
     Args:
       spec: of the dataset.
       out: the folder: new, empty, or one that was begun with the same specification.
-      workers: threads that draw; by default as many as there are processors.
+      workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is removed first, unless anything else is in it.
       maps: to be drawn in place of evolved ones: as many as the specification says, of its sizes.
 
@@ -65,7 +65,7 @@ def make_dataset(
       OSError: if a file cannot be written; it names the file. What was complete stays, and the next run continues.
     """
     out = Path(out)
-    workers = _processors() if workers is None else check_named("workers", whole(1), workers)
+    workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     layout = find_format(spec.format)
     tiles = load_tiles(spec.tiles)
     if maps is not None:
@@ -111,13 +111,6 @@ def make_dataset(
 def _sizes(spec: DatasetSpec) -> str:
     first, last = ("{} x {}".format(*shape) for shape in (spec.shapes[0], spec.shapes[-1]))
     return first if first == last else f"{first} to {last}"
-
-
-def _processors() -> int:
-    """Returns the number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):  # not on macOS and Windows
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:

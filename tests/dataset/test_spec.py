@@ -103,7 +103,7 @@ def test_bad_fields_are_named(fields, message):
         (["--where", "turns="], "--where"),
         (["--rules", "london"], "--rules: expected"),
         (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
-        (["--workers", "0"], "argument --workers: expected a whole number, 1 to 1024, got '0'"),
+        (["--cores", "0"], "argument --cores: expected a whole number, 1 to 1024, got '0'"),
     ],
 )
 def test_bad_arguments_are_one_line(tmp_path, capsys, arguments, message):
