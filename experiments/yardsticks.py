@@ -1,10 +1,17 @@
 """Baselines for the kernels: the same metrics and the same search, written in the usual ways.
 
 `networkx_fitness` uses NumPy for the tiles and NetworkX for the graph. `tarjan_fitness` is written for speed: loops
-compiled by Numba, components and bridges by Tarjan's depth-first search. `tarjan_map_elites` is the paper's whole
-MAP-Elites with that fitness, compiled too.
+compiled by Numba, components and bridges by Tarjan's depth-first search. `cpp_fitness` is the same in C++.
+`tarjan_map_elites` is the paper's whole MAP-Elites with that fitness, compiled by Numba too.
 """
 
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import networkx as nx
@@ -12,7 +19,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["networkx_fitness", "tarjan_fitness", "tarjan_map_elites"]
+__all__ = ["cpp_fitness", "networkx_fitness", "tarjan_fitness", "tarjan_map_elites"]
 
 _ROAD = np.array([3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15], np.int8)
 _TURNS = np.array([3, 6, 9, 12])
@@ -70,6 +77,27 @@ def _squares(marks: NDArray[np.bool_]) -> int:
     """Returns the sum of the squares of the lengths of all runs of marks."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]])))
     return int(((edges[1::2] - edges[::2]) ** 2).sum())
+
+
+def cpp_fitness() -> Callable[[NDArray[np.int8]], NDArray[np.int32]] | None:
+    """Compiles `tarjan.cpp` for this processor: the paper's fitness of grids ``[B, H, W]``; None without a compiler."""
+    compiler = shutil.which(os.environ.get("CXX", "c++"))
+    if compiler is None:
+        return None
+    source = Path(__file__).with_name("tarjan.cpp")
+    with tempfile.TemporaryDirectory() as folder:
+        library = Path(folder) / "tarjan.so"
+        command = [compiler, "-O3", "-march=native", "-std=c++17", "-shared", "-fPIC", str(source), "-o", str(library)]
+        subprocess.run(command, check=True)
+        call = ctypes.CDLL(str(library)).fitness  # stays loaded without its file
+
+    def fitness(grids: NDArray[np.int8]) -> NDArray[np.int32]:
+        grids, result = np.ascontiguousarray(grids), np.empty(len(grids), np.int32)
+        sizes = [ctypes.c_int64(size) for size in grids.shape]
+        call(ctypes.c_void_p(grids.ctypes.data), ctypes.c_void_p(result.ctypes.data), *sizes)
+        return result
+
+    return fitness
 
 
 @numba.njit(cache=True)
