@@ -65,6 +65,7 @@ print("done")
 """
 
 
+@pytest.mark.slow
 def test_grids_and_seeds_spread_over_devices():
     environment = os.environ | {
         "XLA_FLAGS": "--xla_force_host_platform_device_count=2 --xla_backend_optimization_level=1",

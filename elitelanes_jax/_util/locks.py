@@ -30,19 +30,21 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """
     new, lock = not folder.exists(), FileLock(folder / LOCK)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise InputError(f"{asked}: expected no other run at work in it, got one") from None
-    except OSError as error:
-        raise unwritable_error(asked, error) from None
-    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(blocking=False)
+        except Timeout:
+            raise InputError(f"{asked}: expected no other run at work in it, got one") from None
+        except OSError as error:
+            raise unwritable_error(asked, error) from None
         yield
     finally:
-        with suppress(OSError):  # while it is held, so that nobody else gets it; but Windows removes no open file
-            (folder / LOCK).unlink()
-        lock.release()
-        with suppress(OSError):  # something is in it, or another run has it now
-            (folder / LOCK).unlink(missing_ok=True)
-            if new:
+        if lock.is_locked:
+            with suppress(OSError):  # while it is held, so that nobody else gets it; but Windows removes no open file
+                (folder / LOCK).unlink()
+            lock.release()
+            with suppress(OSError):  # another run has it now
+                (folder / LOCK).unlink(missing_ok=True)
+        if new:
+            with suppress(OSError):  # something is in it
                 folder.rmdir()

@@ -42,6 +42,7 @@ from elitelanes_jax.optimizers.emitters import (
     reachable,
 )
 from elitelanes_jax.optimizers.moves import with_opposite
+from elitelanes_jax.optimizers.mutations import Move
 from elitelanes_jax.optimizers.population import Population, evaluate, select
 from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, insert_at
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins, niche_index
@@ -142,8 +143,8 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     groups, length = _Groups.of(problem.axes, count), _usual_length(config, shape)
-    move = with_opposite(0, problem_move(problem, annealing.moves))
-    make_children = jax.vmap(partial(_make_child, problem, config))
+    move = problem_move(problem, annealing.moves)
+    make_children = jax.vmap(partial(_make_child, problem, move, config.opposite))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None))
 
     def init(key: Array) -> AnnealedMapElitesState:
@@ -155,7 +156,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
 
     def step(key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
         chains, cycles, archives, cooling = state
-        bits = StepBits.draw(key, count, move, extra=_BITS)
+        bits = StepBits.draw(key, count, with_opposite(0, move), extra=_BITS)
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
         def new_cycles(fitness: Array) -> Cycle:
@@ -277,7 +278,8 @@ def _draw_mates(
 
 def _make_child(
     problem: Problem,
-    config: AnnealedMapElitesConfig,
+    move: Move,
+    opposite: Real[ArrayLike, ""],
     bits: StepBits,
     begins: Bool[Array, ""],
     restarts: Bool[Array, ""],
@@ -286,8 +288,8 @@ def _make_child(
     elite: Int8[Array, "H W"],
 ) -> Int8[Array, "H W"]:
     """Moves from a chain's grid; where a cycle begins, returns a random grid or the elite that it starts from."""
-    opposite = jnp.where(restarts, 0, jnp.float32(config.opposite))
-    varied = with_opposite(opposite, problem_move(problem, config.annealing.moves)).apply(bits.move, grid, mate)
+    probability = jnp.where(restarts, 0, jnp.float32(opposite))
+    varied = with_opposite(probability, move).apply(bits.move, grid, mate)
     first = jnp.where(restarts, random_grid(problem, bits.fresh), elite)
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 

@@ -294,10 +294,8 @@ def _narrowed(limits: Limits) -> Limits:
             ends = {name: max(factor * end for end in intervals[name]) for name, factor in factors.items()}
             spare = sum(ends.values()) - least
             for name, factor in factors.items():
-                limit, (low, high) = (
-                    ends[name] - spare,
-                    intervals[name],
-                )  # of the term, when all others are at their most
+                limit = ends[name] - spare  # of the term, when all others are at their most
+                low, high = intervals[name]
                 if factor > 0:
                     _set(intervals, name, max(low, -(-limit // factor)), high)
                 elif factor < 0:

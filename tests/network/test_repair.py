@@ -26,9 +26,10 @@ def test_repair_is_the_rule_applied_to_every_edge(grid, seed):
 
 def test_every_two_by_two_grid_with_every_mask():
     codes = np.stack(np.unravel_index(np.arange(16**4), (16,) * 4), axis=-1).reshape(-1, 2, 2).astype(np.int8)
+    repair_many = jax.jit(jax.vmap(repair, (0, None)))
     for bits in range(16):
         dirty = np.array([bits >> place & 1 for place in range(4)], bool).reshape(2, 2)
-        repaired = np.array(jax.jit(jax.vmap(lambda grid, dirty=dirty: repair(grid, dirty)))(codes))
+        repaired = np.array(repair_many(codes, dirty))
         for number in range(bits, len(codes), 97):
             np.testing.assert_array_equal(repaired[number], oracle_repair(codes[number], dirty))
         metrics = jax.vmap(measure)(repaired)

@@ -50,12 +50,9 @@ def optimum(side, fill):
 
 @pytest.mark.parametrize(
     ("method", "fill"),
-    [
-        pytest.param(method, fill, marks=[] if (method, fill) == ("map-elites", False) else [pytest.mark.slow])
-        for method in METHODS
-        for fill in (True, False)
-    ],
+    [(method, fill) for method in METHODS for fill in (True, False)],
 )
+@pytest.mark.slow
 def test_the_optimum_of_small_grids_is_found_by_all(method, fill):
     result = evolve(seed_keys(0, 4), (3, 3), method=method, preset="tuned", evaluations=4000, fill=fill)
     assert result.history.best_fitness[:, -1].tolist() == [optimum(3, fill)] * 4

@@ -151,6 +151,7 @@ def test_settings_are_checked(config, message):
         evolve(jax.random.key(0), (4, 4), config=config)
 
 
+@pytest.mark.slow
 def test_it_runs_with_one_chain():
     annealing = AnnealingConfig(population=1, chains=1)
     result = evolve(jax.random.key(0), (3, 3), config=AnnealedMapElitesConfig(annealing), evaluations=300, fill=True)

@@ -247,7 +247,7 @@ def test_comma_selection_may_lose_the_best_and_goes_on():
     ("factory", "config", "field", "values"),
     [
         (ea, EvolutionConfig(), "tile_rate", (0.0, 0.7)),
-        (gwo, GwoConfig(), "horizon", (3, 200)),
+        pytest.param(gwo, GwoConfig(), "horizon", (3, 200), marks=pytest.mark.slow),
         pytest.param(pso, PsoConfig(), "inertia", (0.2, 0.7), marks=pytest.mark.slow),
         pytest.param(annealed_ea, TUNED, "cycle", (3, 7), marks=pytest.mark.slow),
         pytest.param(annealed_ea, TUNED, "moves", (Mix(transplant=0), Mix()), marks=pytest.mark.slow),

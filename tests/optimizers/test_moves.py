@@ -91,7 +91,9 @@ def different(varied):
     return list(seen.values())
 
 
-@pytest.mark.parametrize("shape", [(2, 2), (2, 5), (3, 4), (6, 6)])
+@pytest.mark.parametrize(
+    "shape", [(2, 2), (3, 4), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((2, 5), (6, 6)))]
+)
 def test_of_any_grid_by_any_move(shape):
     """What is not dirty stays, all can be repaired, filling fills, and the opposite place changes too if it is to."""
     for mix in (Mix(), *(replace(NONE, **{name: 1}) for name in MOVES)):
