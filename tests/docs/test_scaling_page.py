@@ -80,8 +80,9 @@ def killed_once(client, futures, folders):
 @pytest.mark.slow
 def test_dask_runs_the_parts_though_a_worker_is_killed(whole):
     pytest.importorskip("distributed")
-    program = smaller(PROGRAMS[3]).replace('if __name__ == "__main__":\n', f'{KILLING}if __name__ == "__main__":\n')
+    program = smaller(PROGRAMS[3])
     program = re.sub(r"client\.gather\((.*)\)\n", r"killed_once(client, \1, list(folders.values()))\n", program)
+    program = program.replace('if __name__ == "__main__":\n', f'{KILLING}if __name__ == "__main__":\n')
     Path("program.py").write_text(program)
     ran = subprocess.run([sys.executable, "program.py"], check=True, capture_output=True, text=True)
     assert ran.stdout == "killed\n"
