@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, UInt
+from jaxtyping import Array, Bool, Shaped, UInt
 
 from elitelanes_jax.network.padded_layout import Links, PaddedLayout
 
@@ -57,13 +57,12 @@ class Faces(NamedTuple):
 def find_faces(layout: PaddedLayout, links: Links) -> Faces:
     """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
     labels = _labeller(layout)(links.east, links.south)
-    east, south = layout.here(links.east), layout.here(links.south)
     corner = layout.here(labels)
     own = layout.here(jnp.asarray(_own_labels(layout)))
     return Faces(
         first=(corner == own) & (own != _OUTER),
-        east_bridge=east & (corner == layout.north(labels)),
-        south_bridge=south & (corner == layout.west(labels)),
+        east_bridge=links.east & (corner == layout.north(labels)),
+        south_bridge=links.south & (corner == layout.west(labels)),
     )
 
 
@@ -84,12 +83,12 @@ def _own_labels(layout: PaddedLayout) -> np.ndarray:
     return np.where(inner, places, _OUTER).astype(wide)
 
 
-_Label = Callable[[Bool[Array, "... padded"], Bool[Array, "... padded"]], UInt[Array, "... padded"]]
+_Label = Callable[[Shaped[Array, "... size"], Shaped[Array, "... size"]], UInt[Array, "... padded"]]
 
 
 @cache
 def _labeller(layout: PaddedLayout) -> _Label:
-    """Makes the function from links, bool ``[..., padded]``, to labels on the same layout.
+    """Makes the function from links, bool ``[..., size]``, to labels on the padded layout ``[..., padded]``.
 
     A corner's label is the least own label of its face. The function takes leading axes itself and is its own batching
     rule: the grids of a batch are laid end to end, as one long vector, and are done together.
@@ -160,7 +159,10 @@ def _labeller(layout: PaddedLayout) -> _Label:
         batch = east.shape[:-1]
         if 0 in batch:
             return jnp.zeros((*batch, own.size), own.dtype)
-        walls = Links(*(jnp.where(link, closed, own.dtype.type(0)).reshape(-1) for link in (east, south)))
+        ends = [(0, 0)] * len(batch) + [(stride, stride)]
+        walls = Links(
+            *(jnp.pad(jnp.where(link, closed, own.dtype.type(0)), ends).reshape(-1) for link in (east, south))
+        )
         # Or-ed with nothing, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
         labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1) | (walls.east & 0)
         labels, changing = propagate(labels, walls)

@@ -13,7 +13,7 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.network.faces import find_faces
-from elitelanes_jax.network.padded_layout import Links, PaddedLayout, find_links
+from elitelanes_jax.network.padded_layout import PaddedLayout, find_links
 
 __all__ = ["measure", "stack_counts", "unstack_counts"]
 
@@ -56,9 +56,9 @@ def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
 @partial(jax.jit, static_argnames="alphabet")
 def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metrics:
     layout = PaddedLayout(*grid.shape)
-    padded, links = layout.pad(grid), find_links(layout, grid)
+    padded = layout.pad(grid)
+    links = find_links(layout, padded)
     faces = find_faces(layout, links)
-    links = Links(*map(layout.here, links))
 
     rows, columns = layout.rows(), layout.columns()
     here = layout.here(padded)

@@ -88,24 +88,21 @@ class PaddedLayout(NamedTuple):
 
 
 class Links(NamedTuple):
-    """The links of a grid, a road between two neighbouring tiles each, as padded vectors of its layout.
+    """The links of a grid, a road between two neighbouring tiles each, as vectors ``[size]`` of its layout.
 
     Attributes:
       east: bool, the tile and its eastern neighbour are linked.
       south: bool, the tile and its southern neighbour are linked.
     """
 
-    east: Bool[Array, " padded"]
-    south: Bool[Array, " padded"]
+    east: Bool[Array, " size"]
+    south: Bool[Array, " size"]
 
 
-def find_links(layout: PaddedLayout, grid: Int[Array, "H W"]) -> Links:
-    """Finds the links of a grid of codes: where both tiles connect to each other."""
-    # Of a grid with yet another empty row above and below it, so that the links need no padding.
-    wider = PaddedLayout(layout.height + 2, layout.width)
-    codes = wider.pad(layout.pad(grid).reshape(-1, layout.stride)[:, : layout.width])
-    here = wider.here(codes)
+def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
+    """Finds the links in a padded vector of codes: where both tiles connect to each other."""
+    here = layout.here(padded)
     return Links(
-        east=(here & EAST > 0) & (wider.east(codes) & WEST > 0),
-        south=(here & SOUTH > 0) & (wider.south(codes) & NORTH > 0),
+        east=(here & EAST > 0) & (layout.east(padded) & WEST > 0),
+        south=(here & SOUTH > 0) & (layout.south(padded) & NORTH > 0),
     )
