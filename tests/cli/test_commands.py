@@ -391,13 +391,15 @@ def test_a_run_that_is_told_to_end_leaves_nothing(name, later, tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 def test_a_command_that_is_told_to_end_while_its_modules_load_prints_no_traceback(tmp_path):
     """An exception within the loading of NumPy or JAX would end in a traceback or a crash."""
-    heard = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True)"
+    # Until the package's root and the command's own handler are there, an interruption is Python's.
+    root = "import signal, elitelanes_jax.__main__"
+    heard = f"{root}; signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True)"
     command = [sys.executable, "-c", f"{heard}; {COMMAND}", "generate", "--quiet", "--generations", "9999999"]
     for number in range(6):
         files = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen([*command, "--out", str(tmp_path / "out")], **files) as process:
             assert process.stdout.readline() == "\n"
-            time.sleep(0.1 + 0.1 * number)  # the package's own first modules have no handler yet
+            time.sleep(0.1 + 0.1 * number)
             process.send_signal(signal.SIGINT)
             _, said = process.communicate(timeout=60)
         assert process.returncode == 130
