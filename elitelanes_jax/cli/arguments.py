@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, whole
+from elitelanes_jax._util.checks import Check, path, whole
 from elitelanes_jax._util.cores import use_cores
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Loudness
@@ -20,7 +20,9 @@ __all__ = [
     "add_cores",
     "add_force",
     "add_loudness",
+    "add_map",
     "add_options",
+    "add_tile_pictures",
     "checked_by",
     "descriptions",
     "naming_options",
@@ -76,6 +78,27 @@ def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
             command.add_argument(
                 _flag(name, option), **_kind(option, default), help=_help(said[name], default), dest=name
             )
+
+
+def add_map(command: argparse.ArgumentParser) -> None:
+    """Adds the file of a map to a command that draws one."""
+    command.add_argument(
+        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
+    )
+
+
+def add_tile_pictures(command: argparse.ArgumentParser) -> None:
+    """Adds ``--tiles`` and ``--tile-px`` to a command that draws a map."""
+    command.add_argument(
+        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
+    )
+    command.add_argument(
+        "--tile-px",
+        type=checked_by(whole(16, 512)),
+        default=64,
+        metavar="N",
+        help="side of a tile in pixels; by default 64",
+    )
 
 
 def add_force(command: argparse.ArgumentParser) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_drive"]
@@ -18,9 +18,7 @@ def add_drive(commands: Commands) -> None:
         help="drive on a map and film it",
         description="Lets a robot drive on a map: a film of its camera beside the map, or a picture of many trails.",
     )
-    command.add_argument(
-        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
-    )
+    add_map(command)
     command.add_argument(
         "--out",
         type=_film_or_picture,
@@ -45,16 +43,7 @@ def add_drive(commands: Commands) -> None:
         metavar="S",
         help="after which a ride ends; by default 60",
     )
-    command.add_argument(
-        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
-    )
-    command.add_argument(
-        "--tile-px",
-        type=checked_by(whole(16, 512)),
-        default=64,
-        metavar="N",
-        help="side of a tile in pixels; by default 64",
-    )
+    add_tile_pictures(command)
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),

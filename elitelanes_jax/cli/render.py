@@ -2,9 +2,9 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import folder, one_of, path, whole
+from elitelanes_jax._util.checks import folder, one_of, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_force, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_force, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_render"]
@@ -13,25 +13,14 @@ __all__ = ["add_render"]
 def add_render(commands: Commands) -> None:
     """Adds the command to a parser's."""
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
-    command.add_argument(
-        "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
-    )
+    add_map(command)
     command.add_argument(
         "--out",
         type=checked_by(folder),
         metavar="DIR",
         help="folder to write to, new or empty; by default map/ beside map.json",
     )
-    command.add_argument(
-        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
-    )
-    command.add_argument(
-        "--tile-px",
-        type=checked_by(whole(16, 512)),
-        default=64,
-        metavar="N",
-        help="side of a tile in pixels; by default 64",
-    )
+    add_tile_pictures(command)
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**32 - 1)),
