@@ -30,6 +30,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Bool, Shaped, UInt
 
+from elitelanes_jax.network.materialize import batch_all
 from elitelanes_jax.network.padded_layout import Links, PaddedLayout
 
 __all__ = ["Faces", "find_faces"]
@@ -172,10 +173,6 @@ def _labeller(layout: PaddedLayout) -> _Label:
 
     @label.def_vmap
     def _(axis_size: int, batched: list[bool], east: Array, south: Array) -> tuple[Array, bool]:
-        links = [
-            link if has_axis else jnp.broadcast_to(link, (axis_size, *link.shape))
-            for link, has_axis in zip((east, south), batched, strict=True)
-        ]
-        return label(*links), True
+        return label(*batch_all(axis_size, batched, (east, south))), True
 
     return label

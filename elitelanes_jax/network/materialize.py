@@ -1,12 +1,14 @@
 """Control over what XLA fuses."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, Int, Shaped
 
-__all__ = ["lookup", "materialize"]
+__all__ = ["batch_all", "lookup", "materialize"]
 
 
 @jax.custom_batching.custom_vmap
@@ -30,6 +32,14 @@ def _(axis_size: int, batched: list[bool], array: Array) -> tuple[Array, bool]:
     return materialize(array), True
 
 
+def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) -> list[Array]:
+    """Gives all arguments of a batching rule the axis of the batch in front."""
+    return [
+        array if has_axis else jnp.broadcast_to(array, (axis_size, *array.shape))
+        for array, has_axis in zip(arrays, batched, strict=True)
+    ]
+
+
 @jax.custom_batching.custom_vmap
 def lookup(values: Shaped[Array, " N"], places: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns the values at places that are all in [0, N).
@@ -41,9 +51,6 @@ def lookup(values: Shaped[Array, " N"], places: Int[Array, "..."]) -> Shaped[Arr
 
 @lookup.def_vmap
 def _(axis_size: int, batched: list[bool], values: Array, places: Array) -> tuple[Array, bool]:
-    values, places = (
-        array if has_axis else jnp.broadcast_to(array, (axis_size, *array.shape))
-        for array, has_axis in zip((values, places), batched, strict=True)
-    )
+    values, places = batch_all(axis_size, batched, (values, places))
     first = np.arange(axis_size, dtype=places.dtype).reshape(-1, *(1,) * (places.ndim - 1)) * values.shape[1]
     return lookup(values.reshape(-1), places + first), True

@@ -13,7 +13,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.network.materialize import materialize
+from elitelanes_jax.network.materialize import batch_all, materialize
 from elitelanes_jax.network.packed_cells import PackedCells, in_all_cells
 
 __all__ = ["repair"]
@@ -104,11 +104,8 @@ def _mender(cells: PackedCells, fill: bool) -> _Mender:
 
     @mend.def_vmap
     def _(axis_size: int, batched: list[bool], *words: Array) -> tuple[Array, bool]:
-        whole = (
-            array if has_axis else jnp.broadcast_to(array, (axis_size, *array.shape))
-            for array, has_axis in zip(words, batched, strict=True)
-        )
-        return mend(*(array.reshape(-1) for array in whole)).reshape(axis_size, -1), True
+        flat = (array.reshape(-1) for array in batch_all(axis_size, batched, words))
+        return mend(*flat).reshape(axis_size, -1), True
 
     return mend
 
