@@ -16,8 +16,9 @@ from elitelanes_jax.archive_file import Archive, read_archive
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
+from elitelanes_jax.problem.features import extra_names, join_counts
 from elitelanes_jax.result import History, MeasuredElites, Result, RunState
 from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
@@ -59,7 +60,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
     search.check_maps(shape)
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape)
-        elites = _together(found, axes, tiles)
+        elites = _together(found, axes, search.extras, tiles)
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
         )
@@ -99,8 +100,13 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
     return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules})
 
 
-def _together(found: Sequence[Archive], axes: tuple[Axis, ...], tiles: TileSet) -> MeasuredElites:
-    """Puts the runs of all searches one behind the other; places that a search has fewer of are vacant."""
+def _together(
+    found: Sequence[Archive], axes: tuple[Axis, ...], wanted: Sequence[str], tiles: TileSet
+) -> MeasuredElites:
+    """Puts the runs of all searches one behind the other; places that a search has fewer of are vacant.
+
+    Features that are `wanted` beside the axes' are there too.
+    """
     places = max(one.elites.valid.shape[1] for one in found)
 
     def join(arrays: Sequence[Any]) -> Any:
@@ -115,5 +121,10 @@ def _together(found: Sequence[Archive], axes: tuple[Axis, ...], tiles: TileSet) 
     metrics = {name: join([getattr(one.elites.metrics, name) for one in found]) for name in Metrics._fields}
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
-    counts = np.stack([metrics[name] for name in COUNT_NAMES], axis=-1).astype(np.int32)
-    return MeasuredElites(grids, fitness, compute_descriptor(counts, axes), valid, Metrics(**metrics))
+    extras = extra_names((axis.metric for axis in axes), wanted)
+    for name in extras:
+        if any(name not in one.elites.features for one in found):
+            raise InputError(f"{name}: expected a feature that all the searches measured, got archives without it")
+    features = {name: join([one.elites.features[name] for one in found]) for name in extras}
+    descriptor = compute_descriptor(join_counts(metrics | features, extras), axes)
+    return MeasuredElites(grids, fitness, descriptor, valid, Metrics(**metrics), features)

@@ -120,7 +120,7 @@ def archive_map(
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
-    axes = parse_axes(axes)
+    axes = parse_axes(axes, own=None)
     if not all(axis.width for axis in axes):
         raise InputError("axes: expected ones with a width, such as Result.axes, got one without")
     names = [axis.metric for axis in axes]

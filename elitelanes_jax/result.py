@@ -40,7 +40,8 @@ _HISTORY = {"generation": ("int64", "G"), "evaluations": ("int64", "G"), "best_f
 _HISTORY |= {"elite_count": ("int32", "SG"), "evaluations_per_second": ("float64", "G")}
 _METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "SN") for name in Metrics._fields}
 _ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
-_SPEED, _STATE = "history.evaluations_per_second", "state."
+_SPEED, _STATE, _EXTRA = "history.evaluations_per_second", "state.", "features."
+_OF_EXTRA = ("int32", "SN")
 
 
 class MeasuredElites(NamedTuple):
@@ -52,6 +53,7 @@ class MeasuredElites(NamedTuple):
       descriptor: int32 ``[N, D]``, the values of the axes' metrics.
       valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
       metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
+      features: int32 ``[N]`` by name, the extra features that the search measured, shares in thousandths.
     """
 
     grids: Int8[Array, "*S N H W"]
@@ -59,10 +61,15 @@ class MeasuredElites(NamedTuple):
     descriptor: Int32[Array, "*S N D"]
     valid: Bool[Array, "*S N"]
     metrics: Metrics
+    features: dict[str, Int32[Array, "*S N"]]
 
     def __repr__(self) -> str:
         """Returns types and shapes in a line, as arrays would flood a notebook."""
         return _in_short(self)
+
+    def measures(self) -> dict[str, np.ndarray]:
+        """Returns the metrics and the extra features by name, as arrays of NumPy."""
+        return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
 
 
 class History(NamedTuple):
@@ -137,8 +144,7 @@ class Result:
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Tells which elites are in all the ranges of the specification, exactly."""
-        metrics = {name: np.asarray(values) for name, values in self.elites.metrics._asdict().items()}
-        return np.asarray(self.elites.valid) & satisfies(metrics, self.spec.where)
+        return np.asarray(self.elites.valid) & satisfies(self.elites.measures(), self.spec.where)
 
     def maps(self, count: int = 16, *, where: Any = (), seed: int = 0) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
@@ -155,7 +161,7 @@ class Result:
         Raises:
           InputError: for a bad count or range.
         """
-        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where))}
+        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
         elites = self.elites
         if elites.valid.ndim == 1:
             elites = jax.tree.map(lambda array: array[None], elites)
@@ -197,9 +203,10 @@ class Result:
           OSError: that names the file, if it cannot be written.
         """
         elites = self.elites._asdict()
-        arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()} | elites
+        arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
+        arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
         arrays |= {f"history.{name}": values for name, values in self.history._asdict().items()}
-        arrays = {name: np.asarray(values, _ARRAYS[name][0]) for name, values in arrays.items()}
+        arrays = {name: np.asarray(values, _ARRAYS.get(name, _OF_EXTRA)[0]) for name, values in arrays.items()}
         arrays["axes"] = np.array([axis.metric for axis in self.axes])
         if state:
             arrays |= {f"{_STATE}{name}": array for name, array in _state_arrays(self.state).items()}
@@ -223,11 +230,14 @@ class Result:
             spec, axes = _read_settings(settings)
             state = _read_state(arrays)
             arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
-            _check_arrays(arrays, len(axes))
+            _check_arrays(arrays, len(axes), spec.extras)
         except InputError as error:
             raise InputError(f"{path}: expected a result that Result.save wrote, got {error}") from None
         metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
-        elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics)
+        features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.extras}
+        elites = MeasuredElites(
+            **{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features
+        )
         history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
         return cls(elites, history, state, spec, axes)
 
@@ -272,7 +282,8 @@ def _read_settings(settings: Any) -> tuple[SearchSpec, tuple[Axis, ...]]:
     if settings["format"] != _FORMAT:
         raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
     try:
-        return SearchSpec(**settings["search"]), parse_axes(settings["axes"])
+        spec = SearchSpec(**settings["search"])
+        return spec, parse_axes(settings["axes"], spec.features)
     except (InputError, KeyError, TypeError) as error:
         raise InputError(f"one whose settings do not hold: {error}") from None
 
@@ -290,11 +301,12 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     return RunState(generation, inner, fingerprint)
 
 
-def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int) -> None:
+def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, extras: Sequence[str]) -> None:
     """Checks names, dtypes and shapes against each other; the errors' words follow "got"."""
     sizes = {"D": axes}
     seeds = arrays.get("grids", np.empty(0)).ndim == 4
-    for name, (dtype, letters) in _ARRAYS.items():
+    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in extras}
+    for name, (dtype, letters) in kinds.items():
         letters = letters if seeds else letters.replace("S", "")
         array = arrays.get(name)
         if array is None:
@@ -304,7 +316,7 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int) -> None:
             sizes.setdefault(letter, size) != size for letter, size in zip(letters, array.shape, strict=True)
         ):
             raise InputError(f"{name} of {array.dtype} {array.shape} beside the others")
-    if unknown := set(arrays) - set(_ARRAYS):
+    if unknown := set(arrays) - set(kinds):
         raise InputError(f"one with {min(unknown)}, which no result has")
 
 

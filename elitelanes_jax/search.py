@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int8, Key, UInt32
+from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.config import Config
@@ -25,6 +25,7 @@ from elitelanes_jax.checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.devices import choose_devices, cut, join, side_by_side
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import unstack_counts
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -32,6 +33,7 @@ from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimiz
 from elitelanes_jax.optimizers.run import advance, seed_keys, start
 from elitelanes_jax.problem.constraints import Bounds, bounds_of
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.extras import Kernel, check_kernels
 from elitelanes_jax.problem.limits import check_ranges, find_limits
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
@@ -61,6 +63,7 @@ def evolve(
     every: float = 60.0,
     progress: bool | None = None,
     devices: int | Sequence[jax.Device] | None = None,
+    features: Mapping[str, Kernel] | None = None,
     **options: Any,
 ) -> Result:
     """Evolves road networks.
@@ -85,6 +88,8 @@ def evolve(
         notebook, when a run takes over a second.
       devices: that the seeds are spread over, any of them more than once, or how many: of the processor's cores, GPUs
         or TPU cores; by default all local ones. The result is the same, bit for bit.
+      features: measures of your own, by the name that `where`, `axes` and `weights` then take: functions from one grid,
+        int8 ``[H, W]``, to an integer of JAX, 0 to 1,000,000. Pure: they are compiled with the search.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
@@ -98,8 +103,10 @@ def evolve(
     chosen = choose_devices(devices)
     shape = check_shape(shape, new=True)
     spec = check_named("spec", record(SearchSpec), spec)
+    kernels = check_kernels(features, shape)
+    options |= {"features": tuple(kernels)} if features is not None else {}
     spec, config = _resolve_config(spec.but(options), config, "method" in options)
-    program, numbers = _prepare(spec, shape, config, optimizer)
+    program, numbers = _prepare(spec, shape, config, optimizer, kernels)
     if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
         chosen = chosen[:1]
     search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
@@ -172,6 +179,7 @@ class _Numbers(NamedTuple):
     bounds: Bounds
     config: tuple[Any, ...]  # the leaves that are traced
     initial: Int8[np.ndarray, "N H W"] | None
+    extra_weights: Int32[np.ndarray, " K"] | None
 
 
 class _Program(NamedTuple):
@@ -185,6 +193,8 @@ class _Program(NamedTuple):
     bounded: bool
     config: Any  # the tree of the configuration; None for an optimiser of the user's
     factory: Callable[[Problem], Optimizer] | None
+    extras: tuple[str, ...]
+    kernels: tuple[tuple[str, Kernel], ...]  # those of the user's that are needed
 
     def optimizer(self, numbers: _Numbers) -> Optimizer:
         problem = road_problem(
@@ -194,6 +204,9 @@ class _Program(NamedTuple):
             weights=numbers.weights,
             fill=self.fill,
             bounds=numbers.bounds if self.bounded else None,
+            extras=self.extras,
+            extra_weights=numbers.extra_weights,
+            features=dict(self.kernels),
             fix=self.fix,
             initial=numbers.initial,
         )
@@ -258,10 +271,19 @@ def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tup
 
 
 def _prepare(
-    spec: SearchSpec, shape: tuple[int, int], config: Config, factory: Callable[[Problem], Optimizer] | None
+    spec: SearchSpec,
+    shape: tuple[int, int],
+    config: Config,
+    factory: Callable[[Problem], Optimizer] | None,
+    kernels: Mapping[str, Kernel],
 ) -> tuple[_Program, _Numbers]:
     """Parts a search's settings into those that a program is compiled for and those that it takes."""
     spec.check_on(shape, "shape")
+    unknown = [name for name in spec.features if name not in kernels]
+    if unknown:
+        raise InputError(
+            f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
+        )
     if factory is None:  # one of the user's may make any grids
         full = ("dead_ends", "empty_cells") if spec.fills and spec.fix is None else ()
         limits = find_limits(shape, certain=dict.fromkeys(full, 0), fix=spec.fix)
@@ -276,12 +298,15 @@ def _prepare(
         bounded=bool(spec.where),
         config=tree if factory is None else None,
         factory=factory,
+        extras=spec.extras,
+        kernels=tuple((name, kernels[name]) for name in spec.extras if name in kernels),
     )
     numbers = _Numbers(
         weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
-        bounds=bounds_of(spec.where),
+        bounds=bounds_of(spec.where, spec.extras),
         config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
         initial=np.array(spec.initial, np.int8) if spec.initial else None,
+        extra_weights=None if spec.extra_weights is None else np.array(spec.extra_weights, np.int32),
     )
     return program, numbers
 
@@ -289,7 +314,12 @@ def _prepare(
 def _fingerprint(program: _Program, numbers: _Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
     factory = getattr(program.factory, "__qualname__", type(program.factory).__name__)
     said = repr(
-        (program._replace(factory=None), factory, [leaf.tolist() for leaf in jax.tree.leaves(numbers)], str(keys.dtype))
+        (
+            program._replace(factory=None, kernels=()),
+            factory,
+            [leaf.tolist() for leaf in jax.tree.leaves(numbers)],
+            str(keys.dtype),
+        )
     )
     return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
 
@@ -387,5 +417,6 @@ def _collect(program: _Program, numbers: _Numbers, states: Any, single: bool) ->
         descriptor=compute_descriptor(elites.counts, program.axes),
         valid=elites.valid,
         metrics=unstack_counts(elites.counts, program.shape[0] * program.shape[1]),
+        features={name: elites.counts[..., place] for place, name in enumerate(program.extras, start=len(COUNT_NAMES))},
     )
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
-from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, compute_features
+from elitelanes_jax.problem.features import FEATURES, compute_features, extra_names, feature_unit, join_counts
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.spec import SearchSpec
 
@@ -85,7 +84,7 @@ def choose_maps(
     valid = np.asarray(elites.valid)
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
-    metrics = {name: np.asarray(values) for name, values in elites.metrics._asdict().items()}
+    metrics = elites.measures()
     useful, rejected = _without_flaws(valid, metrics, result.spec)
     satisfied = result.satisfies()
     nearest = None
@@ -114,7 +113,7 @@ def choose_maps(
     maps = [
         RoadMap(
             codes=grids[tuple(kept[number])],
-            metrics={name: values[tuple(kept[number])].item() for name, values in metrics.items()},
+            metrics={name: _value(name, values[tuple(kept[number])].item()) for name, values in metrics.items()},
             fitness=int(fitness[tuple(kept[number])]),
             descriptor={axis.metric: int(v) for axis, v in zip(result.axes, descriptor[number], strict=True)},
             niche=bins[number].tolist(),
@@ -207,11 +206,17 @@ def _nearest(
     """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
     if not among.any():
         return None
-    features = compute_features(np.stack([metrics[name][among] for name in COUNT_NAMES], axis=-1).astype(np.int32))
+    extras = extra_names(item.name for item in result.spec.where)
+    features = compute_features(join_counts(metrics, extras)[among])
     shape = (result.elites.grids.shape[-2], result.elites.grids.shape[-1])
-    place = int(np.argmin(violation(features, bounds_of(result.spec.where), shape)))
-    values = dict(zip(FEATURES, features[place].tolist(), strict=True))
-    return {item.name: values[item.name] / (SHARE_UNIT if item.name in SHARES else 1) for item in result.spec.where}
+    place = int(np.argmin(violation(features, bounds_of(result.spec.where, extras), shape, extras)))
+    values = dict(zip((*FEATURES, *extras), features[place].tolist(), strict=True))
+    return {item.name: values[item.name] / feature_unit(item.name) for item in result.spec.where}
+
+
+def _value(name: str, number: float) -> float:
+    """Returns a metric as it is, an extra feature in its own unit."""
+    return number / feature_unit(name) if name not in FEATURES and feature_unit(name) != 1 else number
 
 
 def _spread(

@@ -1,6 +1,6 @@
 """The specifications of a search and of a generated folder: all settings with their defaults, without JAX."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from elitelanes_jax.network.weights import Weights, check_weights, largest_side
 from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.feasible import check_feasible, check_number
+from elitelanes_jax.problem.features import FEATURES, extra_names, largest_feature
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
 
@@ -40,8 +41,27 @@ METHODS = {
 """The methods, and the presets of each, the default first."""
 
 
-def parse_weights(weights: Any) -> tuple[tuple[str, int], ...]:
+def check_names(features: Any) -> tuple[str, ...]:
+    """Checks the names of features of one's own.
+
+    Raises:
+      InputError: for anything but names, one given twice, or one of another feature.
+    """
+    if isinstance(features, str) or not isinstance(features, Iterable):
+        raise InputError(f"features: expected names, got {short(repr(features))}")
+    names = check_unique("features", "name", map(name, features))
+    for one in names:
+        if not one.isidentifier() or one in (*FEATURES, *Weights._fields):
+            raise InputError(f"features: expected names that no other feature has, got {short(repr(one), 40)}")
+    return tuple(names)
+
+
+def parse_weights(weights: Any, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
     """Reads weights from texts such as ``bridges=300``, a mapping of names to whole numbers, pairs, or `Weights`.
+
+    Args:
+      weights: to read.
+      own: names of features of one's own, which may have a weight too.
 
     Raises:
       InputError: for anything else, an unknown metric, or one given twice.
@@ -54,21 +74,22 @@ def parse_weights(weights: Any) -> tuple[tuple[str, int], ...]:
         weights = weights.items()
     if not isinstance(weights, Iterable):
         raise InputError(f"weights: expected weights such as ['bridges=300'], got {weights!r}")
-    pairs = tuple(_parse_weight(weight) for weight in weights)
+    pairs = tuple(_parse_weight(weight, own) for weight in weights)
     check_unique("weights", "metric", [metric for metric, _ in pairs])
     return pairs
 
 
-def _parse_weight(weight: Any) -> tuple[str, int]:
+def _parse_weight(weight: Any, own: Collection[str]) -> tuple[str, int]:
     try:
         metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     except (TypeError, ValueError):
         raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
     metric = metric.strip() if isinstance(metric, str) else metric
-    if metric not in Weights._fields:
+    known = (*Weights._fields, *own)
+    if metric not in known:
         raise InputError(
             f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
-            f"{likely(metric, Weights._fields)} (there are {', '.join(Weights._fields)})"
+            f"{likely(metric, known)} (there are {', '.join(known)})"
         )
     try:
         return metric, whole(-(2**31), 2**31 - 1)(number)
@@ -130,6 +151,7 @@ class SearchSpec(Settings):
       preset: settings of the method: tuned, paper, or for map-elites standard
       evaluations: grids that each run evaluates, rounded up to whole generations
       generations: generations of each run, in place of evaluations
+      features: names of features of one's own, whose kernels `evolve` takes
       axes: axes of the niches, such as straight_share:10; by default the preset's
       where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
       weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
@@ -144,9 +166,10 @@ class SearchSpec(Settings):
     preset: str = option("tuned", name, "NAME")
     evaluations: int = option(200_000, whole(0), "N")
     generations: int | None = option(None, none_or(whole(0)), "N", replaces="evaluations")
-    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True)
-    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True)
-    weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True)
+    features: tuple[str, ...] = option((), check_names)
+    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True, after="features")
+    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True, after="features")
+    weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
     fix: Template | None = option(None, none_or(parse_template), "FILE")
     rules: str | None = option(None, none_or(check_rules), "NAME")
     fill: bool | None = option(None, none_or(flag))
@@ -183,7 +206,9 @@ class SearchSpec(Settings):
             if (len(grid), len(grid[0])) != shape:
                 raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
         try:
-            check_weights(self.all_weights, shape)
+            weighed = zip(self.extras, self.extra_weights or (), strict=False)
+            most = sum(abs(weight) * largest_feature(name, shape) for name, weight in weighed)
+            check_weights(self.all_weights, shape, most)
         except InputError:
             if self.weights:
                 raise
@@ -221,12 +246,25 @@ class SearchSpec(Settings):
     def all_weights(self) -> Weights:
         """The usual weights, or those of the rules, with the given ones in their places."""
         usual = Weights() if self.rules is None else RULES[self.rules].weights
-        return usual._replace(**dict(self.weights))
+        return usual._replace(**{name: weight for name, weight in self.weights if name in Weights._fields})
+
+    @property
+    def extras(self) -> tuple[str, ...]:
+        """The names of the extra features that are measured: those of the axes, of ranges and weights, one's own."""
+        axes, ranges = [axis.metric for axis in self.axes or ()], [item.name for item in self.where]
+        weights = [name for name, _ in self.weights if name not in Weights._fields]
+        return extra_names(axes, ranges, weights, self.features)
+
+    @property
+    def extra_weights(self) -> tuple[int, ...] | None:
+        """The weight of each extra feature; None where there is none but 0."""
+        weights = tuple(dict(self.weights).get(name, 0) for name in self.extras)
+        return weights if any(weights) else None
 
     def axes_on(self, shape: tuple[int, int]) -> tuple[Axis, ...]:
         """Returns the axes of the niches of grids ``(height, width)``: the given ones, or the preset's."""
         if self.axes:
-            return resolve_axes(self.axes, shape)
+            return resolve_axes(self.axes, shape, self.features)
         return tuned_axes(shape) if self.preset == "tuned" else paper_axes(shape)
 
     def to_plain(self) -> dict[str, Any]:

@@ -31,7 +31,9 @@ def result(grids, fitness, alphabet=None):
     grids = jnp.asarray(np.array(grids, np.int8))
     metrics = measured(grids, None if alphabet is None else tuple(alphabet))
     valid = jnp.ones(grids.shape[:2], bool)
-    found = MeasuredElites(grids, jnp.asarray(fitness), compute_descriptor(stack_counts(metrics), AXES), valid, metrics)
+    found = MeasuredElites(
+        grids, jnp.asarray(fitness), compute_descriptor(stack_counts(metrics), AXES), valid, metrics, {}
+    )
     return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None, 0), SearchSpec(), AXES)
 
 

@@ -103,9 +103,9 @@ def one_of(*names: str) -> Check:
     return check
 
 
-def none_or(check: Check) -> Check:
+def none_or(check: Callable[..., Any]) -> Callable[..., Any]:
     """Makes a check: None, or a value that another check lets pass."""
-    return lambda value: None if value is None else check(value)
+    return lambda value, *beside: None if value is None else check(value, *beside)
 
 
 def name(value: Any) -> str:
@@ -140,10 +140,10 @@ def flag(value: Any) -> bool:
     return value
 
 
-def check_named(name: str, check: Check, value: Any) -> Any:
-    """Checks a value; the error's message starts with its name."""
+def check_named(name: str, check: Callable[..., Any], value: Any, *beside: Any) -> Any:
+    """Checks a value, with what the check takes beside it; the error's message starts with its name."""
     try:
-        return check(value)
+        return check(value, *beside)
     except InputError as error:
         words = str(error)
         raise InputError(words if words.startswith((f"{name}:", f"{name} ")) else f"{name}: {words}") from None

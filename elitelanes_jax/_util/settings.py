@@ -5,7 +5,7 @@ fields, so that whoever has a record need not check it again. The command line m
 (`elitelanes_jax.cli.arguments`).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field, fields, replace
 from typing import Any, NamedTuple, Self
 
@@ -24,16 +24,18 @@ class Option(NamedTuple):
       flag: the option's name, where it is not the field's.
       many: whether the option takes several values.
       replaces: the name of a field that may not be given beside this one.
+      after: the name of a field declared before this one, whose value the check takes as a second argument.
     """
 
-    check: Check
+    check: Callable[..., Any]
     metavar: str | tuple[str, ...] | None = None
     flag: str | None = None
     many: bool = False
     replaces: str | None = None
+    after: str | None = None
 
 
-def option(default: Any, check: Check, metavar: str | tuple[str, ...] | None = None, **more: Any) -> Any:
+def option(default: Any, check: Callable[..., Any], metavar: str | tuple[str, ...] | None = None, **more: Any) -> Any:
     """Declares a field of `Settings`: its default, and the arguments of `Option`."""
     return field(default=default, metadata={"option": Option(check, metavar, **more)})
 
@@ -48,7 +50,8 @@ class Settings:
           InputError: that starts with the field's name.
         """
         for name, one in self.options().items():
-            object.__setattr__(self, name, check_named(name, one.check, getattr(self, name)))
+            beside = () if one.after is None else (getattr(self, one.after),)
+            object.__setattr__(self, name, check_named(name, one.check, getattr(self, name), *beside))
         self.check_together()
 
     def check_together(self) -> None:

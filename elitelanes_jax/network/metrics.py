@@ -43,8 +43,8 @@ def stack_counts(metrics: Metrics) -> Int32[Array, "... M"]:
 
 
 def unstack_counts(counts: Int32[Array, "... M"], cells: int) -> Metrics:
-    """Makes `Metrics` of arrays ``[...]`` from `stack_counts`, of grids with so many cells."""
-    columns = dict(zip(COUNT_NAMES, jnp.moveaxis(counts, -1, 0), strict=True))
+    """Makes `Metrics` of arrays ``[...]`` from `stack_counts`, of grids with so many cells; more columns may follow."""
+    columns = dict(zip(COUNT_NAMES, jnp.moveaxis(counts, -1, 0), strict=False))
     return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
 
 

@@ -48,12 +48,13 @@ class Weights(NamedTuple):
     constant: "Int[ArrayLike, '...']" = 0
 
 
-def check_weights(weights: Any, shape: tuple[int, int]) -> Weights:
+def check_weights(weights: Any, shape: tuple[int, int], more: int = 0) -> Weights:
     """Checks weights; returns them as ints.
 
     Args:
       weights: `Weights` of concrete numbers.
       shape: (height, width) of the grids they are meant for.
+      more: the most that weights of other features add.
 
     Raises:
       InputError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
@@ -64,7 +65,7 @@ def check_weights(weights: Any, shape: tuple[int, int]) -> Weights:
         if np.ndim(weight) or not np.issubdtype(np.asarray(weight).dtype, np.integer):
             raise InputError(f"weights: expected whole numbers, got {name}={weight!r}")
     exact = Weights(*(int(np.asarray(weight)) for weight in weights))
-    largest = _largest_fitness(exact, shape)
+    largest = _largest_fitness(exact, shape) + more
     if largest >= 2**31:
         raise InputError(
             f"weights: expected a fitness within int32 for every grid of {shape[0]} x {shape[1]}, "

@@ -149,7 +149,8 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
 
     def init(key: Array) -> AnnealedMapElitesState:
         chains = evaluate(problem, problem.random(key, count))
-        archives = groups.insert(empty_archive(problem.axes, shape, copies=_GROUPS + 1), chains)
+        vacant = empty_archive(problem.axes, shape, copies=_GROUPS + 1, columns=problem.columns)
+        archives = groups.insert(vacant, chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
         cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, no, zero)
         return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero, jnp.broadcast_to(length, count)))

@@ -69,7 +69,8 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
 
     def init(key: Array) -> MapElitesState:
         population = random_population(problem, key, loop.population)
-        archive = insert(empty_archive(problem.axes, problem.shape), problem.axes, *population)
+        vacant = empty_archive(problem.axes, problem.shape, columns=problem.columns)
+        archive = insert(vacant, problem.axes, *population)
         return MapElitesState(population, archive)
 
     def step(key: Array, state: MapElitesState) -> tuple[MapElitesState, Info]:

@@ -38,13 +38,15 @@ class Archive(NamedTuple):
         return self.fitness < VACANT
 
 
-def empty_archive(axes: tuple[Axis, ...], shape: tuple[int, int], *, copies: int = 1) -> Archive:
-    """Makes an archive with a place for each niche; or so many such archives, one after another."""
+def empty_archive(
+    axes: tuple[Axis, ...], shape: tuple[int, int], *, copies: int = 1, columns: int = len(COUNT_NAMES)
+) -> Archive:
+    """Makes an archive with a place for each niche, with so many columns of counts; or several, one after another."""
     niches = copies * prod(axis.bins for axis in axes)
     return Archive(
         grids=jnp.zeros((niches, *shape), jnp.int8),
         fitness=jnp.full(niches, VACANT, jnp.int32),
-        counts=jnp.zeros((niches, len(COUNT_NAMES)), jnp.int32),
+        counts=jnp.zeros((niches, columns), jnp.int32),
     )
 
 

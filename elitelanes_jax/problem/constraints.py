@@ -1,6 +1,6 @@
 """Constraints on a network: ranges of features, and how far a network violates them."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import ceil, floor
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature
+from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, feature_unit, is_share
 
 __all__ = ["Bounds", "Range", "bounds_of", "parse_ranges", "satisfies", "violation"]
 
@@ -42,20 +42,21 @@ class Bounds(NamedTuple):
     """Limits of all features, as arrays, so that other constraints need no second compilation.
 
     Attributes:
-      low: int32 ``[F]``, in the order of `FEATURES`, shares in thousandths.
-      high: int32 ``[F]``, in the same order and units.
+      low: int32 ``[F + K]``, in the order of `compute_features`, shares in thousandths.
+      high: int32 ``[F + K]``, in the same order and units.
     """
 
     low: Any
     high: Any
 
 
-def parse_ranges(where: Any) -> tuple[Range, ...]:
+def parse_ranges(where: Any, own: Collection[str] = ()) -> tuple[Range, ...]:
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
       where: texts, or one with spaces between; or a mapping of names to numbers or to pairs of them, None for no limit;
         or `Range` records.
+      own: names of features of one's own.
 
     Raises:
       InputError: for anything else, an unknown feature, limits in the wrong order, or one feature given twice.
@@ -65,20 +66,29 @@ def parse_ranges(where: Any) -> tuple[Range, ...]:
     elif isinstance(where, Range):
         where = [where]
     if isinstance(where, Mapping):
-        given = [_range(f"where: {name}", name, limits) for name, limits in where.items()]
+        given = [_range(f"where: {name}", name, limits, own) for name, limits in where.items()]
     elif isinstance(where, Iterable):
-        given = [_range("where", item.name, item[1:]) if isinstance(item, Range) else _parse(item) for item in where]
+        given = [
+            _range("where", item.name, item[1:], own) if isinstance(item, Range) else _parse(item, own)
+            for item in where
+        ]
     else:
         raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
     check_unique("where", "feature", [item.name for item in given])
     return tuple(given)
 
 
-def bounds_of(where: Iterable[Range]) -> Bounds:
-    """Returns the limits as arrays; features without a range have no limits."""
-    low, high = np.full(len(FEATURES), -LARGEST, np.int32), np.full(len(FEATURES), LARGEST, np.int32)
+def bounds_of(where: Iterable[Range], extras: Sequence[str] = ()) -> Bounds:
+    """Returns the limits as arrays; features without a range have no limits.
+
+    Args:
+      where: the ranges.
+      extras: the names of the extra features, K of them, in the order of their columns.
+    """
+    names = (*FEATURES, *extras)
+    low, high = np.full(len(names), -LARGEST, np.int32), np.full(len(names), LARGEST, np.int32)
     for item in where:
-        place, unit = FEATURES.index(item.name), SHARE_UNIT if item.name in SHARES else 1
+        place, unit = names.index(item.name), feature_unit(item.name)
         if item.low is not None:
             low[place] = ceil(item.low * unit)
         if item.high is not None:
@@ -86,25 +96,27 @@ def bounds_of(where: Iterable[Range]) -> Bounds:
     return Bounds(low, high)
 
 
-def violation(features: Any, bounds: Bounds, shape: tuple[int, int]) -> Any:
+def violation(features: Any, bounds: Bounds, shape: tuple[int, int], extras: Sequence[str] = ()) -> Any:
     """Computes what the distance from the bounds adds to the fitness: 0 where all are met.
 
     A unit of distance is one of a count, the share of one cell, or the gain of one more tile in a long straight.
 
     Args:
-      features: int32 ``[..., F]``, of NumPy or JAX.
+      features: int32 ``[..., F + K]``, of NumPy or JAX.
       bounds: to be met.
       shape: (height, width) of the grids.
+      extras: the names of the extra features, K of them, in the order of their columns.
 
     Returns:
       int32 ``[...]``, of the same library.
     """
-    units = dict.fromkeys(SHARES, (shape[0] * shape[1], SHARE_UNIT))
+    names = (*FEATURES, *extras)
+    units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}
     units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
-    factor, divisor = np.array([units.get(name, (1, 1)) for name in FEATURES], np.int32).T
+    factor, divisor = np.array([units.get(name, (1, 1)) for name in names], np.int32).T
     distance = (bounds.low - features).clip(0, None) + (features - bounds.high).clip(0, None)
     distance = distance.clip(None, LARGEST // factor)
-    steps = ((distance * factor + divisor - 1) // divisor).clip(None, LARGEST // (_STEEPNESS * len(FEATURES)))
+    steps = ((distance * factor + divisor - 1) // divisor).clip(None, LARGEST // (_STEEPNESS * len(names)))
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
 
 
@@ -112,7 +124,7 @@ def satisfies(metrics: Mapping[str, Any], where: Iterable[Range]) -> NDArray[np.
     """Tells which networks satisfy all ranges, exactly.
 
     Args:
-      metrics: the metrics by name, whole numbers of one shape.
+      metrics: the metrics by name, and the extra features, whole numbers of one shape.
       where: the ranges.
 
     Returns:
@@ -122,24 +134,24 @@ def satisfies(metrics: Mapping[str, Any], where: Iterable[Range]) -> NDArray[np.
     for item in where:
         part, whole = SHARES.get(item.name, (item.name, ()))
         value = np.asarray(metrics[part], np.int64)
-        total = sum((np.asarray(metrics[name], np.int64) for name in whole), np.int64(0)) if whole else np.int64(1)
+        total: Any = sum(np.asarray(metrics[name], np.int64) for name in whole) if whole else feature_unit(item.name)
         for limit, sign in ((item.low, 1), (item.high, -1)):
             if limit is not None:
                 good &= sign * (value * limit.denominator - total * limit.numerator) >= 0
     return good
 
 
-def _parse(text: Any) -> Range:
+def _parse(text: Any, own: Collection[str]) -> Range:
     source = f"where {text!r}"
     name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
     if not equals:
         raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
     low, dots, high = limits.partition("..")
-    return _range(source, name.strip(), (low.strip() or None, high.strip() or None) if dots else low.strip())
+    return _range(source, name.strip(), (low.strip() or None, high.strip() or None) if dots else low.strip(), own)
 
 
-def _range(source: str, name: Any, limits: Any) -> Range:
-    check_feature(source, name)
+def _range(source: str, name: Any, limits: Any, own: Collection[str]) -> Range:
+    check_feature(source, name, own)
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
         raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")
@@ -158,11 +170,11 @@ def _limit(source: str, name: str, limit: Any) -> Fraction:
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
         raise InputError(f"{source}: expected a number, got {short(repr(limit))}") from None
-    most = 1 if name in SHARES else LARGEST
+    most = 1 if is_share(name) else LARGEST
     if not 0 <= number <= most:
-        unit = " (a part of 1)" if name in SHARES else ""
+        unit = " (a part of 1)" if is_share(name) else ""
         raise InputError(f"{source}: expected 0 to {most:,}{unit}, got {short(text)}")
-    if name not in SHARES and number.denominator != 1:
+    if feature_unit(name) == 1 and number.denominator != 1:
         raise InputError(f"{source}: expected whole numbers, got {short(text)}")
     # The third that 0.333333333 stands for; small denominators keep sums within 64 bits.
     return number.limit_denominator(10**6)

@@ -1,6 +1,6 @@
 """The descriptor space: axes of features in bins, whose cells are niches (paper, section "Behavior Descriptors")."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import prod
 from typing import Any, NamedTuple
 
@@ -8,7 +8,14 @@ import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, compute_features, default_width
+from elitelanes_jax.problem.features import (
+    SHARE_UNIT,
+    check_feature,
+    compute_features,
+    default_width,
+    feature_places,
+    is_share,
+)
 
 __all__ = [
     "MOST_NICHES",
@@ -70,12 +77,13 @@ def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     return (cyclomatic._replace(width=width), *(flag._replace(target=0) for flag in flags))
 
 
-def parse_axes(axes: Any) -> tuple[Axis, ...]:
+def parse_axes(axes: Any, own: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes from texts, mappings or records.
 
     Args:
       axes: of each axis ``NAME:BINS`` or ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`; or for
         all of them one text with spaces between, or a mapping of names to bins, or to pairs of bins and width.
+      own: names of features of one's own; None lets any name pass.
 
     Raises:
       InputError: for anything else, an unknown or repeated feature, numbers out of range, no axis, or more than
@@ -88,7 +96,7 @@ def parse_axes(axes: Any) -> tuple[Axis, ...]:
     try:
         if isinstance(axes, Mapping):
             axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
-        listed = tuple(_check_axis(axis) for axis in axes)
+        listed = tuple(_check_axis(axis, own) for axis in axes)
     except TypeError:
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(axes))}") from None
     if not listed:
@@ -100,14 +108,15 @@ def parse_axes(axes: Any) -> tuple[Axis, ...]:
     return listed
 
 
-def resolve_axes(axes: Any, shape: tuple[int, int]) -> tuple[Axis, ...]:
+def resolve_axes(axes: Any, shape: tuple[int, int], own: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes as `parse_axes` does and gives each the width that suits grids of a shape, where it has none.
 
     Raises:
       InputError: as `parse_axes`.
     """
     return tuple(
-        axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape)) for axis in parse_axes(axes)
+        axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape))
+        for axis in parse_axes(axes, own)
     )
 
 
@@ -115,13 +124,14 @@ def compute_descriptor(counts: Any, axes: tuple[Axis, ...]) -> Any:
     """Computes descriptors: the values of the axes' features.
 
     Args:
-      counts: int32 ``[..., M]``, metrics as `stack_counts` orders them, of NumPy or JAX.
+      counts: int32 ``[..., M + K]``, metrics as `stack_counts` orders them, then K extra features, of which the axes'
+        come first, of NumPy or JAX.
       axes: D of them.
 
     Returns:
       int32 ``[..., D]``, of the same library.
     """
-    return compute_features(counts)[..., np.array([FEATURES.index(axis.metric) for axis in axes])]
+    return compute_features(counts)[..., feature_places([axis.metric for axis in axes])]
 
 
 def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
@@ -141,16 +151,16 @@ def niche_index(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
     return niche
 
 
-def _check_axis(axis: Any) -> Axis:
+def _check_axis(axis: Any, own: Collection[str] | None) -> Axis:
     given = axis
     if isinstance(axis, str):
-        axis = _parse_axis(axis)
+        axis = _parse_axis(axis, own)
     elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
         axis = Axis(**axis)
     if not isinstance(axis, Axis):
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(given))}")
     source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
-    check_feature(source, axis.metric)
+    check_feature(source, axis.metric, own)
     bins, width, start, target = axis[1:]
     if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
         got = f"bins {short(repr(bins))}, width {short(repr(width))}, start {short(repr(start))}"
@@ -158,7 +168,7 @@ def _check_axis(axis: Any) -> Axis:
     largest = max(map(abs, (bins, width, start)))
     if largest > LARGEST:
         raise InputError(f"{source}: expected numbers of at most {LARGEST:,}, got {largest:,}")
-    if axis.metric in SHARES and max(bins - 1, width) > SHARE_UNIT:
+    if is_share(axis.metric) and max(bins - 1, width) > SHARE_UNIT:
         got = f"{bins} of width {width}"
         raise InputError(f"{source}: expected at most {SHARE_UNIT + 1} bins of {SHARE_UNIT} thousandths, got {got}")
     if target is not None and not (type(target) is int and 0 <= target < bins):
@@ -166,9 +176,9 @@ def _check_axis(axis: Any) -> Axis:
     return axis
 
 
-def _parse_axis(text: str) -> Axis:
+def _parse_axis(text: str, own: Collection[str] | None) -> Axis:
     name, *numbers = text.split(":")
-    check_feature(f"axes {text!r}", name)
+    check_feature(f"axes {text!r}", name, own)
     if not 1 <= len(numbers) <= 2 or not all(
         number.isascii() and number.isdigit() and len(number) < 20 and int(number) for number in numbers
     ):

@@ -9,6 +9,7 @@ from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.problem.constraints import Range, satisfies
+from elitelanes_jax.problem.features import FEATURES
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
 from elitelanes_jax.problem.rules import RULES
@@ -90,6 +91,7 @@ def check_number(
         return
     allowed = None if alphabet is None else (*alphabet, *KINDS["empty"])
     right = [(name, value) for name, value, _ in find_flaws(rules, filled=filled)]
+    where = [item for item in where if item.name in FEATURES]
     found = 0
     for grid in _one_of_each_form(grids):
         metrics = plain_measure(grid, allowed)

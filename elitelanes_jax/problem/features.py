@@ -1,16 +1,35 @@
-"""Features: whole numbers that describe a network, for niches and constraints.
+"""Features: whole numbers that describe a network, for niches, constraints and weights.
 
-A feature is a metric, or a share: a metric's part of the tiles or cells, in thousandths, rounded down.
+A feature is a metric; or a share: a metric's part of the tiles or cells, in thousandths, rounded down; or one that is
+measured only where it is asked for: an extra one, see `elitelanes_jax.problem.extras`. A row of counts has the metrics
+first, then the extra features: those of the axes in their order before all others, so that axes alone tell where they
+are.
 """
 
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax.network.counts import COUNT_NAMES
 
-__all__ = ["FEATURES", "SHARES", "SHARE_UNIT", "check_feature", "compute_features", "default_width"]
+__all__ = [
+    "FEATURES",
+    "LARGEST_FEATURE",
+    "SHARES",
+    "SHARE_UNIT",
+    "check_feature",
+    "compute_features",
+    "default_width",
+    "extra_names",
+    "feature_places",
+    "feature_unit",
+    "is_share",
+    "join_counts",
+    "largest_feature",
+]
 
 SHARES = {
     "straight_share": ("straights", ("tiles",)),
@@ -21,44 +40,94 @@ SHARES = {
 """Each share by name: the metric that is counted, and the metrics whose sum it is a part of."""
 
 FEATURES = (*COUNT_NAMES, *SHARES)
-"""The names of all features, in the order of `compute_features`."""
+"""The names of the features that are always computed, in the order of `compute_features`."""
 
 SHARE_UNIT = 1000
 """The whole number that stands for a share of 1."""
+
+LARGEST_FEATURE = 1_000_000
+"""The largest value of an extra feature; larger ones are taken for it, negative ones for 0."""
+
+
+def is_share(name: str) -> bool:
+    """Tells whether a feature is a part of 1, kept in thousandths; features of one's own are whole numbers."""
+    return name in SHARES
+
+
+def feature_unit(name: str) -> int:
+    """Returns the whole number that stands for 1 of a feature."""
+    return SHARE_UNIT if is_share(name) else 1
+
+
+def largest_feature(name: str, shape: tuple[int, int]) -> int:
+    """Returns an upper bound of an extra feature on grids ``(height, width)``."""
+    return LARGEST_FEATURE
+
+
+def extra_names(*groups: Iterable[str]) -> tuple[str, ...]:
+    """Returns the names that are none of `FEATURES`, in the order of the groups, each once."""
+    return tuple(dict.fromkeys(name for names in groups for name in names if name not in FEATURES))
+
+
+def feature_places(names: Sequence[str]) -> NDArray[np.int_]:
+    """Returns the places of features in a row of `compute_features`, ints ``[N]``.
+
+    Args:
+      names: of features; the extra ones among them are the first extra ones of the row, in this order.
+    """
+    extras = extra_names(names)
+    known = {name: place for place, name in enumerate((*FEATURES, *extras))}
+    return np.array([known[name] for name in names])
+
+
+def join_counts(measures: Mapping[str, Any], extras: Sequence[str]) -> NDArray[np.int32]:
+    """Puts metrics and extra features side by side as `compute_features` takes them, int32 ``[..., M + K]``.
+
+    Args:
+      measures: int arrays ``[...]`` of NumPy by name.
+      extras: the names of K extra features.
+    """
+    return np.stack([measures[name] for name in (*COUNT_NAMES, *extras)], axis=-1).astype(np.int32)
 
 
 def compute_features(counts: Any) -> Any:
     """Computes all features of networks.
 
     Args:
-      counts: int32 ``[..., M]``, metrics as `stack_counts` orders them, of NumPy or JAX.
+      counts: int32 ``[..., M + K]``, metrics as `stack_counts` orders them, then K extra features, of NumPy or JAX.
 
     Returns:
-      int32 ``[..., F]`` in the order of `FEATURES`, of the same library.
+      int32 ``[..., F + K]`` in the order of `FEATURES`, then the extra ones, of the same library.
     """
     xp = counts.__array_namespace__()
-    columns = [counts]
+    columns = [counts[..., : len(COUNT_NAMES)]]
     for part, whole in SHARES.values():
         total = sum(counts[..., COUNT_NAMES.index(name)] for name in whole)
         share = SHARE_UNIT * counts[..., COUNT_NAMES.index(part)] // xp.maximum(total, 1)
         columns.append(share[..., None])
+    if counts.shape[-1] > len(COUNT_NAMES):
+        columns.append(counts[..., len(COUNT_NAMES) :])
     return xp.concatenate(columns, axis=-1)
 
 
-def check_feature(source: str, name: Any) -> str:
+def check_feature(source: str, name: Any, own: Collection[str] | None = ()) -> str:
     """Checks the name of a feature.
 
     Args:
       source: the start of the message: what the name comes from.
       name: to check.
+      own: names of features of one's own; None lets any name pass.
 
     Raises:
       InputError: if no feature has it.
     """
-    if name not in FEATURES:
+    if own is None and isinstance(name, str):
+        return name
+    known = (*FEATURES, *(own or ()))
+    if name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
-            f"{likely(name, FEATURES)} (elitelanes metrics explains all: {', '.join(FEATURES)})"
+            f"{likely(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
     return str(name)
 
@@ -70,7 +139,7 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
     of other metrics cover the range that networks reach, half as many as there are cells.
     """
     area = shape[0] * shape[1]
-    if name in SHARES:
+    if is_share(name):
         return max(1, -(-SHARE_UNIT // bins))
     if name == "cyclomatic":
         return max(1, int(np.rint(area / 144)))

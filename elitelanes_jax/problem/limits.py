@@ -17,7 +17,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
 from elitelanes_jax.network.counts import largest_counts
 from elitelanes_jax.problem.constraints import Range
-from elitelanes_jax.problem.features import SHARES
+from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.template import Template
 
 __all__ = ["Limits", "check_ranges", "find_limits", "free_links"]
@@ -114,6 +114,8 @@ def check_ranges(where: Iterable[Range], limits: Limits, maps: str) -> None:
     """
     before = ""
     for item in where:
+        if item.name not in FEATURES:
+            continue  # nothing is known of extra features
         low, high = limits.of(item.name)
         if (item.low or 0) > high or (item.high is not None and item.high < low):
             expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"

@@ -1,17 +1,19 @@
 """The problem that optimisers solve: the grids that may be made, and their fitness."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int8, Int32, Key
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
+from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.fitness import fitness, penalty_weights
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.materialize import materialize
@@ -20,7 +22,8 @@ from elitelanes_jax.network.repair import repair
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.constraints import Bounds, violation
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
-from elitelanes_jax.problem.features import compute_features
+from elitelanes_jax.problem.extras import Kernel, measure_extras
+from elitelanes_jax.problem.features import compute_features, extra_names
 from elitelanes_jax.problem.template import Template
 
 __all__ = ["Evaluation", "Problem", "road_problem"]
@@ -31,7 +34,7 @@ class Evaluation(NamedTuple):
 
     Attributes:
       fitness: int32 ``[P]``, lower is better.
-      counts: int32 ``[P, M]``, the metrics as `stack_counts` orders them.
+      counts: int32 ``[P, M]``, the metrics as `stack_counts` orders them, then the problem's extra features.
     """
 
     fitness: Int32[Array, " P"]
@@ -51,7 +54,8 @@ class Problem(NamedTuple):
       repair: (grid, dirty, raster) -> grid, as `repair`.
       repair_raster: grid -> grid, repairs one of which all tiles are new: each decides over those after it, row by row.
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
-      penalties: int32 ``[P, M]``, metrics -> int32 ``[P]``, the fitness without rewards.
+      penalties: int32 ``[P, M]``, counts -> int32 ``[P]``, the fitness without rewards.
+      extras: the names of the extra features, in the order of their columns: those of the axes first.
     """
 
     shape: tuple[int, int]
@@ -64,6 +68,12 @@ class Problem(NamedTuple):
     repair_raster: Callable[[Int8[Array, "H W"]], Int8[Array, "H W"]]
     evaluate: Callable[[Int8[Array, "P H W"]], Evaluation]
     penalties: Callable[[Int32[Array, "P M"]], Int32[Array, " P"]]
+    extras: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> int:
+        """The number of columns of counts."""
+        return len(COUNT_NAMES) + len(self.extras)
 
 
 def road_problem(
@@ -74,6 +84,9 @@ def road_problem(
     weights: Weights = Weights(),
     fill: bool = False,
     bounds: Bounds | None = None,
+    extras: Iterable[str] = (),
+    extra_weights: Int[ArrayLike, " K"] | None = None,
+    features: Mapping[str, Kernel] = MappingProxyType({}),
     fix: Template | None = None,
     initial: Int8[Array | np.ndarray, "N H W"] | None = None,
 ) -> Problem:
@@ -86,7 +99,10 @@ def road_problem(
         others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
       weights: of the fitness; its numbers may be traced.
       fill: whether repair also fills (see `repair`).
-      bounds: limits of features; their violation adds to the fitness. Its numbers may be traced.
+      bounds: limits of features, with K extra ones; their violation adds to the fitness. Its numbers may be traced.
+      extras: the names of the K extra features that are measured; those of the axes, which come first, may be left out.
+      extra_weights: int ``[K]``, what a unit of each adds to the fitness; by default nothing.
+      features: kernels of one's own, by the name of their feature.
       fix: cells that are given.
       initial: int8 ``[N, H, W]``, repaired grids that stand first among the random ones.
 
@@ -95,7 +111,8 @@ def road_problem(
     """
     shape = check_shape(shape, new=True)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
-    axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape)
+    axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
+    extras = extra_names((axis.metric for axis in axes), extras)
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
@@ -118,17 +135,24 @@ def road_problem(
         return grids.at[: len(initial)].set(jax.vmap(repair_grid)(jnp.asarray(initial)))
 
     def violations(counts: Array) -> Array:
-        return jnp.int32(0) if bounds is None else violation(compute_features(counts), bounds, shape)
+        return jnp.int32(0) if bounds is None else violation(compute_features(counts), bounds, shape, extras)
+
+    def weigh(counts: Array, weights: Weights, extra: Any) -> Array:
+        total = fitness(unstack_counts(counts, shape[0] * shape[1]), weights) + violations(counts)
+        if extra is not None:
+            total += (counts[..., len(COUNT_NAMES) :] * extra).sum(axis=-1, dtype=jnp.int32)
+        return total
 
     def evaluate(grids: Array) -> Evaluation:
         chex.assert_shape(grids, (None, *shape))
         chex.assert_type(grids, jnp.int8)
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
         counts = materialize(stack_counts(metrics))
-        metrics = unstack_counts(counts, shape[0] * shape[1])
-        return Evaluation(materialize(fitness(metrics, weights) + violations(counts)), counts)
+        if extras:
+            counts = jnp.concatenate([counts, materialize(measure_extras(grids, extras, features))], axis=-1)
+        return Evaluation(materialize(weigh(counts, weights, extra_weights)), counts)
 
     def penalties(counts: Array) -> Array:
-        return fitness(unstack_counts(counts, shape[0] * shape[1]), penalty_weights(weights)) + violations(counts)
+        return weigh(counts, penalty_weights(weights), None if extra_weights is None else jnp.maximum(extra_weights, 0))
 
-    return Problem(shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties)
+    return Problem(shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties, extras)

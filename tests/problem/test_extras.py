@@ -1,0 +1,131 @@
+"""Features of one's own: measured where they are asked for, in ranges, axes and weights, and kept with the result."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import evolve
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.problem.features import LARGEST_FEATURE
+from elitelanes_jax.result import Result
+from elitelanes_jax.search import SearchSpec
+
+SHAPE, PAPER = (5, 5), {"preset": "paper"}
+
+
+def row_sum(grid):
+    """The codes of the first row, summed: a feature that no metric is."""
+    return grid[0].astype(jnp.int32).sum()
+
+
+def middle(grid):
+    return grid[2, 2].astype(jnp.int32)
+
+
+FEATURES = {"row_sum": row_sum, "middle": middle}
+RUN = {"axes": "cyclomatic:4:2 middle:16:1", "where": {"row_sum": (30, 40)}, "features": FEATURES} | PAPER
+
+
+@pytest.fixture(scope="module")
+def result():
+    return evolve(
+        jax.random.split(jax.random.key(0), 2),
+        SHAPE,
+        **RUN,
+        generations=20,
+    )
+
+
+def test_values_are_those_of_the_kernels(result):
+    valid = np.asarray(result.elites.valid)
+    grids = np.asarray(result.elites.grids)[valid]
+    assert list(result.elites.features) == ["middle", "row_sum"]
+    np.testing.assert_array_equal(np.asarray(result.elites.features["row_sum"])[valid], grids[:, 0].sum(axis=1))
+    np.testing.assert_array_equal(np.asarray(result.elites.features["middle"])[valid], grids[:, 2, 2])
+    np.testing.assert_array_equal(np.asarray(result.elites.descriptor)[valid][:, 1], grids[:, 2, 2])
+
+
+def test_chosen_maps_are_in_the_ranges_and_have_the_values(result):
+    for road_map in result.maps(50):
+        assert 30 <= road_map.codes[0].sum() <= 40
+        assert road_map.metrics["row_sum"] == road_map.codes[0].sum()
+        assert road_map.descriptor["middle"] == road_map.codes[2, 2]
+    sums = np.asarray(result.elites.grids)[..., 0, :].sum(axis=-1)
+    valid = np.asarray(result.elites.valid)
+    np.testing.assert_array_equal(result.satisfies(), valid & (sums >= 30) & (sums <= 40))
+    assert 0 < result.satisfies().sum() < valid.sum()
+
+
+def test_a_result_is_saved_and_read_with_them(result, tmp_path):
+    result.save(tmp_path / "result.npz")
+    read = Result.load(tmp_path / "result.npz")
+    assert read.spec == result.spec and read.axes == result.axes
+    jax.tree.map(np.testing.assert_array_equal, read.elites, result.elites)
+    np.testing.assert_array_equal(read.satisfies(), result.satisfies())
+
+
+def test_a_weight_is_what_a_unit_adds():
+    usual, weighed = (
+        evolve(jax.random.key(1), SHAPE, evaluations=0, features=FEATURES, weights=weights, method="ea", **PAPER)
+        for weights in ((), {"row_sum": -7, "bridges": 100})
+    )
+    grids = {grid.tobytes(): int(fitness) for grid, fitness in zip(*np_elites(usual), strict=True)}
+    for grid, fitness in zip(*np_elites(weighed), strict=True):
+        assert int(fitness) == grids[grid.tobytes()] - 7 * grid[0].sum()
+
+
+def np_elites(result):
+    return np.asarray(result.elites.grids), np.asarray(result.elites.fitness)
+
+
+def test_measuring_alone_changes_nothing():
+    plain, measured = (
+        evolve(jax.random.key(2), SHAPE, features=features, generations=5, method="ea", **PAPER)
+        for features in (None, FEATURES)
+    )
+    for name in ("grids", "fitness", "descriptor", "valid"):
+        np.testing.assert_array_equal(getattr(plain.elites, name), getattr(measured.elites, name))
+    assert plain.elites.features == {} and set(measured.elites.features) == set(FEATURES)
+
+
+def test_a_run_in_parts_is_one_run(result):
+    keys = jax.random.split(jax.random.key(0), 2)
+    half = evolve(keys, SHAPE, generations=10, **RUN)
+    joined = evolve(keys, SHAPE, generations=10, state=half.state, **RUN)
+    jax.tree.map(np.testing.assert_array_equal, joined.elites, result.elites)
+
+
+def test_values_are_kept_within_the_limits():
+    far = {"low": lambda grid: jnp.int32(-5), "high": lambda grid: jnp.int32(2**31 - 1)}
+    found = evolve(jax.random.key(0), (3, 3), evaluations=0, method="ea", features=far, **PAPER).elites.features
+    assert (np.asarray(found["low"]) == 0).all() and (np.asarray(found["high"]) == LARGEST_FEATURE).all()
+
+
+@pytest.mark.parametrize(
+    ("features", "options", "message"),
+    [
+        ({"turns": middle}, {}, "names that no other feature has, got 'turns'"),
+        ({"a b": middle}, {}, "letters, digits and _, got 'a b'"),
+        ({"mine": 3}, {}, "expected mine to be a function of a grid, got 3"),
+        ({"mine": lambda grid: grid.mean()}, {}, "mine to return an integer scalar, got float32 of shape ()"),
+        ({"mine": lambda grid: grid[0]}, {}, "mine to return an integer scalar, got int8 of shape (5,)"),
+        ({"mine": lambda grid: None}, {}, "mine to return an integer scalar, got None"),
+        ([middle], {}, "expected kernels by name"),
+        ({"mine": middle}, {"where": "yours=3"}, "got 'yours'"),
+        ({"mine": middle}, {"axes": "min:3"}, "is it mine?"),
+        ({"mine": middle}, {"weights": {"mine": 10**9}}, "within int32"),
+        (None, {"spec": SearchSpec(features=["mine"])}, "features: expected the kernel of mine"),
+    ],
+)
+def test_wrong_features_are_named(features, options, message, any_types):
+    with pytest.raises(InputError) as caught:
+        evolve(jax.random.key(0), SHAPE, features=features, **options)
+    assert message in str(caught.value)
+
+
+def test_own_features_come_after_the_metrics():
+    spec = SearchSpec(features=["a", "b", "c"], axes=["turns:3", "c:4:1"], weights={"b": 1})
+    assert spec.extras == ("c", "b", "a") and spec.extra_weights == (0, 1, 0)
+    assert not set(spec.extras) & set(COUNT_NAMES)
