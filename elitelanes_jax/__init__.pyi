@@ -3,6 +3,7 @@ from ._util.version import __version__ as __version__
 from .compile_cache import use_compile_cache as use_compile_cache
 from .formats.road_map import RoadMap as RoadMap
 from .formats.road_map import read_map as read_map
+from .islands import evolve_islands as evolve_islands
 from .network.counts import Metrics as Metrics
 from .network.fitness import fitness as fitness
 from .network.grids import random_grids as random_grids

@@ -28,7 +28,7 @@ from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import unstack_counts
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers.base import Info, Optimizer
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
 from elitelanes_jax.optimizers.run import advance, seed_keys, start
 from elitelanes_jax.problem.constraints import Bounds, bounds_of
@@ -99,14 +99,14 @@ def evolve(
         has it too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, where the search cannot fit into the memory that is free.
     """
-    keys, single = _check_keys(key, seeds)
+    keys, single = check_keys(key, seeds)
     chosen = choose_devices(devices)
     shape = check_shape(shape, new=True)
     spec = check_named("spec", record(SearchSpec), spec)
     kernels = check_kernels(features, shape)
     options |= {"features": tuple(kernels)} if features is not None else {}
-    spec, config = _resolve_config(spec.but(options), config, "method" in options)
-    program, numbers = _prepare(spec, shape, config, optimizer, kernels)
+    spec, config = resolve_config(spec.but(options), config, "method" in options)
+    program, numbers = prepare(spec, shape, config, optimizer, kernels)
     if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
         chosen = chosen[:1]
     search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
@@ -172,7 +172,7 @@ def _check_memory(states: Any, seeds: int, shape: tuple[int, int]) -> None:
     )
 
 
-class _Numbers(NamedTuple):
+class Numbers(NamedTuple):
     """The settings that may change without a second compilation."""
 
     weights: Weights
@@ -182,7 +182,7 @@ class _Numbers(NamedTuple):
     extra_weights: Int32[np.ndarray, " K"] | None
 
 
-class _Program(NamedTuple):
+class Program(NamedTuple):
     """The settings that a compiled run is made for; hashable."""
 
     shape: tuple[int, int]
@@ -196,7 +196,7 @@ class _Program(NamedTuple):
     extras: tuple[str, ...]
     kernels: tuple[tuple[str, Kernel], ...]  # those of the user's that are needed
 
-    def optimizer(self, numbers: _Numbers) -> Optimizer:
+    def optimizer(self, numbers: Numbers) -> Optimizer:
         problem = road_problem(
             self.shape,
             self.axes,
@@ -218,8 +218,8 @@ class _Program(NamedTuple):
 class _Search(NamedTuple):
     """One call of `evolve`, checked."""
 
-    program: _Program
-    numbers: _Numbers
+    program: Program
+    numbers: Numbers
     keys: Key[Array, " S"]
     single: bool
     spec: SearchSpec
@@ -237,7 +237,7 @@ class _Search(NamedTuple):
         return Result(elites, history, RunState(generation, inner, self.fingerprint), self.spec, self.program.axes)
 
 
-def _check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
+def check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
     """Returns the keys as an array ``[S]``, and whether there was one key alone."""
     if is_whole(key):
         seeds = GenerateSpec.seeds if seeds is None else seeds
@@ -256,7 +256,7 @@ def _check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
     return jnp.atleast_1d(key), key.ndim == 0
 
 
-def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
+def resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
     """Returns the specification and the configuration, each after the other: a configuration says which method."""
     if config is None:
         return spec, PRESETS[spec.method, spec.preset]
@@ -270,13 +270,13 @@ def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tup
     return spec.but({"method": method, "preset": preset}), config
 
 
-def _prepare(
+def prepare(
     spec: SearchSpec,
     shape: tuple[int, int],
     config: Config,
     factory: Callable[[Problem], Optimizer] | None,
     kernels: Mapping[str, Kernel],
-) -> tuple[_Program, _Numbers]:
+) -> tuple[Program, Numbers]:
     """Parts a search's settings into those that a program is compiled for and those that it takes."""
     spec.check_on(shape, "shape")
     unknown = [name for name in spec.features if name not in kernels]
@@ -289,7 +289,7 @@ def _prepare(
         limits = find_limits(shape, certain=dict.fromkeys(full, 0), fix=spec.fix)
         check_ranges(spec.where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
     leaves, tree = jax.tree.flatten(config)
-    program = _Program(
+    program = Program(
         shape=shape,
         axes=spec.axes_on(shape),
         alphabet=spec.alphabet or ROAD_ALPHABET,
@@ -301,7 +301,7 @@ def _prepare(
         extras=spec.extras,
         kernels=tuple((name, kernels[name]) for name in spec.extras if name in kernels),
     )
-    numbers = _Numbers(
+    numbers = Numbers(
         weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
         bounds=bounds_of(spec.where, spec.extras),
         config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
@@ -311,7 +311,7 @@ def _prepare(
     return program, numbers
 
 
-def _fingerprint(program: _Program, numbers: _Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
+def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
     factory = getattr(program.factory, "__qualname__", type(program.factory).__name__)
     said = repr(
         (
@@ -396,22 +396,27 @@ def _run(
 
 # The first populations are made once: to compile that twice as fast is worth more than to run it.
 @partial(jax.jit, static_argnames="program", compiler_options={"xla_backend_optimization_level": 0})
-def _start(program: _Program, numbers: _Numbers, keys: Array) -> Any:
+def _start(program: Program, numbers: Numbers, keys: Array) -> Any:
     return start(program.optimizer(numbers), keys)
 
 
 @partial(jax.jit, static_argnames="program")
 def _advance(
-    program: _Program, numbers: _Numbers, keys: Array, states: Any, first: int | Array, last: int | Array
+    program: Program, numbers: Numbers, keys: Array, states: Any, first: int | Array, last: int | Array
 ) -> tuple[Any, Info]:
     return advance(program.optimizer(numbers), keys, states, first, last, most=_MOST)
 
 
 @partial(jax.jit, static_argnames=("program", "single"))
-def _collect(program: _Program, numbers: _Numbers, states: Any, single: bool) -> tuple[MeasuredElites, Any]:
+def _collect(program: Program, numbers: Numbers, states: Any, single: bool) -> tuple[MeasuredElites, Any]:
     """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
-    elites = jax.vmap(program.optimizer(numbers).elites)(states)
-    measured = MeasuredElites(
+    measured = as_measured(program, jax.vmap(program.optimizer(numbers).elites)(states))
+    return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
+
+
+def as_measured(program: Program, elites: Elites) -> MeasuredElites:
+    """Returns elites with their descriptor, metrics and features."""
+    return MeasuredElites(
         grids=elites.grids,
         fitness=elites.fitness,
         descriptor=compute_descriptor(elites.counts, program.axes),
@@ -419,4 +424,3 @@ def _collect(program: _Program, numbers: _Numbers, states: Any, single: bool) ->
         metrics=unstack_counts(elites.counts, program.shape[0] * program.shape[1]),
         features={name: elites.counts[..., place] for place, name in enumerate(program.extras, start=len(COUNT_NAMES))},
     )
-    return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)

@@ -56,9 +56,12 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Elites`.
       evaluations_per_step: int, how many grids a step evaluates.
+      receive: (state, `Elites`) -> state that has taken over what is better, place by place; only where there is an
+        archive.
     """
 
     init: Callable[[Key[Array, ""]], Any]
     step: Callable[[Key[Array, ""], Any], tuple[Any, Info]]
     elites: Callable[[Any], Elites]
     evaluations_per_step: int
+    receive: Callable[[Any, Elites], Any] | None = None

@@ -20,7 +20,7 @@ from elitelanes_jax.optimizers.population import (
     survivors,
     tournament,
 )
-from elitelanes_jax.problem.archive import Archive, empty_archive, insert
+from elitelanes_jax.problem.archive import Archive, empty_archive, insert, take_over
 from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["MapElitesConfig", "MapElitesState", "map_elites"]
@@ -90,7 +90,10 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     def elites(state: MapElitesState) -> Elites:
         return Elites(*state.archive, valid=state.archive.valid)
 
-    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring)
+    def receive(state: MapElitesState, found: Elites) -> MapElitesState:
+        return state._replace(archive=take_over(state.archive, Archive(*found[:3])))
+
+    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring, receive=receive)
 
 
 def _draw_elites(bits: UInt32[Array, " count"], archive: Archive) -> Int8[Array, "count H W"]:

@@ -10,6 +10,7 @@ import pytest
 from killed_runs import digest
 from pages import blocks, run_program
 
+from elitelanes_jax import Result
 from elitelanes_jax.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scaling.md").read_text(encoding="utf-8")
@@ -87,3 +88,20 @@ def test_dask_runs_the_parts_though_a_worker_is_killed(whole):
     ran = subprocess.run([sys.executable, "program.py"], check=True, capture_output=True, text=True)
     assert ran.stdout == "killed\n"
     assert digest(Path("maps")) == whole
+
+
+@pytest.mark.slow
+def test_the_search_on_many_hosts_finds_its_processes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    program = PROGRAMS[4].replace(
+        "(16, 16), islands=32, every=200, evaluations=1_000_000", "(5, 6), islands=4, generations=9"
+    )
+    Path("program.py").write_text(program)
+    here = os.environ | {"SLURM_JOB_ID": "4711", "SLURM_STEP_NODELIST": "localhost", "SLURM_NTASKS": "2"}
+    here |= {"SLURM_STEP_NUM_NODES": "1", "SLURM_NNODES": "1"}
+    running = [
+        subprocess.Popen([sys.executable, "program.py"], env=here | {"SLURM_PROCID": number, "SLURM_LOCALID": number})
+        for number in ("0", "1")
+    ]
+    assert [process.wait(timeout=300) for process in running] == [0, 0]
+    assert Result.load("islands.npz").elites.grids.shape[-2:] == (5, 6)
