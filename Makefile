@@ -7,8 +7,9 @@ PROGRAM := .venv/.program
 READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
+BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation throughput clean
+.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation throughput clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -23,6 +24,16 @@ test-slow: $(READY)
 # All notebooks with few steps, side by side.
 notebooks: $(READY)
 	$(BIN)/python -m pytest -n auto -m slow tests/docs/test_notebooks.py
+
+# The explorer's module is built anew; it differs from the one in the package only where a change was not built.
+explorer: $(READY) explorer/node_modules/.ready
+	cd explorer && npm run --silent check && node build.mjs ../$(BUILT)
+	diff -r $(BUILT) elitelanes_jax/explorer/static
+	$(BIN)/python -m pytest -n 0 tests/explorer
+
+explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
+	cd explorer && npm ci --silent
+	touch $@
 
 # The tests that need large or old packages have an environment each: SUMO,
 sumo: .venv-sumo/.ready
@@ -86,7 +97,7 @@ throughput: $(READY)
 	$(BIN)/python experiments/throughput.py
 
 clean:
-	rm -rf .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
+	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
 
 $(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

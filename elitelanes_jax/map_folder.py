@@ -70,7 +70,7 @@ def foreign_to_maps(folder: Path) -> str | None:
         return "no run.json"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return "run.json of another program"
-    own = re.compile(rf"run\.json|archive\.npz|contact-sheet\.png|maps/\d{{4,}}/({names})")
+    own = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({names})")
     return foreign_file(folder, own.fullmatch)
 
 

@@ -1,6 +1,7 @@
 """The command ``elitelanes generate``."""
 
 import argparse
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,7 +89,8 @@ def _generate(options: argparse.Namespace) -> int:
     except NotEnoughMapsError as error:
         return fail("elitelanes", f"{error}{_KEPT if is_kept(options.out) else ''}", 1)
     if spec.part is None:
-        say(describe_maps(maps, spec.maps, options.out))
+        explore = f"elitelanes explore {shlex.quote(str(options.out))} --open shows all that was found"
+        say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")
     else:
         number, count = spec.part
         seeds = f"seeds {spec.seed_numbers[0]} to {spec.seed_numbers[-1]}"

@@ -10,6 +10,7 @@ from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.drive import add_drive
+from elitelanes_jax.cli.explore import add_explore
 from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
@@ -44,6 +45,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_drive,
         add_export,
         add_show,
+        add_explore,
         add_metrics,
         add_tiles,
         add_score,

@@ -115,7 +115,10 @@ def test_another_seed_finds_other_maps_and_the_table_shows_them(generated, tmp_p
         road_map = json.loads((out / "maps" / f"{number:04d}" / "map.json").read_text())
         expected = [f"{number:04d}", str(road_map["fitness"]), str(road_map["metrics"]["cyclomatic"])]
         assert line.split()[:3] == expected
-    assert lines[4:] == [f"3 maps in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}"]
+    assert lines[4:] == [
+        f"3 maps in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}",
+        f"elitelanes explore {out} --open shows all that was found",
+    ]
     assert captured.err == "evolving 3 maps of 5 x 6 tiles: ea, paper, 3 runs of 5 generations\n"
 
 
@@ -130,7 +133,7 @@ def test_a_quiet_command_prints_nothing_and_a_verbose_one_tells_its_steps(tmp_pa
         captured.err,
         re.M | re.S,
     )
-    assert captured.out.splitlines()[-1].startswith("6 maps in ")
+    assert captured.out.splitlines()[-2].startswith("6 maps in ")
     written = [files(tmp_path / loud) for loud in ("quiet", "verbose")]
     assert written[0].keys() == written[1].keys()
 

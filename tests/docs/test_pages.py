@@ -92,6 +92,7 @@ def test_links_targets_and_scripts_are_there():
         ("render", ["render"]),
         ("dataset", ["dataset"]),
         ("exports", ["export", "show"]),
+        ("explore", ["explore"]),
     ],
 )
 def test_the_table_on_a_command_has_all_its_options(page, names, capsys):

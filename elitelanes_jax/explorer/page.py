@@ -1,0 +1,93 @@
+"""The explorer as one HTML file: no server, and nothing is fetched from anywhere."""
+
+import base64
+import json
+from collections.abc import Sequence
+from hashlib import sha256
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.explorer.collect import collect
+from elitelanes_jax.explorer.payload import Payload
+
+__all__ = ["explore", "page_of", "static_text"]
+
+_MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
+
+
+def explore(
+    sources: Sequence[Path],
+    out: Path,
+    *,
+    tiles: str | Path | None = None,
+    tile_px: int = 64,
+    title: str | None = None,
+    force: bool = False,
+) -> int:
+    """Writes the page of runs and maps, whole or not at all.
+
+    Args:
+      sources: folders of runs, archives and files of maps; see `collect`.
+      out: the file, new.
+      tiles: folder of the tile pictures; see `collect`.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+      title: of the page.
+      force: whether a page that was written before is replaced.
+
+    Returns:
+      The bytes written.
+
+    Raises:
+      InputError: as `collect`; or for a file that is there, unless it is such a page and `force` is given.
+      OSError: if it cannot be written.
+    """
+    _check_place(out, force)
+    content = page_of(collect(sources, tiles=tiles, tile_px=tile_px, title=title)).encode()
+    write_atomic(out, content)
+    return len(content)
+
+
+def page_of(payload: Payload) -> str:
+    """Returns the text of the page. A policy in it forbids the browser every request."""
+    script, style = static_text("explorer.js"), static_text("explorer.css")
+    allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
+    policy = f"default-src 'none'; script-src 'sha256-{allowed}'; style-src 'unsafe-inline'; img-src data: blob:"
+    title = str(payload.values["title"] or "maps")
+    return (
+        f'{_MARK}<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)} · Elite Lanes</title>\n<style>{style}</style>\n</head>\n"
+        '<body>\n<main id="elitelanes-explorer"></main>\n'
+        "<noscript>This page draws itself with JavaScript, which is switched off here.</noscript>\n"
+        f'<script type="application/json" id="elitelanes-values">{_json(payload.values)}</script>\n'
+        '<script type="text/plain" id="elitelanes-blob">'
+        f"{base64.b64encode(payload.blob).decode()}</script>\n"
+        f'<script type="module">{script}</script>\n</body>\n</html>\n'
+    )
+
+
+def static_text(name: str) -> str:
+    """Returns a built file of the explorer: explorer.js or explorer.css."""
+    return files(__package__).joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _json(values: object) -> str:
+    """Writes JSON that can stand in a page: whatever a name holds, none of it is read as HTML."""
+    text = json.dumps(values, allow_nan=False, separators=(",", ":"))
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def _check_place(out: Path, force: bool) -> None:
+    if not out.exists():
+        return
+    if out.is_dir():
+        raise InputError(f"{out}: expected a file for the page, got a folder")
+    with out.open("rb") as stream:
+        ours = stream.read(len(_MARK)) == _MARK.encode()
+    if not ours or not force:
+        hint = "; --force replaces it" if ours else ""
+        raise InputError(f"{out}: expected a file that is new, got one that is there{hint}")

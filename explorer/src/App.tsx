@@ -1,0 +1,180 @@
+/** The whole page. */
+import { useCallback, useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { SharedContext, type Shared } from "./context";
+import type { Data } from "./data";
+import { editorOf, type Editor } from "./editor";
+import { emptyGrid, rowsOf, type Grid } from "./network/codes";
+import type { Weights } from "./network/measure";
+import { Choice } from "./parts/Controls";
+import { fromHash, START, toHash, VIEWS, type View, type ViewName } from "./state";
+import { loadTiles, type TilePictures } from "./tiles";
+import { Archive, selectedNiche } from "./views/Archive";
+import { Compare } from "./views/Compare";
+import { Draw } from "./views/Draw";
+import { Maps } from "./views/Maps";
+import { RunView } from "./views/RunView";
+
+const VIEW_NAMES: Readonly<Record<ViewName, string>> = { archive: "Archive", maps: "Maps", compare: "Compare", draw: "Draw", run: "Run" };
+
+type Theme = "auto" | "light" | "dark";
+
+interface Props {
+  readonly data: Data;
+  /** Whether the page's address keeps the view. */
+  readonly addressed: boolean;
+  /** Is told the map that is drawn. */
+  readonly onGrid?: (rows: number[][]) => void;
+  /** Is told the map that is open. */
+  readonly onSelect?: (run: number, elite: number) => void;
+  readonly onContinue?: (rows: number[][]) => void;
+}
+
+export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
+  const [view, setView] = useState<View>(() => (addressed ? fromHash(location.hash) : START));
+  const [tiles, setTiles] = useState<TilePictures | null>(null);
+  const [theme, setTheme] = useState<Theme>("auto");
+  const [message, setMessage] = useState("");
+  const [drawn, setDrawn] = useState<Editor | null>(null);
+  const [weights, setWeights] = useState<Weights | null>(null);
+  const shown = useRef<View>(view);
+  const dark = useDark(theme);
+  const place = Math.min(view.run, data.runs.length - 1);
+  const run = data.runs[place];
+
+  const show = useCallback((change: Partial<View>) => {
+    shown.current = { ...shown.current, ...change };
+    setView(shown.current);
+  }, []);
+  const say = useCallback((text: string) => setMessage(text), []);
+  const elites = run.elites(view.seed === "count" ? "best" : view.seed);
+  const open = view.map !== null && view.map < run.count ? view.map : elites[selectedNiche(run, view.niche, view.map, elites)];
+  const edit = useCallback((editor: Editor) => {
+    setDrawn(editor);
+    onGrid?.(rowsOf(editor.grid));
+  }, [onGrid]);
+  const draw = useCallback((grid: Grid) => {
+    edit(editorOf(grid));
+    show({ view: "draw" });
+  }, [edit]);
+
+  useEffect(() => void loadTiles(data.tiles).then(setTiles, () => setMessage("The tile pictures cannot be shown")), [data]);
+  useEffect(() => {
+    if (!addressed) return;
+    const hash = toHash(view);
+    if (hash !== location.hash.slice(1)) history.replaceState(null, "", hash ? `#${hash}` : location.pathname);
+  }, [view]);
+  useEffect(() => {
+    if (!addressed) return;
+    const back = () => {
+      shown.current = fromHash(location.hash);
+      setView(shown.current);
+    };
+    addEventListener("hashchange", back);
+    return () => removeEventListener("hashchange", back);
+  }, []);
+  useEffect(() => {
+    if (!message) return;
+    const timer = setTimeout(() => setMessage(""), 4000);
+    return () => clearTimeout(timer);
+  }, [message]);
+  useEffect(() => void (open >= 0 && onSelect?.(place, open)), [place, open]);
+  useEffect(() => setWeights(null), [run]);
+
+  const editor = drawn ?? editorOf(open >= 0 ? run.grid(open) : emptyGrid(run.height, run.width));
+  const shared: Shared = useMemo(
+    () => ({ data, view: { ...view, run: place }, run, tiles, dark, show, draw, say }),
+    [data, view, place, run, tiles, dark],
+  );
+  const tabs = VIEWS.filter((name) => name !== "run" || data.runs.length > 1 || run.history || Object.keys(run.record).length);
+  const tab = (event: KeyboardEvent) => {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!step) return;
+    const next = tabs[(tabs.indexOf(view.view) + step + tabs.length) % tabs.length];
+    show({ view: next });
+    ((event.currentTarget as HTMLElement).children[tabs.indexOf(next)] as HTMLElement).focus();
+  };
+  return (
+    <SharedContext.Provider value={shared}>
+      <div class={`elx ${dark ? "dark" : "light"}`}>
+        <header class="top">
+          <h1>
+            <svg viewBox="0 0 24 24" aria-hidden="true">
+              <rect width="24" height="24" rx="6" />
+              <path class="road" d="M12 24V14a6 6 0 0 1 6-6h6M12 14V0M0 16h12" />
+              <path class="lane" d="M12 24V14a6 6 0 0 1 6-6h6" />
+            </svg>
+            Elite Lanes
+          </h1>
+          {data.runs.length > 1 ? (
+            <Choice
+              label="Run"
+              value={`${place}`}
+              options={data.runs.map((one, number) => [`${number}`, one.name] as const)}
+              onChange={(number) => show({ run: Number(number), niche: null, map: null, where: {} })}
+            />
+          ) : (
+            <span class="name">{data.title || run.name}</span>
+          )}
+          <div class="tabs" role="tablist" aria-label="Views" onKeyDown={tab}>
+            {tabs.map((name) => (
+              <button
+                key={name}
+                type="button"
+                role="tab"
+                aria-selected={view.view === name}
+                tabIndex={view.view === name ? 0 : -1}
+                onClick={() => show({ view: name })}
+              >
+                {VIEW_NAMES[name]}
+                {name === "compare" && view.pins.length > 0 && <b>{view.pins.length}</b>}
+              </button>
+            ))}
+          </div>
+          <button
+            type="button"
+            class="theme"
+            aria-label={dark ? "Light colours" : "Dark colours"}
+            title={dark ? "Light colours" : "Dark colours"}
+            onClick={() => setTheme(dark ? "light" : "dark")}
+          >
+            {dark ? "☀" : "☾"}
+          </button>
+        </header>
+        <div class="body" role="tabpanel" aria-label={VIEW_NAMES[view.view]}>
+          {view.view === "archive" && <Archive />}
+          {view.view === "maps" && <Maps />}
+          {view.view === "compare" && <Compare />}
+          {view.view === "draw" && (
+            <Draw
+              editor={editor}
+              onEdit={edit}
+              weights={weights ?? run.weights}
+              onWeights={setWeights}
+              onContinue={onContinue ? () => onContinue(rowsOf(editor.grid)) : null}
+            />
+          )}
+          {view.view === "run" && <RunView />}
+        </div>
+        <p class={`message${message ? " shown" : ""}`} role="status" aria-live="polite">{message}</p>
+      </div>
+    </SharedContext.Provider>
+  );
+}
+
+/** Tells whether the colours are dark: as was chosen, as the notebook is, or as the system wishes. */
+function useDark(theme: Theme): boolean {
+  const query = useMemo(() => matchMedia("(prefers-color-scheme: dark)"), []);
+  const notebook = () => document.body.dataset.jpThemeLight;
+  const [system, setSystem] = useState(() => (notebook() ? notebook() === "false" : query.matches));
+  useEffect(() => {
+    const changed = () => setSystem(notebook() ? notebook() === "false" : query.matches);
+    query.addEventListener("change", changed);
+    const observer = new MutationObserver(changed);
+    observer.observe(document.body, { attributes: true, attributeFilter: ["data-jp-theme-light"] });
+    return () => {
+      query.removeEventListener("change", changed);
+      observer.disconnect();
+    };
+  }, []);
+  return theme === "auto" ? system : theme === "dark";
+}

@@ -1,0 +1,278 @@
+/** What the page shows: runs, unpacked from the values and the blob that Python makes. */
+import type { Grid } from "./network/codes";
+import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
+import { alphabetMask, COUNT_NAMES, fitness, measure, type Weights } from "./network/measure";
+
+interface ArrayRef {
+  readonly array: readonly [type: string, start: number, count: number];
+  readonly codes?: number;
+}
+
+export interface TileValues {
+  readonly name: string;
+  readonly px: number;
+  readonly pictures: readonly { readonly name: string; readonly code: number; readonly image: string; readonly masks: string }[];
+  readonly rotations: Readonly<Record<string, readonly number[]>>;
+}
+
+interface RunValues {
+  readonly name: string;
+  readonly shape: readonly [number, number];
+  readonly seeds: number;
+  readonly axes: readonly Axis[];
+  readonly weights: Weights;
+  readonly alphabet: readonly number[] | null;
+  readonly grids: ArrayRef;
+  readonly fitness: ArrayRef | null;
+  readonly seed: ArrayRef;
+  readonly labels: readonly string[] | null;
+  readonly maps: readonly ChosenMap[];
+  readonly history: {
+    readonly steps: number;
+    readonly evaluations: ArrayRef;
+    readonly best_fitness: ArrayRef;
+    readonly elite_count: ArrayRef;
+  } | null;
+  readonly floors: readonly (readonly [number, number])[] | null;
+  readonly record: Readonly<Record<string, unknown>>;
+}
+
+export interface Values {
+  readonly format: string;
+  readonly version: string;
+  readonly title: string;
+  readonly tiles: TileValues;
+  readonly lots: ArrayRef;
+  readonly runs: readonly RunValues[];
+}
+
+export interface ChosenMap {
+  readonly place: number;
+  readonly name: string;
+  readonly pictures: readonly number[] | null;
+}
+
+export interface History {
+  readonly evaluations: Float64Array;
+  /** Of each seed a row. */
+  readonly best_fitness: readonly Int32Array[];
+  readonly elite_count: readonly Int32Array[];
+}
+
+export interface Data {
+  readonly title: string;
+  readonly version: string;
+  readonly tiles: TileValues;
+  readonly lots: Float64Array;
+  readonly runs: readonly Run[];
+}
+
+const TYPES = { uint8: Uint8Array, int32: Int32Array, float64: Float64Array } as const;
+type Typed<T extends keyof typeof TYPES> = InstanceType<(typeof TYPES)[T]>;
+
+/** Unpacks what Python made. */
+export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): Promise<Data> {
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = await new Response(stream).arrayBuffer();
+  function read<T extends keyof typeof TYPES>(type: T, ref: ArrayRef): Typed<T> {
+    const [given, start, count] = ref.array;
+    if (given !== type) throw new TypeError(`expected ${type}, got ${given}`);
+    return new TYPES[type](bytes, start, count) as Typed<T>;
+  }
+  const runs = values.runs.map((run) => {
+    const halves = read("uint8", run.grids);
+    const codes = new Uint8Array(run.grids.codes!);
+    for (let place = 0; place < codes.length; place++) codes[place] = (halves[place >> 1] >> (place & 1 ? 4 : 0)) & 15;
+    const history = run.history && {
+      evaluations: read("float64", run.history.evaluations),
+      best_fitness: rows(read("int32", run.history.best_fitness), run.history.steps),
+      elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
+    };
+    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), history);
+  });
+  return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
+}
+
+function rows(values: Int32Array, length: number): Int32Array[] {
+  return Array.from({ length: values.length / length }, (_, row) => values.subarray(row * length, (row + 1) * length));
+}
+
+/** Which elites the archive shows: of one seed, the best of all, or how many seeds have one. */
+export type Seed = number | "best" | "count";
+
+/** The elites of a run, with their metrics. */
+export class Run {
+  readonly name: string;
+  readonly height: number;
+  readonly width: number;
+  readonly seeds: number;
+  readonly axes: readonly Axis[];
+  readonly weights: Weights;
+  readonly alphabet: number;
+  readonly labels: readonly string[] | null;
+  readonly maps: readonly ChosenMap[];
+  readonly record: Readonly<Record<string, unknown>>;
+  readonly floors: ReadonlyMap<number, number> | null;
+  /** The number of elites. */
+  readonly count: number;
+  /** Of each elite, its fitness, the number of its seed, its niche. */
+  readonly fitness: Int32Array;
+  readonly niche: Int32Array;
+  private readonly counts: Int32Array;
+  private readonly columns = new Map<string, Float64Array>();
+  private readonly sortedColumns = new Map<string, Float64Array>();
+  private readonly tables = new Map<Seed, Int32Array<ArrayBuffer>>();
+
+  constructor(
+    values: RunValues,
+    private readonly codes: Uint8Array,
+    fit: Int32Array | null,
+    readonly seed: Int32Array,
+    readonly history: History | null,
+  ) {
+    [this.height, this.width] = values.shape;
+    ({ name: this.name, seeds: this.seeds, axes: this.axes, weights: this.weights } = values);
+    ({ labels: this.labels, maps: this.maps, record: this.record } = values);
+    this.alphabet = alphabetMask(values.alphabet);
+    this.floors = values.floors && new Map(values.floors);
+    this.count = seed.length;
+    const metrics = COUNT_NAMES.length;
+    this.counts = new Int32Array(this.count * metrics);
+    this.niche = new Int32Array(this.count);
+    for (let elite = 0; elite < this.count; elite++) {
+      measure(this.grid(elite), this.alphabet, this.counts, elite * metrics);
+      this.niche[elite] = nicheOf(this.axes, this.counts, elite * metrics);
+    }
+    this.fitness = fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.countsOf(elite), this.weights));
+  }
+
+  grid(elite: number): Grid {
+    const cells = this.height * this.width;
+    return { height: this.height, width: this.width, codes: this.codes.subarray(elite * cells, (elite + 1) * cells) };
+  }
+
+  countsOf(elite: number): Int32Array {
+    return this.counts.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
+  }
+
+  get niches(): number {
+    return this.axes.reduce((product, axis) => product * axis.bins, 1);
+  }
+
+  /** What can be shown of an elite: fitness, features, and the distance from a proven floor where one is known. */
+  get quantities(): readonly string[] {
+    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES];
+  }
+
+  /** Returns a quantity of all elites; not a number where it has no meaning. */
+  column(name: string): Float64Array {
+    let column = this.columns.get(name);
+    if (!column) {
+      column = Float64Array.from({ length: this.count }, (_, elite) => this.value(name, elite));
+      this.columns.set(name, column);
+    }
+    return column;
+  }
+
+  /** Returns the numbers of a quantity, sorted. */
+  sorted(name: string): Float64Array {
+    let sorted = this.sortedColumns.get(name);
+    if (!sorted) {
+      sorted = this.column(name).filter((value) => !Number.isNaN(value)).sort();
+      this.sortedColumns.set(name, sorted);
+    }
+    return sorted;
+  }
+
+  private value(name: string, elite: number): number {
+    if (name === "fitness") return this.fitness[elite];
+    if (name === "above_floor") return this.fitness[elite] - (this.floor(elite) ?? NaN);
+    return feature(name, this.counts, elite * COUNT_NAMES.length);
+  }
+
+  /** Returns the lowest fitness that a flawless map with so many cycles can have, if that is proven. */
+  floor(elite: number): number | undefined {
+    const start = elite * COUNT_NAMES.length;
+    const flawless =
+      feature("components", this.counts, start) === 1 &&
+      ["dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns"].every(
+        (name) => feature(name, this.counts, start) === 0,
+      );
+    return flawless ? this.floors?.get(feature("cyclomatic", this.counts, start)) : undefined;
+  }
+
+  /** Returns the elite in each niche, -1 where it is vacant: of a seed, or the fittest of all; of equals the first. */
+  elites(seed: Seed): Int32Array {
+    let table = this.tables.get(seed);
+    if (!table) {
+      table = new Int32Array(this.niches).fill(-1);
+      for (let elite = 0; elite < this.count; elite++) {
+        if (typeof seed === "number" && this.seed[elite] !== seed) continue;
+        const there = table[this.niche[elite]];
+        if (there < 0 || this.fitness[elite] < this.fitness[there]) table[this.niche[elite]] = elite;
+      }
+      this.tables.set(seed, table);
+    }
+    return table;
+  }
+
+  /** Returns how many seeds have an elite in each niche. */
+  filled(): Int32Array {
+    const counts = new Int32Array(this.niches);
+    const seen = new Set<number>();
+    for (let elite = 0; elite < this.count; elite++) {
+      const key = this.niche[elite] * this.seeds + this.seed[elite];
+      if (!seen.has(key)) {
+        seen.add(key);
+        counts[this.niche[elite]]++;
+      }
+    }
+    return counts;
+  }
+
+  /** Returns the name that a niche has in the page's address. */
+  nicheName(niche: number): string {
+    return binsOf(this.axes, niche).join("-");
+  }
+
+  /** Returns a name for a map. */
+  label(elite: number): string {
+    const chosen = this.maps.find((map) => map.place === elite);
+    if (this.labels) return this.labels[elite];
+    const seed = this.seeds > 1 ? `, seed ${this.seed[elite]}` : "";
+    return chosen ? `map ${chosen.name}${seed}` : `niche ${this.nicheName(this.niche[elite])}${seed}`;
+  }
+}
+
+/** Returns the place of a picture of each tile: those that a map was drawn with, else those that the lots fall on. */
+export function choosePictures(grid: Grid, data: Data, known: readonly number[] | null): Int32Array {
+  if (known) return Int32Array.from(known);
+  return Int32Array.from(grid.codes, (code, place) => {
+    const draws = data.tiles.rotations[code];
+    return draws ? draws[Math.floor(data.lots[place % data.lots.length] * draws.length)] : -1;
+  });
+}
+
+/** Returns the share of sorted values that lie below a value, with half of those that equal it. */
+export function quantileOf(sorted: Float64Array, value: number): number {
+  return (bisect(sorted, value) + bisect(sorted, value + 1e-9)) / 2 / Math.max(sorted.length, 1);
+}
+
+export function quantile(sorted: Float64Array, share: number): number {
+  const place = share * (sorted.length - 1);
+  const low = Math.floor(place);
+  const high = Math.min(low + 1, sorted.length - 1);
+  return sorted[low] + (sorted[high] - sorted[low]) * (place - low);
+}
+
+/** Returns how many sorted values lie below a value. */
+export function bisect(sorted: ArrayLike<number>, value: number): number {
+  let low = 0;
+  let high = sorted.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (sorted[middle] < value) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}

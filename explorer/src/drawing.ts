@@ -1,0 +1,276 @@
+/** Maps as vectors: shapes in tiles' units, x to the east and y to the south, which a canvas or an SVG file shows. */
+import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
+import { countFaces, findFaces } from "./network/faces";
+import { DISTINCT } from "./colours";
+
+export interface Shape {
+  readonly d: string;
+  readonly stroke?: string;
+  readonly fill?: string;
+  /** Of the stroke. */
+  readonly width?: number;
+  readonly dash?: readonly number[];
+  readonly cap?: "butt" | "round";
+  readonly opacity?: number;
+}
+
+export interface Text {
+  readonly text: string;
+  readonly x: number;
+  readonly y: number;
+  readonly size: number;
+  readonly colour: string;
+}
+
+export interface Scene {
+  readonly height: number;
+  readonly width: number;
+  readonly shapes: readonly Shape[];
+  readonly texts: readonly Text[];
+}
+
+/** What can be laid over a map. */
+export const OVERLAYS = ["bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "faces"] as const;
+export type Overlay = (typeof OVERLAYS)[number];
+
+/** The colour of each overlay; they differ in shape too. */
+export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
+  bridges: "#e8308c",
+  adjacent_crossings: "#ff8c1a",
+  adjacent_turns: "#2ea6ff",
+  dead_ends: "#e02f2f",
+  faces: "#56b4e9",
+};
+
+const GROUND = "#e4e9dd", KERB = "#aab2a5", ROAD = "#474d59", LANE = "#f7c945", END = "#d7263d";
+const ROAD_WIDTH = 0.56, KERB_WIDTH = 0.68, LANE_WIDTH = 0.045;
+
+const at = (place: number): string => `${+place.toFixed(3)}`;
+const line = (x: number, y: number, x2: number, y2: number): string => `M${at(x)} ${at(y)}L${at(x2)} ${at(y2)}`;
+
+/** Returns the path of the middle of a tile's roads. */
+function tilePath(code: number, x: number, y: number, from = 0): string {
+  const sides = SIDES.filter((side) => code & side.bit);
+  if (IS_TURN[code]) {
+    const [one, other] = sides;
+    const [x1, y1, x2, y2] = [x + one.right / 2, y + one.down / 2, x + other.right / 2, y + other.down / 2];
+    const sweep = one.right * other.down - one.down * other.right > 0 ? 0 : 1;
+    return `M${at(x1)} ${at(y1)}A0.5 0.5 0 0 ${sweep} ${at(x2)} ${at(y2)}`;
+  }
+  if (code === 5 || code === 10) {
+    const [one, other] = sides;
+    return line(x + one.right / 2, y + one.down / 2, x + other.right / 2, y + other.down / 2);
+  }
+  return sides.map((side) => line(x + side.right * from, y + side.down * from, x + side.right / 2, y + side.down / 2)).join("");
+}
+
+/** Draws the roads of a map. */
+export function mapShapes(grid: Grid, { ground = true, lanes = true } = {}): Shape[] {
+  const { height, width, codes } = grid;
+  let roads = "", stubs = "", middles = "", ends = "";
+  codes.forEach((code, place) => {
+    if (!code) return;
+    const row = Math.floor(place / width), column = place % width;
+    const x = column + 0.5, y = row + 0.5;
+    const connections = CONNECTIONS[code];
+    if (connections === 1) stubs += tilePath(code, x, y);
+    else roads += tilePath(code, x, y);
+    middles += tilePath(code, x, y, connections > 2 ? 0.3 : 0);
+    for (const side of SIDES) {
+      if (!(code & side.bit)) continue;
+      const r = row + side.down, c = column + side.right;
+      const returned = r >= 0 && r < height && c >= 0 && c < width && codes[r * width + c] & side.opposite;
+      if (!returned) ends += bar(x + side.right * 0.47, y + side.down * 0.47, side.right === 0);
+      if (connections === 1) ends += bar(x - side.right * 0.12, y - side.down * 0.12, side.right === 0);
+    }
+  });
+  return [
+    ...(ground ? [{ d: `M0 0H${width}V${height}H0Z`, fill: GROUND }] : []),
+    { d: roads, stroke: KERB, width: KERB_WIDTH },
+    { d: stubs, stroke: KERB, width: KERB_WIDTH, cap: "round" as const },
+    { d: roads, stroke: ROAD, width: ROAD_WIDTH },
+    { d: stubs, stroke: ROAD, width: ROAD_WIDTH, cap: "round" as const },
+    ...(lanes ? [{ d: middles, stroke: LANE, width: LANE_WIDTH, dash: [0.125, 0.125] }] : []),
+    { d: ends, stroke: END, width: 0.08 },
+  ].filter((shape) => shape.d);
+}
+
+const bar = (x: number, y: number, flat: boolean): string => (flat ? line(x - 0.3, y, x + 0.3, y) : line(x, y - 0.3, x, y + 0.3));
+
+/** Draws what makes up a metric, over a map. */
+export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes: Shape[]; texts: Text[] } {
+  const shapes: Shape[] = [];
+  const texts: Text[] = [];
+  if (shown.has("faces")) {
+    const faces = faceShapes(grid);
+    shapes.push(...faces.shapes);
+    texts.push(...faces.texts);
+  }
+  const { height, width, codes } = grid;
+  const middle = (place: number): [number, number] => [(place % width) + 0.5, Math.floor(place / width) + 0.5];
+  const pair = (place: number, side: number): string => {
+    const [x, y] = middle(place);
+    return side === EAST ? line(x, y, x + 1, y) : line(x, y, x, y + 1);
+  };
+  if (shown.has("bridges")) {
+    let d = "";
+    countFaces(grid, (place, side) => (d += pair(place, side)));
+    shapes.push({ d, stroke: "#fff", width: 0.3, cap: "round", opacity: 0.85 });
+    shapes.push({ d, stroke: OVERLAY_COLOURS.bridges, width: 0.18, cap: "round" });
+  }
+  const pairs = (belongs: (one: number, other: number, linked: boolean) => boolean): string => {
+    let d = "";
+    codes.forEach((code, place) => {
+      if (place % width < width - 1 && belongs(code, codes[place + 1], !!(code & 4 && codes[place + 1] & 1))) d += pair(place, EAST);
+      if (place < (height - 1) * width && belongs(code, codes[place + width], !!(code & 2 && codes[place + width] & 8))) d += pair(place, SOUTH);
+    });
+    return d;
+  };
+  const rings = (d: string, radius: number): string => {
+    const ends = new Set([...d.matchAll(/[ML]([^ML]+)/g)].map((found) => found[1]));
+    return [...ends].map((end) => {
+      const [x, y] = end.split(" ").map(Number);
+      return `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
+    }).join("");
+  };
+  if (shown.has("adjacent_crossings")) {
+    const d = pairs((one, other, linked) => linked && CONNECTIONS[one] >= 3 && CONNECTIONS[other] >= 3);
+    shapes.push({ d, stroke: OVERLAY_COLOURS.adjacent_crossings, width: 0.12 });
+    shapes.push({ d: rings(d, 0.2), stroke: OVERLAY_COLOURS.adjacent_crossings, fill: "#fff", width: 0.09 });
+  }
+  if (shown.has("adjacent_turns")) {
+    const d = pairs((one, other) => IS_TURN[one] === 1 && IS_TURN[other] === 1);
+    shapes.push({ d, stroke: OVERLAY_COLOURS.adjacent_turns, width: 0.12, dash: [0.16, 0.1] });
+    shapes.push({ d: squares(rings(d, 0.2)), stroke: OVERLAY_COLOURS.adjacent_turns, fill: "#fff", width: 0.09 });
+  }
+  if (shown.has("dead_ends")) {
+    let d = "";
+    codes.forEach((_, place) => {
+      if (!isDeadEnd(grid, place)) return;
+      const [x, y] = middle(place);
+      d += line(x - 0.24, y - 0.24, x + 0.24, y + 0.24) + line(x - 0.24, y + 0.24, x + 0.24, y - 0.24);
+    });
+    shapes.push({ d, stroke: "#fff", width: 0.24, cap: "round" });
+    shapes.push({ d, stroke: OVERLAY_COLOURS.dead_ends, width: 0.13, cap: "round" });
+  }
+  return { shapes: shapes.filter((shape) => shape.d), texts };
+}
+
+/** Turns the circles of a path into squares that stand on a corner. */
+function squares(circles: string): string {
+  return circles.replace(/a([\d.]+) [^M]*/g, (_, radius: string) => `l${radius} -${radius}l${radius} ${radius}l-${radius} ${radius}Z`);
+}
+
+function isDeadEnd({ height, width, codes }: Grid, place: number): boolean {
+  const code = codes[place];
+  const row = Math.floor(place / width), column = place % width;
+  if (CONNECTIONS[code] === 1) return true;
+  return SIDES.some((side) => {
+    const r = row + side.down, c = column + side.right;
+    const inside = r >= 0 && r < height && c >= 0 && c < width;
+    return !!(code & side.bit) && !(inside && codes[r * width + c] & side.opposite);
+  });
+}
+
+/** Fills the inner faces, neighbours in different colours, each with its number. */
+function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
+  const { height, width } = grid;
+  const { root } = findFaces(grid);
+  const stride = width - 1;
+  const corner = (row: number, column: number): number =>
+    row < 0 || column < 0 || row >= height - 1 || column >= stride ? 0 : root[1 + row * stride + column];
+  const cornersOf = new Map<number, [number, number][]>();
+  const neighbours = new Map<number, Set<number>>();
+  for (let row = 0; row < height - 1; row++) {
+    for (let column = 0; column < stride; column++) {
+      const own = corner(row, column);
+      if (!own) continue;
+      if (!cornersOf.has(own)) cornersOf.set(own, []), neighbours.set(own, new Set());
+      cornersOf.get(own)!.push([row, column]);
+      for (const [r, c] of [[row - 1, column], [row + 1, column], [row, column - 1], [row, column + 1]]) {
+        const other = corner(r, c);
+        if (other && other !== own) neighbours.get(own)!.add(other);
+      }
+    }
+  }
+  const colours = new Map<number, number>();
+  const shapes: Shape[] = [];
+  const texts: Text[] = [];
+  let face = 0;
+  for (const [own, corners] of cornersOf) {
+    const taken = new Set([...neighbours.get(own)!].map((other) => colours.get(other)));
+    let colour = face % 5;
+    for (let tries = 0; taken.has(colour) && tries < 6; tries++) colour = (colour + 1) % 6;
+    colours.set(own, colour);
+    const d = corners.map(([row, column]) => `M${column + 0.5} ${row + 0.5}h1v1h-1Z`).join("");
+    shapes.push({ d, fill: DISTINCT[colour], stroke: DISTINCT[colour], width: 0.01, opacity: 0.5 });
+    const [row, column] = corners[Math.floor(corners.length / 2)];
+    texts.push({ text: `${++face}`, x: column + 1, y: row + 1, size: 0.5, colour: "#14181f" });
+  }
+  return { shapes, texts };
+}
+
+export function sceneOf(grid: Grid, shown: ReadonlySet<Overlay> = new Set()): Scene {
+  const over = overlayShapes(grid, shown);
+  return { height: grid.height, width: grid.width, shapes: [...mapShapes(grid), ...over.shapes], texts: over.texts };
+}
+
+/** Draws shapes on a canvas, a tile so many pixels wide. */
+export function paint(context: CanvasRenderingContext2D, { shapes, texts }: Pick<Scene, "shapes" | "texts">, scale: number): void {
+  context.save();
+  context.scale(scale, scale);
+  for (const shape of shapes) {
+    const path = new Path2D(shape.d);
+    context.globalAlpha = shape.opacity ?? 1;
+    if (shape.fill) {
+      context.fillStyle = shape.fill;
+      context.fill(path);
+    }
+    if (shape.stroke) {
+      context.strokeStyle = shape.stroke;
+      context.lineWidth = shape.width ?? 0.05;
+      context.lineCap = shape.cap ?? "butt";
+      context.setLineDash(shape.dash ? [...shape.dash] : []);
+      context.stroke(path);
+    }
+  }
+  context.globalAlpha = 1;
+  context.textAlign = "center";
+  context.textBaseline = "middle";
+  for (const text of texts) {
+    context.font = `600 ${text.size}px system-ui, sans-serif`;
+    context.lineWidth = 0.12;
+    context.strokeStyle = "#fff";
+    context.lineJoin = "round";
+    context.setLineDash([]);
+    context.strokeText(text.text, text.x, text.y);
+    context.fillStyle = text.colour;
+    context.fillText(text.text, text.x, text.y);
+  }
+  context.restore();
+}
+
+/** Writes an SVG file of a scene, a tile so many units wide. */
+export function toSvg({ height, width, shapes, texts }: Scene, tile = 48): string {
+  const paths = shapes.map((shape) => {
+    const attributes: Record<string, string | number | undefined> = {
+      d: shape.d,
+      fill: shape.fill ?? "none",
+      stroke: shape.stroke,
+      "stroke-width": shape.stroke && shape.width,
+      "stroke-linecap": shape.cap,
+      "stroke-dasharray": shape.dash?.join(" "),
+      opacity: shape.opacity,
+    };
+    const listed = Object.entries(attributes).filter(([, value]) => value !== undefined);
+    return `<path ${listed.map(([name, value]) => `${name}="${value}"`).join(" ")}/>`;
+  });
+  const words = texts.map(
+    (text) =>
+      `<text x="${text.x}" y="${text.y}" font-size="${text.size}" fill="${text.colour}" text-anchor="middle" dominant-baseline="central" font-family="sans-serif" font-weight="600">${text.text}</text>`,
+  );
+  return (
+    `<svg xmlns="http://www.w3.org/2000/svg" width="${width * tile}" height="${height * tile}" viewBox="0 0 ${width} ${height}">\n` +
+    `${[...paths, ...words].join("\n")}\n</svg>\n`
+  );
+}

@@ -1,0 +1,114 @@
+/** The map that is drawn: its cells, the given ones, and what was there before. */
+import { rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
+import { repair } from "./network/repair";
+
+export const TOOLS = ["road", "cut", "erase", "tile", "given", "forbidden"] as const;
+export type Tool = (typeof TOOLS)[number];
+
+export interface Drawing {
+  readonly grid: Grid;
+  /** Of each cell whether `--fix` keeps it as it is. */
+  readonly given: Uint8Array;
+}
+
+export interface Editor extends Drawing {
+  readonly past: readonly Drawing[];
+  readonly future: readonly Drawing[];
+  /** The map that drawing began with, to compare with. */
+  readonly start: Grid;
+}
+
+export interface Mending {
+  readonly repair: boolean;
+  readonly fill: boolean;
+}
+
+const MOST_STEPS = 200;
+
+export function editorOf(grid: Grid, given: Uint8Array = new Uint8Array(grid.codes.length)): Editor {
+  return { grid, given, past: [], future: [], start: grid };
+}
+
+/** Returns the drawing after a stroke, which can be undone. */
+export function done(editor: Editor, drawing: Drawing): Editor {
+  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, place) => given === drawing.given[place])) return editor;
+  const { grid, given } = editor;
+  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, given }], future: [] };
+}
+
+export function undo(editor: Editor): Editor {
+  const last = editor.past.at(-1);
+  const { grid, given } = editor;
+  return last ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] } : editor;
+}
+
+export function redo(editor: Editor): Editor {
+  const [next, ...future] = editor.future;
+  const { grid, given } = editor;
+  return next ? { ...editor, ...next, past: [...editor.past, { grid, given }], future } : editor;
+}
+
+/** A stroke: the tool, the tile that it sets, and the cells that it went over, one after another. */
+export interface Stroke {
+  readonly tool: Tool;
+  readonly tile: number;
+  readonly cells: readonly number[];
+}
+
+/** Returns the cells from one to another, side by side, the first left out: along the longer way first. */
+export function between(width: number, from: number, to: number): number[] {
+  let row = Math.floor(from / width), column = from % width;
+  const down = Math.floor(to / width), right = to % width;
+  const cells: number[] = [];
+  while (row !== down || column !== right) {
+    if (Math.abs(right - column) > Math.abs(down - row)) column += Math.sign(right - column);
+    else row += Math.sign(down - row);
+    cells.push(row * width + column);
+  }
+  return cells;
+}
+
+/** Returns a drawing with a stroke, mended if asked for. */
+export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending: Mending): Drawing {
+  const { height, width } = drawing.grid;
+  const codes = drawing.grid.codes.slice();
+  const given = drawing.given.slice();
+  if (tool === "given") {
+    const on = 1 - given[cells[0]];
+    for (const cell of cells) given[cell] = on;
+    return { grid: drawing.grid, given };
+  }
+  const dirty = new Uint8Array(codes.length);
+  for (const cell of cells) dirty[cell] = 1;
+  if (tool === "road" || tool === "cut") {
+    cells.slice(1).forEach((cell, place) => {
+      const side = SIDES.find(({ down, right }) => cells[place] + down * width + right === cell)!;
+      if (tool === "road") {
+        codes[cells[place]] |= side.bit;
+        codes[cell] |= side.opposite;
+      } else {
+        codes[cells[place]] &= ~side.bit;
+        codes[cell] &= ~side.opposite;
+      }
+    });
+  } else {
+    for (const cell of cells) {
+      codes[cell] = tool === "tile" ? tile : 0;
+      if (tool === "forbidden") given[cell] = 1;
+    }
+  }
+  const plain = { height, width, codes };
+  const fixed = given.map((one, cell) => +(one === 1 && !dirty[cell]));
+  return { grid: mending.repair ? repair(plain, { dirty, fixed, fill: mending.fill }) : plain, given };
+}
+
+/** Returns a drawing of another size: what fits of this one, and empty cells. */
+export function resized({ grid, given }: Drawing, height: number, width: number): Drawing {
+  const codes = new Uint8Array(height * width);
+  const marks = new Uint8Array(height * width);
+  rowsOf(grid).slice(0, height).forEach((row, y) => row.slice(0, width).forEach((code, x) => {
+    codes[y * width + x] = code;
+    marks[y * width + x] = given[y * grid.width + x];
+  }));
+  return { grid: { height, width, codes }, given: marks };
+}

@@ -1,0 +1,81 @@
+/** The module of the widget, `export default { render }`, and of the page, which has a small stand-in for its model. */
+import { render as mount } from "preact";
+import { App } from "./App";
+import { unpack, type Values } from "./data";
+import { fitness, measure } from "./network/measure";
+import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "./network/formats";
+import { feature } from "./network/features";
+import { repair } from "./network/repair";
+
+/** What the page and a notebook have in common: the part of anywidget's model that is used here. */
+interface Model {
+  get(name: string): unknown;
+  set(name: string, value: unknown): void;
+  save_changes(): void;
+  on(event: string, callback: () => void): void;
+  off(event: string, callback: () => void): void;
+  send(content: unknown): void;
+}
+
+function bytesOf(value: unknown): Uint8Array<ArrayBuffer> {
+  if (value instanceof DataView) return new Uint8Array(value.buffer as ArrayBuffer, value.byteOffset, value.byteLength);
+  return value as Uint8Array<ArrayBuffer>;
+}
+
+function render({ model, el }: { readonly model: Model; readonly el: HTMLElement }): () => void {
+  let version = 0;
+  const tell = (name: string, value: unknown) => {
+    model.set(name, value);
+    model.save_changes();
+  };
+  const draw = async () => {
+    const current = ++version;
+    try {
+      const data = await unpack(model.get("values") as Values, bytesOf(model.get("blob")));
+      if (current !== version) return;
+      mount(
+        <App
+          key={current}
+          data={data}
+          addressed={model.get("addressed") === true}
+          onGrid={(rows) => tell("grid", rows)}
+          onSelect={(run, elite) => tell("selected", [run, elite])}
+          onContinue={model.get("continues") ? (rows) => model.send({ continue: rows }) : undefined}
+        />,
+        el,
+      );
+    } catch (error) {
+      el.textContent = `The explorer cannot show this: ${error instanceof Error ? error.message : error}`;
+      throw error;
+    }
+  };
+  model.on("change:blob", draw);
+  void draw();
+  return () => {
+    model.off("change:blob", draw);
+    mount(null, el);
+  };
+}
+
+/** Stands in for a notebook's model on a page: values that nobody listens to. */
+function pageModel(): Model {
+  const text = (id: string) => document.getElementById(id)!.textContent!;
+  const packed = Uint8Array.from(atob(text("elitelanes-blob")), (letter) => letter.charCodeAt(0));
+  const values = new Map<string, unknown>([["values", JSON.parse(text("elitelanes-values"))], ["blob", packed], ["addressed", true]]);
+  return {
+    get: (name) => values.get(name),
+    set: (name, value) => void values.set(name, value),
+    save_changes: () => undefined,
+    on: () => undefined,
+    off: () => undefined,
+    send: () => undefined,
+  };
+}
+
+const page = typeof document === "undefined" ? null : document.getElementById("elitelanes-explorer");
+if (page) render({ model: pageModel(), el: page });
+
+/** What tests compare with Python. */
+export const kernel = { feature, fitness, fromDuckietown, measure, readMap, repair, toDuckietown, toFix, toMapJson };
+
+export default { render };

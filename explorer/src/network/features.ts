@@ -1,0 +1,68 @@
+/** Features: the whole metrics, and shares in thousandths; niches of axes that cut them into bins. */
+import { COUNT_NAMES, type CountName } from "./measure";
+
+export const SHARE_UNIT = 1000;
+
+/** Each share: the metric that is counted, and the metrics whose sum it is a part of. */
+const SHARES: Readonly<Record<string, readonly [CountName, readonly CountName[]]>> = {
+  straight_share: ["straights", ["tiles"]],
+  turn_share: ["turns", ["tiles"]],
+  crossing_share: ["crossings", ["tiles"]],
+  coverage: ["tiles", ["tiles", "empty_cells"]],
+};
+
+export const FEATURES: readonly string[] = [...COUNT_NAMES, ...Object.keys(SHARES)];
+
+export const isShare = (name: string): boolean => name in SHARES;
+
+const COUNT_PLACE = Object.fromEntries(COUNT_NAMES.map((name, place) => [name, place])) as Record<CountName, number>;
+
+/** Returns a feature of the metrics that start at a place of a vector, a whole number. */
+export function feature(name: string, counts: ArrayLike<number>, start = 0): number {
+  const share = SHARES[name];
+  if (!share) return counts[start + COUNT_PLACE[name as CountName]];
+  const total = share[1].reduce((sum, part) => sum + counts[start + COUNT_PLACE[part]], 0);
+  return Math.floor((SHARE_UNIT * counts[start + COUNT_PLACE[share[0]]]) / Math.max(total, 1));
+}
+
+/** One axis of the descriptor space: bins of equal width, the first and the last one open. */
+export interface Axis {
+  readonly metric: string;
+  readonly bins: number;
+  readonly width: number;
+  readonly start: number;
+  readonly target: number | null;
+}
+
+export function binOf(axis: Axis, value: number): number {
+  return Math.min(Math.max(Math.floor((value - axis.start) / axis.width), 0), axis.bins - 1);
+}
+
+/** Returns the index of the niche of metrics: the last axis runs fastest. */
+export function nicheOf(axes: readonly Axis[], counts: ArrayLike<number>, start = 0): number {
+  return axes.reduce((niche, axis) => niche * axis.bins + binOf(axis, feature(axis.metric, counts, start)), 0);
+}
+
+/** Returns the bins on the axes of a niche. */
+export function binsOf(axes: readonly Axis[], niche: number): number[] {
+  const bins = axes.map(() => 0);
+  for (let place = axes.length - 1; place >= 0; place--) {
+    bins[place] = niche % axes[place].bins;
+    niche = Math.floor(niche / axes[place].bins);
+  }
+  return bins;
+}
+
+export function nicheAt(axes: readonly Axis[], bins: readonly number[]): number {
+  return axes.reduce((niche, axis, place) => niche * axis.bins + bins[place], 0);
+}
+
+/** Names the values in a bin, shares in per cent. */
+export function binName(axis: Axis, bin: number): string {
+  const first = axis.start + bin * axis.width;
+  const last = first + axis.width - 1;
+  const open = bin === axis.bins - 1;
+  if (isShare(axis.metric)) return `${+((100 * first) / SHARE_UNIT).toFixed(1)}%${open && last < SHARE_UNIT - 1 ? "+" : ""}`;
+  if (open) return `${first}+`;
+  return first === last ? `${first}` : `${first}–${last}`;
+}

@@ -1,0 +1,141 @@
+/** Files of maps: `map.json`, rows for `--fix`, and Duckietown's YAML. */
+import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
+
+export class FileError extends Error {}
+
+const TILE_SIZE = "0.585";
+const ROADS: Readonly<Record<string, number>> = {
+  straight: 10,
+  curve_left: 12,
+  curve_right: 9,
+  "3way_left": 14,
+  "3way_right": 11,
+  "4way": 15,
+};
+const TURNS: Readonly<Record<string, number>> = { S: 0, E: 1, N: 2, W: 3 };
+const GROUNDS = ["grass", "floor", "asphalt", "empty", "calibration_tile"];
+
+const CODE = new Map<string, number>();
+for (const [kind, code] of Object.entries(ROADS)) {
+  for (const [side, turns] of Object.entries(TURNS)) CODE.set(`${kind}/${side}`, rotateCode(code, turns));
+  CODE.set(kind, rotateCode(code, TURNS.E));
+}
+for (const kind of GROUNDS) for (const side of ["", "/S", "/E", "/N", "/W"]) CODE.set(kind + side, 0);
+
+const TILE = new Map<number, string>();
+for (const tile of ["straight/N", "straight/E", "4way"]) TILE.set(CODE.get(tile)!, tile);
+for (const kind of ["curve_left", "3way_left"]) {
+  for (const side of Object.keys(TURNS)) TILE.set(CODE.get(`${kind}/${side}`)!, `${kind}/${side}`);
+}
+
+/** Returns the places of tiles that Duckietown has no kind for: those with one connection. */
+export function stubs(grid: Grid): number {
+  return grid.codes.reduce((count, code) => count + +(CONNECTIONS[code] === 1), 0);
+}
+
+/** Writes a map as Duckietown's YAML, as `elitelanes export --to duckietown` does. */
+export function toDuckietown(grid: Grid): string {
+  if (stubs(grid)) throw new FileError("Duckietown has no tile for a dead end; mend the map first");
+  const kinds = rowsOf(grid).map((row) => row.map((code) => TILE.get(code) ?? "grass"));
+  const width = Math.max(...kinds.flat().map((kind) => kind.length)) + 1;
+  const rows = kinds.map((row) => row.map((kind) => `${kind},`.padEnd(width + 1)).join("").replace(/[, ]+$/, ""));
+  return `tile_size: ${TILE_SIZE}\ntiles:\n${rows.map((row) => `- [${row}]\n`).join("")}`;
+}
+
+/** Writes rows of codes as JSON, a row a line. */
+function table(rows: readonly (readonly unknown[])[], indent: string): string {
+  return `[\n${rows.map((row) => `${indent}  [${row.map((cell) => JSON.stringify(cell)).join(", ")}]`).join(",\n")}\n${indent}]`;
+}
+
+/** Writes a map file as the package reads it: codes, metrics, fitness. */
+export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = {}): string {
+  const lines = [
+    `"format": "elitelanes map, version 1"`,
+    `"shape": [${grid.height}, ${grid.width}]`,
+    `"codes": ${table(rowsOf(grid), "  ")}`,
+    ...Object.entries(more).map(([key, value]) => {
+      const rows = Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
+      return `${JSON.stringify(key)}: ${rows}`;
+    }),
+  ];
+  return `{\n  ${lines.join(",\n  ")}\n}\n`;
+}
+
+/** Writes what `--fix` takes: a code for each given cell, null for the others. */
+export function toFix(grid: Grid, given: ArrayLike<number>): string {
+  return `${table(
+    rowsOf(grid).map((row, y) => row.map((code, x) => (given[y * grid.width + x] ? code : null))),
+    "",
+  )}\n`;
+}
+
+/** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML. */
+export function readMap(text: string, name: string): { grid: Grid; given: Uint8Array | null } {
+  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text), given: null };
+  let values: unknown;
+  try {
+    values = JSON.parse(text);
+  } catch {
+    throw new FileError(`${name}: expected a map as JSON or Duckietown's YAML`);
+  }
+  const rows = Array.isArray(values) ? values : (values as { codes?: unknown } | null)?.codes;
+  check(Array.isArray(rows) && rows.length > 0 && rows.every(Array.isArray), `${name}: expected rows of tile codes`);
+  const listed = rows as unknown[][];
+  checkSides(listed, name);
+  for (const cell of listed.flat()) {
+    check(cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15), `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell)}`);
+  }
+  const given = listed.flat().some((cell) => cell === null)
+    ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
+    : null;
+  return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), given };
+}
+
+/** Reads Duckietown's YAML: its table of tiles, in brackets or as lists within a list. */
+export function fromDuckietown(text: string): Grid {
+  const lines = text.split(/\r?\n/).map((line) => line.replace(/(^|\s)#.*$/, ""));
+  const start = lines.findIndex((line) => /^tiles\s*:/.test(line));
+  check(start >= 0, 'expected a Duckietown map, got no "tiles"');
+  const body = [lines[start].replace(/^tiles\s*:/, "")];
+  for (const line of lines.slice(start + 1)) {
+    if (/^[^\s-]/.test(line) && !/^\]/.test(line)) break;
+    body.push(line);
+  }
+  const joined = body.join("\n");
+  const rows = joined.includes("[")
+    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) => found[1].split(",").map((kind) => kind.trim()).filter(Boolean))
+    : blockRows(body);
+  check(rows.length > 0 && rows[0].length > 0, "tiles: expected rows of kinds of tiles");
+  checkSides(rows, "tiles");
+  return gridOf(
+    rows.map((row, y) =>
+      row.map((kind, x) => {
+        const plain = kind.replace(/^(["'])(.*)\1$/, "$2").replace(/\s*\/\s*/, "/");
+        const code = CODE.get(plain);
+        if (code === undefined) throw new FileError(`tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`);
+        return code;
+      }),
+    ),
+  );
+}
+
+function blockRows(lines: readonly string[]): string[][] {
+  const rows: string[][] = [];
+  for (const line of lines) {
+    const first = /^\s*-\s+-\s*(.*?)\s*$/.exec(line);
+    const next = /^\s+-\s*(.*?)\s*$/.exec(line);
+    if (first) rows.push([first[1]]);
+    else if (next && rows.length) rows[rows.length - 1].push(next[1]);
+  }
+  return rows;
+}
+
+function checkSides(rows: readonly (readonly unknown[])[], name: string): void {
+  const width = rows[0].length;
+  check(width > 0 && rows.every((row) => row.length === width), `${name}: expected rows of one length`);
+  check(Math.max(rows.length, width) <= 1024, `${name}: expected at most 1024 tiles a side`);
+}
+
+function check(holds: boolean, message: string): void {
+  if (!holds) throw new FileError(message);
+}

@@ -1,0 +1,156 @@
+/** The metrics of one grid, equal to those of the Python package's `measure`. */
+import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
+import { countFaces } from "./faces";
+
+/** The whole metrics, in the order of the Python package's `COUNT_NAMES`. */
+export const COUNT_NAMES = [
+  "components",
+  "cyclomatic",
+  "dead_ends",
+  "boundary_violations",
+  "bridges",
+  "crossings",
+  "adjacent_crossings",
+  "adjacent_crossing_score",
+  "adjacent_turns",
+  "straight_score",
+  "straights",
+  "turns",
+  "crowded_crossings",
+  "unlinked_neighbours",
+  "tiles",
+  "empty_cells",
+  "edges",
+  "mismatches",
+  "off_alphabet",
+] as const;
+export type CountName = (typeof COUNT_NAMES)[number];
+
+/** All codes, as a mask of `measure`. */
+export const ANY_CODE = 0xffff;
+
+/** Makes the mask of an alphabet: a bit for each code. */
+export function alphabetMask(codes: readonly number[] | null): number {
+  return codes === null ? ANY_CODE : codes.reduce((mask, code) => mask | (1 << code), 0);
+}
+
+/** Of each column, the length of the run of upright straights that has reached the row. */
+let upright = new Int32Array(64);
+
+/**
+ * Measures one grid.
+ *
+ * @param alphabet the codes that `off_alphabet` lets pass, a bit for each
+ * @param into where to write the metrics
+ * @param start of them
+ */
+export function measure(grid: Grid, alphabet = ANY_CODE, into: Int32Array = new Int32Array(COUNT_NAMES.length), start = 0): Int32Array {
+  const { height, width, codes } = grid;
+  let tiles = 0, edges = 0, deadEnds = 0, violations = 0, crossings = 0, crossingPairs = 0, crossingScore = 0;
+  let turnPairs = 0, crowded = 0, neighbours = 0, straights = 0, turns = 0, mismatches = 0, offAlphabet = 0, score = 0;
+  if (upright.length < width) upright = new Int32Array(width);
+  upright.fill(0, 0, width);
+  for (let row = 0, place = 0; row < height; row++) {
+    let along = 0;
+    for (let column = 0; column < width; column++, place++) {
+      const code = codes[place];
+      const own = CONNECTIONS[code];
+      const east = column < width - 1 ? codes[place + 1] : -1;
+      const south = row < height - 1 ? codes[place + width] : -1;
+      offAlphabet += ~(alphabet >> code) & 1;
+      let returned = 0, outward = 0;
+      if (code & NORTH) {
+        if (row === 0) outward++;
+        else if (codes[place - width] & SOUTH) returned++;
+      }
+      if (code & WEST) {
+        if (column === 0) outward++;
+        else if (codes[place - 1] & EAST) returned++;
+      }
+      const crossing = own >= 3;
+      const turn = IS_TURN[code] === 1;
+      if (code & EAST) {
+        if (east < 0) outward++;
+        else if (east & WEST) {
+          returned++;
+          edges++;
+          if (crossing && CONNECTIONS[east] >= 3) {
+            crossingPairs++;
+            crossingScore += own + CONNECTIONS[east];
+          }
+        }
+      }
+      if (code & SOUTH) {
+        if (south < 0) outward++;
+        else if (south & NORTH) {
+          returned++;
+          edges++;
+          if (crossing && CONNECTIONS[south] >= 3) {
+            crossingPairs++;
+            crossingScore += own + CONNECTIONS[south];
+          }
+        }
+      }
+      if (code) tiles++;
+      if (crossing) crossings++;
+      if (turn) turns++;
+      if (own === 1 || own !== returned) deadEnds++;
+      if (outward) violations++;
+      mismatches += own - returned - outward;
+      for (let pair = 0; pair < 2; pair++) {
+        const other = pair ? south : east;
+        if (other <= 0 || !code) continue;
+        neighbours++;
+        const theirCrossing = CONNECTIONS[other] >= 3;
+        if (turn && IS_TURN[other]) turnPairs++;
+        else if ((crossing || turn) && (theirCrossing || IS_TURN[other])) crowded++;
+      }
+      if (code === (EAST | WEST)) {
+        straights++;
+        score += 2 * along++ + 1; // 1, 3, 5, ... add up to the square of the run's length
+      } else {
+        along = 0;
+        if (code === (NORTH | SOUTH)) {
+          straights++;
+          score += 2 * upright[column]++ + 1;
+          continue;
+        }
+      }
+      upright[column] = 0;
+    }
+  }
+  const [faces, bridges] = countFaces(grid);
+  into[start] = tiles - edges + faces;
+  into[start + 1] = faces;
+  into[start + 2] = deadEnds;
+  into[start + 3] = violations;
+  into[start + 4] = bridges;
+  into[start + 5] = crossings;
+  into[start + 6] = 2 * crossingPairs;
+  into[start + 7] = crossingScore;
+  into[start + 8] = turnPairs;
+  into[start + 9] = score;
+  into[start + 10] = straights;
+  into[start + 11] = turns;
+  into[start + 12] = crowded;
+  into[start + 13] = neighbours - edges;
+  into[start + 14] = tiles;
+  into[start + 15] = height * width - tiles;
+  into[start + 16] = edges;
+  into[start + 17] = mismatches;
+  into[start + 18] = offAlphabet;
+  return into;
+}
+
+/** The amount that one unit of each metric adds to the fitness; of components, each beyond the first. */
+export type Weights = Readonly<Record<string, number>>;
+
+/** Sums the metrics by weight; lower is better. */
+export function fitness(counts: ArrayLike<number>, weights: Weights): number {
+  let sum = weights.constant ?? 0;
+  COUNT_NAMES.forEach((name, place) => {
+    const units = name === "components" ? Math.max(counts[place] - 1, 0) : counts[place];
+    sum += (weights[name] ?? 0) * units;
+  });
+  return sum;
+}

@@ -1,0 +1,65 @@
+/** Small controls. */
+import type { ComponentChildren } from "preact";
+import { nameOf } from "../words";
+
+interface ChoiceProps<T extends string> {
+  readonly label: string;
+  readonly value: T;
+  readonly options: readonly (readonly [value: T, name: string])[];
+  readonly onChange: (value: T) => void;
+}
+
+/** A list to choose from. */
+export function Choice<T extends string>({ label, value, options, onChange }: ChoiceProps<T>) {
+  return (
+    <label class="choice">
+      <span>{label}</span>
+      <select value={value} onChange={(event) => onChange(event.currentTarget.value as T)}>
+        {options.map(([option, name]) => (
+          <option key={option} value={option}>
+            {name}
+          </option>
+        ))}
+      </select>
+    </label>
+  );
+}
+
+/** A switch between a few. */
+export function Segments<T extends string>({ label, value, options, onChange }: ChoiceProps<T>) {
+  return (
+    <div class="segments" role="group" aria-label={label}>
+      {options.map(([option, name]) => (
+        <button key={option} type="button" aria-pressed={option === value} onClick={() => onChange(option)}>
+          {name}
+        </button>
+      ))}
+    </div>
+  );
+}
+
+interface SwitchProps {
+  readonly on: boolean;
+  readonly onChange: (on: boolean) => void;
+  readonly colour?: string;
+  readonly count?: number;
+  readonly title?: string;
+  readonly children: ComponentChildren;
+}
+
+/** A switch that stays as it is pressed. */
+export function Switch({ on, onChange, colour, count, title, children }: SwitchProps) {
+  return (
+    <button type="button" class="switch" aria-pressed={on} title={title} onClick={() => onChange(!on)}>
+      {colour && <i style={{ background: colour }} />}
+      {children}
+      {count !== undefined && <b>{count}</b>}
+    </button>
+  );
+}
+
+export function toggled<T>(list: readonly T[], item: T, on: boolean): readonly T[] {
+  return on ? [...list.filter((other) => other !== item), item] : list.filter((other) => other !== item);
+}
+
+export const quantityOptions = (names: readonly string[]) => names.map((name) => [name, nameOf(name)] as const);

@@ -1,0 +1,54 @@
+/** A map as vectors, or with tile pictures and their layers, with what is laid over it. */
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useShared } from "../context";
+import { mapShapes, overlayShapes, paint, type Overlay } from "../drawing";
+import type { Grid } from "../network/codes";
+import { paintTiles, type Blend } from "../tiles";
+
+interface Props {
+  readonly grid: Grid;
+  readonly label: string;
+  readonly pictures?: readonly number[] | null;
+  readonly look?: "lines" | "tiles";
+  readonly blend?: Blend;
+  readonly overlays?: readonly Overlay[];
+}
+
+const NO_OVERLAYS: readonly Overlay[] = [];
+
+/** Draws a map as wide as its place. */
+export function MapPicture({ grid, label, pictures = null, look = "lines", blend, overlays = NO_OVERLAYS }: Props) {
+  const { data, tiles } = useShared();
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const [width, setWidth] = useState(0);
+  useLayoutEffect(() => {
+    const observer = new ResizeObserver(() => setWidth(canvas.current!.clientWidth));
+    observer.observe(canvas.current!);
+    setWidth(canvas.current!.clientWidth);
+    return () => observer.disconnect();
+  }, []);
+  useEffect(() => {
+    if (!width) return;
+    const ratio = window.devicePixelRatio || 1;
+    const scale = (width * ratio) / grid.width;
+    canvas.current!.width = Math.round(grid.width * scale);
+    canvas.current!.height = Math.round(grid.height * scale);
+    const context = canvas.current!.getContext("2d")!;
+    if (look === "tiles" && tiles) {
+      context.imageSmoothingQuality = "high";
+      context.drawImage(paintTiles(grid, data, tiles, pictures, blend ?? { image: 1 }), 0, 0, canvas.current!.width, canvas.current!.height);
+    } else {
+      paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
+    }
+    paint(context, overlayShapes(grid, new Set(overlays)), scale);
+  }, [grid, width, look, tiles, pictures, JSON.stringify(blend), overlays.join()]);
+  return (
+    <canvas
+      ref={canvas}
+      class="map"
+      role="img"
+      aria-label={label}
+      style={{ aspectRatio: `${grid.width} / ${grid.height}` }}
+    />
+  );
+}

@@ -1,0 +1,133 @@
+/** What the page shows at a moment, and how its address keeps it. */
+import { OVERLAYS, type Overlay } from "./drawing";
+import type { Seed } from "./data";
+import { LAYERS, type Layer } from "./tiles";
+
+export const VIEWS = ["archive", "maps", "compare", "draw", "run"] as const;
+export type ViewName = (typeof VIEWS)[number];
+
+export type Ranges = Readonly<Record<string, readonly [low: number, high: number]>>;
+
+export interface View {
+  readonly view: ViewName;
+  readonly run: number;
+  readonly seed: Seed;
+  /** The bins of a niche, such as 12-0-0-0-1. */
+  readonly niche: string | null;
+  /** The place of a map among the elites of its run; it goes before the niche. */
+  readonly map: number | null;
+  readonly colour: string;
+  readonly scale: "linear" | "rank";
+  /** The axis across; all others go down. */
+  readonly across: string | null;
+  readonly look: "lines" | "tiles";
+  readonly layers: readonly Layer[];
+  readonly blend: number;
+  readonly overlays: readonly Overlay[];
+  readonly where: Ranges;
+  readonly sort: string;
+  readonly descending: boolean;
+  /** Pinned maps to compare: run and elite. */
+  readonly pins: readonly (readonly [run: number, elite: number])[];
+}
+
+export const START: View = {
+  view: "archive",
+  run: 0,
+  seed: "best",
+  niche: null,
+  map: null,
+  colour: "fitness",
+  scale: "rank",
+  across: null,
+  look: "lines",
+  layers: ["image"],
+  blend: 0.6,
+  overlays: [],
+  where: {},
+  sort: "fitness",
+  descending: false,
+  pins: [],
+};
+
+/** Writes a view as the part of an address after the #; what is as at the start is left out. */
+export function toHash(view: View): string {
+  const words: Record<string, string> = {
+    view: view.view,
+    run: `${view.run}`,
+    seed: `${view.seed}`,
+    niche: view.niche ?? "",
+    map: view.map === null ? "" : `${view.map}`,
+    colour: view.colour,
+    scale: view.scale,
+    across: view.across ?? "",
+    look: view.look,
+    layers: view.layers.join(","),
+    blend: `${view.blend}`,
+    overlays: view.overlays.join(","),
+    where: whereText(view.where).replaceAll(" ", ","),
+    sort: (view.descending ? "-" : "") + view.sort,
+    pins: view.pins.map((pin) => pin.join(".")).join(","),
+  };
+  const before = view === START ? {} : Object.fromEntries(new URLSearchParams(toHash(START)));
+  return Object.entries(words)
+    .filter(([key, word]) => (view === START ? true : word !== before[key]))
+    .map(([key, word]) => `${key}=${encodeURIComponent(word).replaceAll("%2C", ",").replaceAll("%3D", "=")}`)
+    .join("&");
+}
+
+/** Reads a view; what is missing or no value of its field is as at the start. */
+export function fromHash(hash: string): View {
+  const words = new URLSearchParams(hash.replace(/^#/, ""));
+  const one = <T extends string>(key: string, known: readonly T[], start: T): T =>
+    known.find((word) => word === words.get(key)) ?? start;
+  const whole = (key: string): number | null => (/^\d{1,9}$/.test(words.get(key) ?? "") ? Number(words.get(key)) : null);
+  const some = <T extends string>(key: string, known: readonly T[], start: readonly T[]): readonly T[] =>
+    words.has(key) ? known.filter((word) => words.get(key)!.split(",").includes(word)) : start;
+  const seed = words.get("seed");
+  const sort = words.get("sort") ?? START.sort;
+  const blend = Number(words.get("blend") ?? START.blend);
+  return {
+    view: one("view", VIEWS, START.view),
+    run: whole("run") ?? START.run,
+    seed: seed === "count" || seed === "best" ? seed : (whole("seed") ?? START.seed),
+    niche: /^\d+(-\d+)*$/.test(words.get("niche") ?? "") ? words.get("niche") : null,
+    map: whole("map"),
+    colour: words.get("colour") ?? START.colour,
+    scale: one("scale", ["linear", "rank"], START.scale),
+    across: words.get("across") || null,
+    look: one("look", ["lines", "tiles"], START.look),
+    layers: some("layers", LAYERS, START.layers),
+    blend: blend >= 0 && blend <= 1 ? blend : START.blend,
+    overlays: some("overlays", OVERLAYS, START.overlays),
+    where: parseWhere((words.get("where") ?? "").replaceAll(",", " ")),
+    sort: sort.replace(/^-/, ""),
+    descending: sort.startsWith("-"),
+    pins: (words.get("pins") ?? "").split(",").flatMap((pin) => {
+      const found = /^(\d{1,4})\.(\d{1,9})$/.exec(pin);
+      return found ? [[Number(found[1]), Number(found[2])] as const] : [];
+    }).slice(0, 4),
+  };
+}
+
+/** Writes ranges as `--where` takes them; shares are in thousandths here and parts of one there. */
+export function whereText(ranges: Ranges, unit: (name: string) => number = () => 1): string {
+  return Object.entries(ranges)
+    .map(([name, [low, high]]) => {
+      const text = (value: number) => (Number.isFinite(value) ? `${value / unit(name)}` : "");
+      return low === high ? `${name}=${text(low)}` : `${name}=${text(low)}..${text(high)}`;
+    })
+    .join(" ");
+}
+
+function parseWhere(text: string): Ranges {
+  const ranges: Record<string, readonly [number, number]> = {};
+  for (const word of text.split(" ")) {
+    const found = /^(\w+)=(-?\d*)(?:(\.\.)(-?\d*))?$/.exec(word);
+    if (!found) continue;
+    const low = found[2] === "" ? -Infinity : Number(found[2]);
+    const high = found[3] ? (found[4] === "" ? Infinity : Number(found[4])) : low;
+    ranges[found[1]] = [low, high];
+  }
+  return ranges;
+}

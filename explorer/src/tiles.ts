@@ -1,0 +1,96 @@
+/** Tile pictures and their masks, laid out as the package's `render` does. */
+import { css, LABEL_COLOURS, type Rgb } from "./colours";
+import { choosePictures, type Data, type TileValues } from "./data";
+import type { Grid } from "./network/codes";
+
+/** The layers of a picture: the photograph or drawing, masks in white, and the labels in colours. */
+export const LAYERS = ["image", "road", "red", "yellow", "labels"] as const;
+export type Layer = (typeof LAYERS)[number];
+
+const MASK_BITS = { road: 1, red: 2, yellow: 4 } as const;
+
+/** The longest side of a picture in pixels: browsers refuse larger canvases. */
+const MOST_PX = 8192;
+
+export interface TilePictures {
+  readonly px: number;
+  /** Of each tile, a picture for each layer. */
+  readonly layers: Readonly<Record<Layer, readonly CanvasImageSource[]>>;
+}
+
+/** Decodes the pictures of a tile set. */
+export async function loadTiles(values: TileValues): Promise<TilePictures> {
+  const decode = async (url: string): Promise<HTMLImageElement> => {
+    const image = new Image();
+    image.src = url;
+    await image.decode();
+    return image;
+  };
+  const { px } = values;
+  const images = await Promise.all(values.pictures.map((picture) => decode(picture.image)));
+  const masks = await Promise.all(values.pictures.map((picture) => decode(picture.masks)));
+  const bits = masks.map((mask) => {
+    const context = canvasOf(px, px).getContext("2d", { willReadFrequently: true })!;
+    context.drawImage(mask, 0, 0);
+    return context.getImageData(0, 0, px, px).data;
+  });
+  const coloured = (colour: (mask: number) => Rgb | null): HTMLCanvasElement[] =>
+    bits.map((mask) => {
+      const canvas = canvasOf(px, px);
+      const context = canvas.getContext("2d")!;
+      const pixels = context.createImageData(px, px);
+      for (let place = 0; place < pixels.data.length; place += 4) {
+        const rgb = colour(mask[place]);
+        if (rgb) pixels.data.set([...rgb, 255], place);
+      }
+      context.putImageData(pixels, 0, 0);
+      return canvas;
+    });
+  const { background, road, red, yellow } = LABEL_COLOURS;
+  return {
+    px,
+    layers: {
+      image: images,
+      road: coloured((mask) => (mask & MASK_BITS.road ? road : null)),
+      red: coloured((mask) => (mask & MASK_BITS.red ? red : null)),
+      yellow: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : null)),
+      labels: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background)),
+    },
+  };
+}
+
+export function canvasOf(width: number, height: number): HTMLCanvasElement {
+  const canvas = document.createElement("canvas");
+  canvas.width = width;
+  canvas.height = height;
+  return canvas;
+}
+
+/** How strongly each layer is laid over those before it, from 0 to 1. */
+export type Blend = Readonly<Partial<Record<Layer, number>>>;
+
+/** Draws a map with tile pictures. A cell that the set cannot draw is left bare. */
+export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: readonly number[] | null, blend: Blend): HTMLCanvasElement {
+  const chosen = choosePictures(grid, data, known);
+  const px = Math.min(tiles.px, Math.floor(MOST_PX / Math.max(grid.height, grid.width)));
+  const canvas = canvasOf(grid.width * px, grid.height * px);
+  const context = canvas.getContext("2d")!;
+  context.imageSmoothingEnabled = px !== tiles.px;
+  context.fillStyle = css(LABEL_COLOURS.background);
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  // Quarter turns counter-clockwise, in whole numbers so that no pixel is mixed with its neighbour.
+  const turned = [[1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0]] as const;
+  for (const layer of LAYERS) {
+    const opacity = blend[layer] ?? 0;
+    if (opacity <= 0) continue;
+    context.globalAlpha = opacity;
+    chosen.forEach((picture, place) => {
+      if (picture < 0) return;
+      const [a, b, c, d] = turned[picture & 3];
+      const x = ((place % grid.width) + 0.5) * px, y = (Math.floor(place / grid.width) + 0.5) * px;
+      context.setTransform(a, b, c, d, x, y);
+      context.drawImage(tiles.layers[layer][picture >> 2], -px / 2, -px / 2, px, px);
+    });
+  }
+  return canvas;
+}

@@ -1,0 +1,31 @@
+// Prints what the built module's kernel makes of the grids in a JSON file: `node kernel.mjs MODULE FILE`.
+import { readFileSync } from "node:fs";
+import { pathToFileURL } from "node:url";
+
+const [module, file] = process.argv.slice(2);
+const { kernel } = await import(pathToFileURL(module).href);
+const { grids, weights, alphabet } = JSON.parse(readFileSync(file, "utf8"));
+const mask = alphabet.reduce((bits, code) => bits | (1 << code), 0);
+
+const gridOf = (rows) => ({ height: rows.length, width: rows[0].length, codes: Uint8Array.from(rows.flat()) });
+const text = (make) => {
+  try {
+    return make();
+  } catch (error) {
+    return error.message;
+  }
+};
+const made = grids.map(({ rows, dirty, fixed }) => {
+  const grid = gridOf(rows);
+  const counts = kernel.measure(grid, mask);
+  const yaml = text(() => kernel.toDuckietown(grid));
+  return {
+    counts: [...counts],
+    fitness: kernel.fitness(counts, weights),
+    repaired: dirty && [false, true].map((fill) => [...kernel.repair(grid, { dirty, fixed, fill }).codes]),
+    yaml,
+    again: yaml.startsWith("tile_size") ? [...kernel.fromDuckietown(yaml).codes] : null,
+    json: kernel.toMapJson(grid),
+  };
+});
+process.stdout.write(JSON.stringify(made));

@@ -1,0 +1,89 @@
+"""The page's kernel in TypeScript gives what Python gives: metrics, fitness, repair, map files."""
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import Weights, fitness, measure, random_grids, repair
+from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.network.plain_metrics import plain_measure
+
+HERE = Path(__file__).parent
+MODULE = HERE.parents[1] / "elitelanes_jax" / "explorer" / "static" / "explorer.js"
+
+ALPHABET = (0, 3, 5, 6, 7, 9, 10, 11, 12)
+WEIGHTS = Weights(turns=7, off_alphabet=-13, components=31, constant=5)
+
+pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="the kernel runs in Node")
+
+
+def run_kernel(grids, tmp_path):
+    """What the kernel makes of grids, each with the masks of its repair or none."""
+    file = tmp_path / "grids.json"
+    file.write_text(json.dumps({"grids": grids, "weights": WEIGHTS._asdict(), "alphabet": ALPHABET}))
+    ran = subprocess.run(["node", HERE / "kernel.mjs", MODULE, file], capture_output=True, text=True, check=True)
+    return json.loads(ran.stdout)
+
+
+@pytest.fixture(scope="module")
+def sample():
+    """10,000 grids of 12 x 12: half of all codes, a quarter repaired, a quarter filled; masks for repair."""
+    raw = np.asarray(random_grids(jax.random.key(0), 5000, (12, 12), alphabet=tuple(range(16))))
+    flipped = np.asarray(jax.vmap(repair)(raw[:2500]))
+    filled = np.asarray(jax.vmap(lambda grid: repair(grid, fill=True))(raw[2500:]))
+    grids = np.concatenate([raw, flipped, filled])
+    masks = np.random.default_rng(1).random((2, *grids.shape)) < np.array([0.3, 0.1])[:, None, None, None]
+    return grids, *masks
+
+
+@pytest.fixture(scope="module")
+def made(sample, tmp_path_factory):
+    listed = zip(
+        *(array.tolist() for array in (sample[0], *(mask.reshape(-1, 144) for mask in sample[1:]))), strict=True
+    )
+    grids = [{"rows": rows, "dirty": dirty, "fixed": fixed} for rows, dirty, fixed in listed]
+    return run_kernel(grids, tmp_path_factory.mktemp("kernel"))
+
+
+def test_metrics_and_fitness_are_equal_on_ten_thousand_grids(sample, made):
+    metrics = jax.vmap(lambda grid: measure(grid, ALPHABET))(sample[0])
+    np.testing.assert_array_equal([one["counts"] for one in made], stack_counts(metrics))
+    np.testing.assert_array_equal([one["fitness"] for one in made], fitness(metrics, WEIGHTS))
+
+
+@pytest.mark.parametrize("fill", [False, True])
+def test_repair_is_equal_on_ten_thousand_grids(sample, made, fill):
+    expected = jax.vmap(lambda grid, dirty, fixed: repair(grid, dirty, fixed=fixed, fill=fill))(*sample)
+    np.testing.assert_array_equal([one["repaired"][fill] for one in made], np.asarray(expected).reshape(-1, 144))
+
+
+def test_grids_of_all_sizes_are_measured_alike(tmp_path):
+    """Thin ones too, which repair leaves alone; plain_measure equals measure, as other tests show."""
+    random = np.random.default_rng(0)
+    shapes = [(1, 1), (1, 9), (9, 1), (2, 2), (3, 7), (17, 5), (64, 64), (70, 3)]
+    grids = [random.choice([0, *range(16)], shape) for shape in shapes for _ in range(8)]
+    grids += [np.full((40, 40), code) for code in (5, 10, 15)]
+    made = run_kernel([{"rows": grid.tolist()} for grid in grids], tmp_path)
+    for grid, one in zip(grids, made, strict=True):
+        expected = plain_measure(grid, ALPHABET)
+        assert dict(zip(COUNT_NAMES, one["counts"], strict=True)) == {name: expected[name] for name in COUNT_NAMES}
+
+
+def test_map_files_are_those_of_python(sample, made, tmp_path):
+    for place in [*range(0, 40), *range(7500, 7540)]:
+        grid, one = sample[0][place], made[place]
+        (tmp_path / "map.json").write_text(one["json"])
+        np.testing.assert_array_equal(read_map(tmp_path / "map.json").codes, grid)
+        if np.isin(grid, [1, 2, 4, 8]).any():
+            assert "dead end" in one["yaml"]
+        else:
+            assert one["yaml"] == to_duckietown(grid)
+            assert one["again"] == grid.ravel().tolist()

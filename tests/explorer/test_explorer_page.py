@@ -1,0 +1,202 @@
+"""The page: all elites are in it, whatever names hold stays text, and a faulty source leaves no page."""
+
+import base64
+import json
+import re
+import shutil
+import zlib
+from hashlib import sha256
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from elitelanes_jax import Result
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.problem.descriptor import paper_axes
+from elitelanes_jax.result import History, MeasuredElites, RunState
+from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.tiles.render import choose_tiles, recall_choice
+from elitelanes_jax.tiles.tileset import load_tiles
+
+LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
+LOOP = np.array([[6, 3], [12, 9]], np.int8)
+HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("explored") / "run"
+    assert main([*LINE.split(), str(folder)]) == 0
+    return folder
+
+
+class Elements(HTMLParser):
+    """The elements of a page with their texts."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.found = []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.found.append((tag, dict(attrs), []))
+
+    def handle_data(self, data):
+        if self.found:
+            self.found[-1][2].append(data)
+
+    def text(self, **wanted):
+        (found,) = ["".join(text) for _, given, text in self.found if wanted.items() <= given.items()]
+        return found
+
+
+def read_array(values, blob):
+    """The array that a table among the values stands for."""
+    dtype, start, count = values["array"]
+    array = np.frombuffer(blob, np.dtype(dtype).newbyteorder("<"), count, start)
+    if "codes" in values:
+        array = np.stack([array & 15, array >> 4], axis=-1).ravel()[: values["codes"]]
+    return array
+
+
+def test_the_page_holds_all_elites_of_a_run(run, tmp_path):
+    assert main(["explore", str(run), "--out", str(tmp_path / "page.html")]) == 0
+    elements = Elements((tmp_path / "page.html").read_text())
+    values = json.loads(elements.text(id="elitelanes-values"))
+    blob = zlib.decompress(base64.b64decode(elements.text(id="elitelanes-blob")))
+    (shown,) = values["runs"]
+    elites = Result.load(run / "archive.npz").elites
+    valid = np.asarray(elites.valid)
+    np.testing.assert_array_equal(read_array(shown["grids"], blob), np.asarray(elites.grids)[valid].ravel())
+    np.testing.assert_array_equal(read_array(shown["fitness"], blob), np.asarray(elites.fitness)[valid])
+    np.testing.assert_array_equal(read_array(shown["seed"], blob), np.nonzero(valid)[0])
+    assert (shown["seeds"], shown["shape"], len(shown["maps"])) == (3, [5, 6], 3)
+    assert read_array(shown["history"]["best_fitness"], blob).size == 3 * shown["history"]["steps"]
+    assert shown["record"]["versions"]["elitelanes_jax"] == values["version"]
+
+
+def test_tiles_are_those_that_render_draws(run):
+    """The lots choose as `choose_tiles` does, and written maps keep the pictures that they were drawn with."""
+    tiles = load_tiles()
+    payload = collect([run])
+    blob = zlib.decompress(payload.blob)
+    lots = read_array(payload.values["lots"], blob)
+    rotations = payload.values["tiles"]["rotations"]
+    grid = np.random.default_rng(0).choice(tiles.alphabet, (7, 9))
+    chosen = [
+        rotations[str(code)][int(lots[place] * len(rotations[str(code)]))] for place, code in enumerate(grid.flat)
+    ]
+    expected = choose_tiles(grid, tiles)
+    assert chosen == (expected[..., 0] * 4 + expected[..., 1]).ravel().tolist()
+    for shown in payload.values["runs"][0]["maps"]:
+        road_map = read_map(run / "maps" / shown["name"] / "map.json")
+        drawn = recall_choice(road_map.codes, road_map.drawn.tiles, road_map.drawn.quarter_turns, tiles)
+        assert shown["pictures"] == (drawn[..., 0] * 4 + drawn[..., 1]).ravel().tolist()
+
+
+def test_hostile_names_stay_text(tmp_path):
+    folder = tmp_path / "a<b>'\"&"
+    folder.mkdir()
+    (folder / "run.json").write_text(json.dumps({"versions": {}, "settings": {HOSTILE: [HOSTILE]}}))
+    place = folder / "maps" / "0000<script>"
+    place.mkdir(parents=True)
+    (place / "map.json").write_text(map_to_json(RoadMap(LOOP)))
+    page = page_of(collect([folder], title=HOSTILE))
+    elements = Elements(page)
+    assert [tag for tag, _, _ in elements.found].count("script") == 3
+    assert len(re.findall("<script", page)) == 3 == len(re.findall("</script>", page))
+    assert "<!--" not in page[page.index("<head>") :]
+    values = json.loads(elements.text(id="elitelanes-values"))
+    assert values["title"] == HOSTILE
+    assert values["runs"][0]["record"]["settings"] == {HOSTILE: [HOSTILE]}
+    assert values["runs"][0]["labels"] == ["0000<script>"]
+
+
+def test_the_page_lets_the_browser_ask_for_nothing(run):
+    page = page_of(collect([run]))
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1]
+    assert policy.startswith("default-src 'none'; script-src 'sha256-") and "http" not in policy
+    script = re.search(r'<script type="module">(.*?)</script>', page, re.DOTALL)[1]
+    assert base64.b64encode(sha256(script.encode()).digest()).decode() in policy
+    assert not re.findall(r"<(?:link|img|iframe)\b", page[: page.index("<body>")])
+
+
+def test_many_elites_fit_into_eight_megabytes():
+    """32 seeds with 400 niches of 12 x 12, random codes: what packs worst."""
+    shape = (32, 400)
+    grids = np.random.default_rng(0).integers(0, 16, (*shape, 12, 12), np.int8)
+    zeros = np.zeros(shape, np.int32)
+    metrics = Metrics(*[zeros] * 19, zeros.astype(np.float32))
+    elites = MeasuredElites(grids, zeros, np.zeros((*shape, 5), np.int32), np.ones(shape, bool), metrics)
+    steps = np.arange(1, 501)
+    history = History(steps, steps * 40, np.zeros((32, 500), np.int32), np.zeros((32, 500), np.int32), steps * 1.0)
+    state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
+    result = Result(elites, history, state, SearchSpec(), paper_axes((12, 12)))
+    assert len(page_of(collect_result(result))) < 8_000_000
+
+
+def change_json(file, **values):
+    file.write_text(json.dumps(json.loads(file.read_text()) | values))
+
+
+def half_written(folder):
+    (folder / "archive.npz").write_bytes((folder / "archive.npz").read_bytes()[:-500])
+
+
+def other_size(folder):
+    (folder / "maps" / "0000" / "map.json").write_text(map_to_json(RoadMap(LOOP)))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (half_written, "archive.npz: expected"),
+        (other_size, "expected a map of 5 x 6, as the archive's, got 2 x 2"),
+        (lambda folder: change_json(folder / "run.json", settings={"size": [9, 9]}), "as run.json says, got 5 x 6"),
+        (lambda folder: (folder / "run.json").write_text("{"), "run.json: expected the JSON of a run"),
+        (lambda folder: (folder / "run.json").write_text("[]"), "run.json: expected the record of a run"),
+        (lambda folder: (folder / "run.json").write_text("[" * 100_000), "run.json: expected the JSON of a run"),
+        (lambda folder: (folder / "run.json").unlink(), "expected a folder with run.json, got one without"),
+        (lambda folder: (folder / "maps" / "0001" / "map.json").write_text("{}"), 'got no "codes"'),
+        (lambda folder: np.savez(folder / "archive.npz", grids=np.zeros(3)), "archive.npz: expected a result"),
+    ],
+)
+def test_a_faulty_run_is_refused_and_no_page_is_written(run, tmp_path, capsys, spoil, words):
+    folder = tmp_path / "run"
+    shutil.copytree(run, folder)
+    spoil(folder)
+    assert main(["explore", str(folder), "--out", str(tmp_path / "page.html")]) == 2
+    said = capsys.readouterr().err
+    assert words in said and said.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["run"]
+
+
+def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys):
+    (tmp_path / "map.json").write_text(map_to_json(RoadMap(LOOP)))
+    line = ["explore", str(tmp_path / "map.json"), "--out", str(tmp_path / "page.html")]
+    assert main(line) == 0
+    assert main(line) == 2
+    assert "; --force replaces it" in capsys.readouterr().err
+    assert main([*line, "--force"]) == 0
+    (tmp_path / "page.html").write_text("<!doctype html>\nmine")
+    assert main([*line, "--force"]) == 2
+    assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
+
+
+def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
+    maps = [RoadMap(LOOP), RoadMap(np.array([[6, 5, 3], [12, 5, 9]], np.int8)), RoadMap(LOOP)]
+    runs = collect_maps(maps).values["runs"]
+    assert [(one["name"], one["shape"], len(one["maps"])) for one in runs] == [
+        ("maps of 2 x 2", [2, 2], 2),
+        ("maps of 2 x 3", [2, 3], 1),
+    ]
+    with pytest.raises(InputError, match="maps: expected at least one"):
+        collect_maps([])
+    with pytest.raises(InputError, match="sources: expected a folder"):
+        collect([])
