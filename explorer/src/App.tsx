@@ -79,6 +79,7 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   }, [message]);
   useEffect(() => void (open >= 0 && onSelect?.(place, open)), [place, open]);
   useEffect(() => setWeights(null), [run]);
+  useEffect(() => void requestAnimationFrame(() => performance.mark("elitelanes-shown")), []);
 
   const editor = drawn ?? editorOf(open >= 0 ? run.grid(open) : emptyGrid(run.height, run.width));
   const shared: Shared = useMemo(

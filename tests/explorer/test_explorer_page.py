@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from explored import big_result, write_run
 
 from elitelanes_jax import Result
 from elitelanes_jax._util.errors import InputError
@@ -17,23 +18,16 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
-from elitelanes_jax.network.counts import Metrics
-from elitelanes_jax.problem.descriptor import paper_axes
-from elitelanes_jax.result import History, MeasuredElites, RunState
-from elitelanes_jax.spec import SearchSpec
 from elitelanes_jax.tiles.render import choose_tiles, recall_choice
 from elitelanes_jax.tiles.tileset import load_tiles
 
-LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("explored") / "run"
-    assert main([*LINE.split(), str(folder)]) == 0
-    return folder
+    return write_run(tmp_path_factory.mktemp("explored") / "run")
 
 
 class Elements(HTMLParser):
@@ -128,17 +122,7 @@ def test_the_page_lets_the_browser_ask_for_nothing(run):
 
 
 def test_many_elites_fit_into_eight_megabytes():
-    """32 seeds with 400 niches of 12 x 12, random codes: what packs worst."""
-    shape = (32, 400)
-    grids = np.random.default_rng(0).integers(0, 16, (*shape, 12, 12), np.int8)
-    zeros = np.zeros(shape, np.int32)
-    metrics = Metrics(*[zeros] * 19, zeros.astype(np.float32))
-    elites = MeasuredElites(grids, zeros, np.zeros((*shape, 5), np.int32), np.ones(shape, bool), metrics)
-    steps = np.arange(1, 501)
-    history = History(steps, steps * 40, np.zeros((32, 500), np.int32), np.zeros((32, 500), np.int32), steps * 1.0)
-    state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    result = Result(elites, history, state, SearchSpec(), paper_axes((12, 12)))
-    assert len(page_of(collect_result(result))) < 8_000_000
+    assert len(page_of(collect_result(big_result()))) < 8_000_000
 
 
 def change_json(file, **values):

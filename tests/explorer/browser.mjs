@@ -1,0 +1,300 @@
+// Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
+// big.html, hostile.html, town.yaml; saved files go there too.
+import { createRequire } from "node:module";
+import { join } from "node:path";
+import { pathToFileURL } from "node:url";
+
+const folder = process.argv[2];
+const require = createRequire(new URL("../../explorer/package.json", import.meta.url));
+const { chromium } = require("playwright-core");
+const axe = require("axe-core").source;
+
+const browser = await chromium.launch({
+  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+  args: [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+  ],
+});
+const seen = { console: [], requests: [], dialogs: [], axe: [], overflow: [] };
+
+async function open(name, { hash = "", width = 1280, height = 900, scheme = "light" } = {}) {
+  const context = await browser.newContext({ viewport: { width, height }, colorScheme: scheme, bypassCSP: true });
+  const page = await context.newPage();
+  page.on("console", (message) => seen.console.push(`${name} ${message.type()}: ${message.text()}`));
+  page.on("pageerror", (error) => seen.console.push(`${name} error: ${error.message}`));
+  page.on("dialog", (dialog) => (seen.dialogs.push(dialog.message()), dialog.dismiss()));
+  page.on("request", (request) => {
+    if (!/^(data|blob):/.test(request.url())) seen.requests.push(request.url().replace(/[#?].*/, "").replace(/.*\//, ""));
+  });
+  await page.goto(`${pathToFileURL(join(folder, name)).href}${hash && `#${hash}`}`);
+  await page.waitForSelector(".elx .body canvas, .elx .body .panel");
+  return page;
+}
+
+async function saved(page, press, name) {
+  const [download] = await Promise.all([page.waitForEvent("download"), press()]);
+  await download.saveAs(join(folder, name));
+  return download.suggestedFilename();
+}
+
+const heading = (page) => page.textContent(".detail h2");
+const hash = (page) => page.evaluate(() => decodeURIComponent(location.hash));
+const tab = (page, name) => page.getByRole("tab", { name }).click();
+const button = (page, name) => page.getByRole("button", { name, exact: true }).click();
+const median = (numbers) => [...numbers].sort((one, other) => one - other)[Math.floor(numbers.length / 2)];
+const pixels = (page, selector) => page.$eval(selector, (canvas) => canvas.toDataURL());
+/** Waits until what changed is on the screen. */
+const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => setTimeout(done))));
+
+// The policy of the page holds in a browser that keeps it.
+{
+  const context = await browser.newContext();
+  const page = await context.newPage();
+  const errors = [];
+  page.on("console", (message) => errors.push(message.text()));
+  await page.goto(pathToFileURL(join(folder, "run.html")).href);
+  await page.waitForSelector(".detail canvas");
+  seen.strict = errors.length;
+  seen.refused = await page.evaluate(() => fetch("data:text/plain,x").then(() => "sent", () => "refused"));
+  await context.close();
+}
+
+// The archive.
+{
+  const page = await open("run.html");
+  const first = await heading(page);
+  const box = await page.locator(".cells").boundingBox();
+  await page.mouse.click(box.x + box.width * 0.5, box.y + 4);
+  const clicked = await hash(page);
+  await page.locator(".cells").focus();
+  await page.keyboard.press("ArrowRight");
+  await page.keyboard.press("ArrowDown");
+  await settle(page);
+  const walked = await hash(page);
+  await page.reload();
+  await page.waitForSelector(".detail");
+  const before = await pixels(page, ".cells");
+  await page.getByLabel("Colour", { exact: true }).selectOption("bridges");
+  await settle(page);
+  const metric = await pixels(page, ".cells");
+  await page.getByLabel("Elites of").selectOption("1");
+  await settle(page);
+  const seed = await pixels(page, ".cells");
+  await page.getByLabel("Elites of").selectOption("count");
+  await settle(page);
+  const count = await page.textContent(".legend b");
+  await page.getByLabel("Across").selectOption("dead_ends");
+  await settle(page);
+  seen.archive = {
+    first, clicked, walked, kept: await hash(page), count,
+    changes: new Set([before, metric, seed, await pixels(page, ".cells")]).size,
+  };
+  await page.context().close();
+}
+
+// A niche, its layers and its files: a map that the run wrote.
+{
+  const page = await open("run.html", { hash: "map=PLACE".replace("PLACE", process.argv[3]) });
+  const looks = [await pixels(page, ".detail canvas")];
+  for (const overlay of ["Bridges", "Adjacent crossings", "Adjacent turns", "Dead ends", "Faces"]) {
+    const chip = page.locator(".detail .switch", { hasText: overlay });
+    await chip.click();
+    await settle(page);
+    looks.push(await pixels(page, ".detail canvas"));
+  }
+  const svg = await saved(page, () => button(page, "SVG"), "saved.svg");
+  await saved(page, () => button(page, "map.json"), "saved.json");
+  await saved(page, () => button(page, "YAML"), "saved.yaml");
+  await button(page, "Tiles");
+  await settle(page);
+  await saved(page, () => button(page, "PNG"), "saved.png");
+  for (const layer of ["Road", "Stop lines", "Lane lines", "Labels"]) {
+    await page.locator(".look .switch", { hasText: layer }).click();
+    await settle(page);
+    looks.push(await pixels(page, ".detail canvas"));
+  }
+  await page.getByLabel("Strength of the layers").fill("1");
+  await settle(page);
+  looks.push(await pixels(page, ".detail canvas"));
+  await page.locator(".look .switch", { hasText: "Picture" }).click();
+  await settle(page);
+  await saved(page, () => button(page, "PNG"), "labels.png");
+  seen.niche = { looks: looks.length, different: new Set(looks).size, svg, hash: await hash(page) };
+  await page.context().close();
+}
+
+// Filtering, sorting, comparing.
+{
+  const page = await open("run.html", { hash: "view=maps" });
+  const handle = page.getByLabel("least Crossings");
+  await handle.focus();
+  for (let step = 0; step < 3; step++) await page.keyboard.press("ArrowRight");
+  await settle(page);
+  const kept = await page.textContent(".count b");
+  const where = await page.textContent("code.where");
+  await page.getByLabel("Sort by").selectOption("crossings");
+  await button(page, "Descending");
+  await settle(page);
+  const sorted = await page.$$eval(".gallery span", (names) => names.slice(0, 12).map((name) => Number(name.textContent.replace(/\D/g, ""))));
+  await saved(page, () => button(page, "Save the list"), "selection.json");
+  await page.locator(".gallery button").nth(1).click();
+  await button(page, "Compare");
+  await page.locator(".gallery button").nth(2).click();
+  await button(page, "Compare");
+  await tab(page, "Compare");
+  const compared = await page.locator(".compare canvas").count();
+  const rows = await page.locator(".compare tbody tr").count();
+  const compareHash = await hash(page);
+  await page.getByRole("button", { name: /^Take/ }).first().click();
+  await settle(page);
+  seen.maps = { kept, where, sorted, compared, rows, compareHash, left: await page.locator(".compare canvas").count() };
+  await tab(page, "Run");
+  seen.run = { charts: await page.locator(".chart svg").count(), settings: await page.textContent(".settings") };
+  await page.context().close();
+}
+
+// Drawing.
+async function drag(page, from, to, steps = 6) {
+  await page.mouse.move(...from);
+  await page.mouse.down();
+  await page.mouse.move(...to, { steps });
+  await page.mouse.up();
+  await settle(page);
+}
+{
+  const page = await open("run.html", { hash: "view=draw" });
+  await button(page, "Clear");
+  await page.getByLabel("Rows").fill("6");
+  await page.getByLabel("Columns").fill("6");
+  await settle(page);
+  const box = await page.locator(".editor").boundingBox();
+  const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 6];
+  const value = async (name) => Number((await page.locator(".metrics tr", { hasText: name }).first().locator(".value").textContent()).replace("−", "-"));
+  await drag(page, at(1, 1), at(1, 4));
+  await drag(page, at(1, 4), at(4, 4));
+  const open_ = { deadEnds: await value("Dead ends"), bridges: await value("Bridges") };
+  await drag(page, at(4, 4), at(4, 1));
+  await drag(page, at(4, 1), at(1, 1));
+  const ring = { deadEnds: await value("Dead ends"), cyclomatic: await value("Cyclomatic number"), fitness: await page.textContent(".total b") };
+  await saved(page, () => button(page, "map.json"), "drawn.json");
+  await button(page, "Undo");
+  const undone = await value("Dead ends");
+  await button(page, "Redo");
+  await button(page, "Given");
+  await page.mouse.click(...at(1, 1));
+  await button(page, "No road");
+  await page.mouse.click(...at(2, 2));
+  await saved(page, () => button(page, "--fix"), "fix.json");
+  await button(page, "Tile");
+  await page.getByLabel("code 15, four-way crossing").click();
+  await page.mouse.click(...at(4, 4));
+  const mended = await value("Crossings");
+  await button(page, "Repair");
+  await page.mouse.click(...at(1, 4));
+  await page.locator(".metrics summary").click();
+  const mismatches = await value("Mismatches");
+  await page.locator(".weights > summary").click();
+  const total = await page.textContent(".total b");
+  await page.locator(".weight", { hasText: "Crossings" }).first().locator("input").fill("500");
+  await settle(page);
+  const weighted = await page.textContent(".total b");
+  const weights = await page.textContent(".weights code");
+  await button(page, "Road");
+  await page.locator(".editor").focus();
+  await page.keyboard.press("Shift+ArrowLeft");
+  await page.keyboard.press("Control+z");
+  const text = (await import("node:fs")).readFileSync(join(folder, "town.yaml"), "utf8");
+  const drop = async (name, content) => {
+    const transfer = await page.evaluateHandle(([file, words]) => {
+      const data = new DataTransfer();
+      data.items.add(new File([words], file));
+      return data;
+    }, [name, content]);
+    await page.dispatchEvent(".split", "drop", { dataTransfer: transfer });
+    await page.waitForTimeout(100);
+    return page.textContent(".message");
+  };
+  const dropped = await drop("town.yaml", text);
+  await saved(page, () => button(page, "map.json"), "dropped.json");
+  const refused = await drop("x.json", '{"codes": [[1, 99]]}');
+  seen.draw = { open: open_, ring, undone, mended, mismatches, total, weighted, weights, dropped, refused };
+  await page.context().close();
+}
+
+// Times, on the largest page.
+async function strokes(page, tiles) {
+  const box = await page.locator(".editor").boundingBox();
+  const at = (row, column) => [box.x + ((column + 0.5) * box.width) / tiles, box.y + ((row + 0.5) * box.height) / tiles];
+  for (let stroke = 0; stroke < 4; stroke++) await drag(page, at(1 + stroke, 1), at(1 + stroke, 8), 7);
+  return page.evaluate(() => {
+    const times = performance.getEntriesByName("elitelanes-stroke").map((entry) => entry.duration);
+    performance.clearMeasures();
+    return times;
+  });
+}
+{
+  const shown = [];
+  for (let time = 0; time < 3; time++) {
+    const page = await open("big.html");
+    await page.waitForFunction(() => performance.getEntriesByName("elitelanes-shown").length);
+    shown.push(await page.evaluate(() => performance.getEntriesByName("elitelanes-shown")[0].startTime));
+    if (time < 2) {
+      await page.context().close();
+      continue;
+    }
+    const colours = [];
+    const names = await page.$$eval('.choice:nth-child(2) option', (options) => options.map((option) => option.value));
+    for (let change = 0; change < 20; change++) {
+      colours.push(await page.evaluate(async (name) => {
+        const list = document.querySelector(".choice:nth-child(2) select");
+        const before = performance.now();
+        list.value = name;
+        list.dispatchEvent(new Event("change", { bubbles: true }));
+        await new Promise((done) => requestAnimationFrame(() => setTimeout(done)));
+        return performance.now() - before;
+      }, names[change % names.length]));
+    }
+    await tab(page, "Draw");
+    const small = await strokes(page, 12);
+    await page.getByLabel("Rows").fill("64");
+    await page.getByLabel("Columns").fill("64");
+    await settle(page);
+    const large = await strokes(page, 64);
+    seen.times = {
+      shown: median(shown), colour: median(colours), colours: colours.length, small: median(small), smalls: small.length,
+      large: median(large), larges: large.length,
+    };
+    await page.context().close();
+  }
+}
+
+// Names that would be HTML.
+{
+  const page = await open("hostile.html", { hash: "view=maps" });
+  seen.hostile = { words: await page.textContent(".gallery span"), scripts: await page.locator("script").count(), bold: await page.locator(".elx i b").count() };
+  await page.context().close();
+}
+
+// Every view in both themes and widths: axe's serious faults, and what is wider than the screen.
+for (const scheme of ["light", "dark"]) {
+  for (const width of [1280, 390]) {
+    for (const view of ["archive", "maps", "compare", "draw", "run"]) {
+      const page = await open("run.html", { width, scheme, hash: `view=${view}&look=tiles&overlays=faces&pins=0.0,0.1` });
+      await settle(page);
+      await page.waitForTimeout(60);
+      if (process.env.SHOTS) await page.screenshot({ path: join(process.env.SHOTS, `${view}-${scheme}-${width}.png`), fullPage: true });
+      const wide = await page.evaluate(() => document.documentElement.scrollWidth);
+      if (wide > width) seen.overflow.push(`${view} ${width}: ${wide}`);
+      await page.evaluate(axe);
+      const { violations } = await page.evaluate(() => axe.run(document, { resultTypes: ["violations"] }));
+      for (const fault of violations) {
+        seen.axe.push({ view, scheme, width, id: fault.id, impact: fault.impact, where: fault.nodes.slice(0, 3).map((node) => node.html.slice(0, 160)) });
+      }
+      await page.context().close();
+    }
+  }
+}
+
+await browser.close();
+process.stdout.write(JSON.stringify(seen));

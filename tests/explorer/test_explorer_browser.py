@@ -1,0 +1,178 @@
+"""The page in Chromium: everything is clicked through by ``browser.mjs``, and what it saw is right.
+
+It needs the packages of `make explorer` and Debian's chromium.
+"""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from explored import big_result, write_run
+
+from elitelanes_jax import Result, Weights, read_map
+from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.tiles.render import LABEL_COLOURS, render
+
+HERE = Path(__file__).parent
+PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+
+pytestmark = pytest.mark.skipif(
+    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
+    reason="the browser's tests need make explorer and chromium",
+)
+
+HOSTILE = '<i><b>bold</b></i><img src=x onerror="alert(1)"><script>alert(2)</script>'
+TOWN = HERE.parents[1] / "docs" / "examples" / "town.json"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("browser")
+
+
+@pytest.fixture(scope="module")
+def run(place):
+    return write_run(place / "run")
+
+
+@pytest.fixture(scope="module")
+def drawn(run):
+    """The first map that the run wrote, and its place among the elites."""
+    (shown, *_) = collect([run]).values["runs"][0]["maps"]
+    return read_map(run / "maps" / shown["name"] / "map.json"), shown["place"]
+
+
+@pytest.fixture(scope="module")
+def seen(place, run, drawn):
+    (place / "run.html").write_text(page_of(collect([run])))
+    (place / "big.html").write_text(page_of(collect_result(big_result())))
+    hostile = collect_maps([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
+    hostile.values["runs"][0]["labels"] = [HOSTILE]
+    hostile.values["title"] = HOSTILE
+    (place / "hostile.html").write_text(page_of(hostile))
+    (place / "town.yaml").write_text(to_duckietown(read_map(TOWN).codes))
+    command = ["node", HERE / "browser.mjs", place, str(drawn[1])]
+    ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+    assert ran.returncode == 0, ran.stderr
+    return json.loads(ran.stdout)
+
+
+def test_no_message_no_request_no_dialog(seen):
+    assert seen["console"] == []
+    assert set(seen["requests"]) == {"run.html", "big.html", "hostile.html"}
+    assert seen["dialogs"] == []
+    assert seen["strict"] == 0
+    assert seen["refused"] == "refused"
+
+
+def test_the_archive_opens_by_click_and_keys_and_the_address_keeps_it(seen):
+    archive = seen["archive"]
+    clicked, walked = (re.search(r"niche=([\d-]+)", archive[key])[1] for key in ("clicked", "walked"))
+    column = int(clicked.removesuffix("-0-0-0-0"))
+    assert walked == f"{column + 1}-0-0-0-1"
+    assert archive["changes"] == 4
+    assert archive["count"] == "Seeds that fill the niche"
+    for word in ("seed=count", "across=dead_ends", "colour=bridges", f"niche={walked}"):
+        assert word in archive["kept"]
+
+
+def test_every_layer_and_overlay_changes_the_picture(seen, drawn):
+    counts = drawn[0].metrics
+    empty = sum(
+        counts[name] == 0 for name in ("bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "cyclomatic")
+    )
+    assert seen["niche"]["different"] == seen["niche"]["looks"] - empty
+    assert "look=tiles" in seen["niche"]["hash"] and "overlays=bridges,adjacent_crossings" in seen["niche"]["hash"]
+
+
+def test_saved_files_are_those_of_python(seen, drawn, place):
+    road_map = drawn[0]
+    saved = read_map(place / "saved.json")
+    np.testing.assert_array_equal(saved.codes, road_map.codes)
+    assert dict(saved.metrics) == dict(road_map.metrics)
+    assert (saved.fitness, saved.descriptor, saved.niche, saved.drawn) == (
+        *(road_map.fitness, road_map.descriptor, road_map.niche),
+        road_map.drawn,
+    )
+    assert (place / "saved.yaml").read_text() == to_duckietown(road_map.codes)
+    assert seen["niche"]["svg"].endswith(".svg")
+    assert (place / "saved.svg").read_text().startswith('<svg xmlns="http://www.w3.org/2000/svg"')
+    picture = render(road_map, tile_px=64)
+    np.testing.assert_array_equal(cv2.imread(str(place / "saved.png"))[..., ::-1], picture.image)
+    colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
+    np.testing.assert_array_equal(cv2.imread(str(place / "labels.png"))[..., ::-1], colours)
+
+
+def test_maps_are_filtered_sorted_and_compared(seen, run, place):
+    elites = Result.load(run / "archive.npz").elites
+    crossings = np.asarray(elites.metrics.crossings)[np.asarray(elites.valid)]
+    maps = seen["maps"]
+    least = int(crossings.min()) + 3
+    assert maps["where"] == f"--where crossings={least}.."
+    assert int(maps["kept"]) == (crossings >= least).sum()
+    assert maps["sorted"] == sorted(crossings, reverse=True)[:12]
+    assert len(json.loads((place / "selection.json").read_text())) == (crossings >= least).sum()
+    assert (maps["compared"], maps["left"]) == (2, 1)
+    assert maps["rows"] > 20
+    assert re.search(r"pins=0\.\d+,0\.\d+", maps["compareHash"])
+    assert seen["run"]["charts"] == 2
+    assert "evaluations per second" in seen["run"]["settings"]
+
+
+def test_drawing(seen, place):
+    draw = seen["draw"]
+    assert draw["open"] == {"deadEnds": 2, "bridges": 6}
+    ring = np.zeros((6, 6), np.int8)
+    ring[1, 2:4] = ring[4, 2:4] = 5
+    ring[2:4, 1] = ring[2:4, 4] = 10
+    ring[1, 1], ring[1, 4], ring[4, 1], ring[4, 4] = 6, 3, 12, 9
+    written = read_map(place / "drawn.json")
+    np.testing.assert_array_equal(written.codes, ring)
+    metrics = plain_measure(ring)
+    assert {name: written.metrics[name] for name in COUNT_NAMES} == {name: metrics[name] for name in COUNT_NAMES}
+    weights = Weights()._asdict()
+    total = sum(weights[name] * metrics[name] for name in COUNT_NAMES) - weights["components"]
+    assert draw["ring"] == {"deadEnds": 0, "cyclomatic": 1, "fitness": str(total).replace("-", "−")}
+    assert draw["undone"] == 2
+    template = parse_template(place / "fix.json")
+    assert template.fixed.sum() == 2 and template.grid[1, 1] == 6 and template.grid[2, 2] == 0
+    assert draw["mended"] == 1
+    assert draw["mismatches"] == 2
+    numbers = [int(draw[name].replace("−", "-").replace(",", "")) for name in ("total", "weighted")]
+    assert numbers[1] - numbers[0] == 2 * 500
+    assert "--weights crossings=500" in draw["weights"]
+    np.testing.assert_array_equal(read_map(place / "dropped.json").codes, read_map(TOWN).codes)
+    assert "expected tile codes 0 to 15, got 99" in draw["refused"]
+
+
+def test_it_is_fast(seen):
+    """Milliseconds; the limits are those of a machine that does nothing else, three times."""
+    times = seen["times"]
+    assert min(times["colours"], times["smalls"], times["larges"]) >= 20
+    assert times["shown"] < 3 * 1000
+    assert times["colour"] < 3 * 100
+    assert times["small"] < 3 * 16
+    assert times["large"] < 3 * 100
+
+
+def test_names_are_text(seen):
+    assert HOSTILE.rpartition("/")[2] in seen["hostile"]["words"]
+    assert (seen["hostile"]["scripts"], seen["hostile"]["bold"]) == (3, 0)
+
+
+def test_axe_finds_no_serious_fault_and_nothing_is_too_wide(seen):
+    assert [fault for fault in seen["axe"] if fault["impact"] in ("serious", "critical")] == []
+    assert seen["overflow"] == []
