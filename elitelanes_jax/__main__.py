@@ -1,14 +1,16 @@
-"""The console script ``elitelanes``, and ``python -m elitelanes_jax``."""
+"""The console script ``elitelanes``, and ``python -m elitelanes_jax``.
+
+It imports next to nothing before it catches signals: until then Python ends an interrupted program with a traceback.
+"""
 
 import os
 import signal
 import sys
-from typing import NoReturn
 
 __all__ = ["run"]
 
 
-def run() -> NoReturn:
+def run() -> None:
     """Runs the command line of the process; modules load within, so that an interruption is caught from the start."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # not on every system

@@ -4,10 +4,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from elitelanes_jax._util.atomic_io import compare_settings, write_json
 from elitelanes_jax._util.locks import locked
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.result import Result
 
 __all__ = ["Checkpoint", "open_checkpoint"]
@@ -30,7 +30,7 @@ class Checkpoint:
       every: seconds from one writing to the next, 0 to write whenever it is asked.
     """
 
-    def __init__(self, folder: Path, identity: dict[str, Any], every: float) -> None:
+    def __init__(self, folder: Path, identity: dict[str, Plain], every: float) -> None:
         self.folder = folder
         self._identity, self._every = identity, every
         self._began = self._due = float("inf")
@@ -75,7 +75,7 @@ class Checkpoint:
 
 
 @contextmanager
-def open_checkpoint(folder: str | Path, identity: dict[str, Any], every: float) -> Iterator[Checkpoint]:
+def open_checkpoint(folder: str | Path, identity: dict[str, Plain], every: float) -> Iterator[Checkpoint]:
     """Opens the folder of a search, which is made where it is missing; see `Checkpoint` for the arguments.
 
     Raises:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from elitelanes_jax._util.checks import is_whole
 from elitelanes_jax._util.cores import count_cores, use_cores
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Pytree
 
 __all__ = ["choose_devices", "cut", "join", "side_by_side", "use_cores"]
 
@@ -45,7 +46,7 @@ def _repeated(devices: Sequence[jax.Device], count: int) -> list[jax.Device]:
     return [devices[number % len(devices)] for number in range(count)]
 
 
-def cut(tree: Any, devices: Sequence[jax.Device]) -> list[Any]:
+def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     """Cuts arrays with rows in front into parts of equal size, and puts each part on its device.
 
     One program serves parts of one size: the last ones repeat the last row where the rows do not divide. This takes no
@@ -72,12 +73,12 @@ def cut(tree: Any, devices: Sequence[jax.Device]) -> list[Any]:
     ]
 
 
-def join(parts: Sequence[Any], rows: int) -> Any:
+def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     """Puts parts of `cut` together again, arrays ``[rows, ...]``."""
     if len(parts) == 1:
         return parts[0]
 
-    def joined(*arrays: Any) -> Any:
+    def joined(*arrays: Pytree) -> Pytree:
         if _is_key(arrays[0]):
             return jnp.concatenate([_put(array, jax.local_devices()[0]) for array in arrays])[:rows]
         return np.concatenate(arrays)[:rows]
@@ -93,7 +94,7 @@ def side_by_side(calls: Sequence[Callable[[], T]]) -> list[T]:
     """
     if len(calls) == 1:
         return [calls[0]()]
-    ended: SimpleQueue[tuple[int, Any, BaseException | None]] = SimpleQueue()
+    ended: SimpleQueue[tuple[int, Pytree, BaseException | None]] = SimpleQueue()
 
     def call(number: int) -> None:
         try:
@@ -118,10 +119,10 @@ def side_by_side(calls: Sequence[Callable[[], T]]) -> list[T]:
     return [found[number] for number in range(len(calls))]
 
 
-def _is_key(array: Any) -> bool:
+def _is_key(array: Pytree) -> bool:
     return jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
-def _put(tree: Any, device: jax.Device) -> Any:
+def _put(tree: Pytree, device: jax.Device) -> Pytree:
     """Puts arrays on a device, bound to it but for the default: for bound arrays JAX would compile again."""
     return tree if device == jax.local_devices()[0] else jax.device_put(tree, device)

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
@@ -14,6 +13,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
@@ -144,7 +144,7 @@ def _budget(search: SearchSpec) -> str:
     return f"{search.generations:,} generations"
 
 
-def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: dict[str, float]) -> dict[str, Any]:
+def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: dict[str, float]) -> dict[str, Plain]:
     spec, elites = run.spec, run.result.elites
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
@@ -178,6 +178,6 @@ def _median(speeds: NDArray[np.float64]) -> int | None:
     return round(float(np.median(speeds))) if speeds.size else None
 
 
-def _plain(record: Any) -> Any:
+def _plain(record: Plain) -> Plain:
     """Returns records within records as tables within tables."""
     return {name: _plain(value) for name, value in vars(record).items()} if hasattr(record, "__dict__") else record

@@ -7,7 +7,7 @@ QDax and evosax keep it, holds it exactly up to 2**24 either way.
 
 from collections.abc import Callable
 from math import prod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.random_bits import random_bits
 from elitelanes_jax.optimizers.moves import Mix, random_move
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins
@@ -171,7 +172,7 @@ def evosax_task(problem: Problem) -> EvosaxTask:
     return EvosaxTask(prod(shape), init, jax.jit(evaluate), sample, jax.jit(decode))
 
 
-def ribs_archive_space(problem: Problem) -> dict[str, Any]:
+def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
     """Returns the arguments with which pyribs's `GridArchive` (pyribs 0.12) has our niches as cells, in their order.
 
     Returns:
@@ -185,7 +186,7 @@ def ribs_archive_space(problem: Problem) -> dict[str, Any]:
     }
 
 
-def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
+def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     """Makes the function from solutions of pyribs to grids.
 
     Returns:
@@ -201,7 +202,7 @@ def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
     codes = np.array(problem.alphabet, np.int8)
     settle = jax.jit(jax.vmap(problem.repair_raster))
 
-    def grids(solutions: Any) -> NDArray[np.int8]:
+    def grids(solutions: AnyArray) -> NDArray[np.int8]:
         try:
             array = np.asarray(solutions)
         except ValueError as error:
@@ -219,7 +220,7 @@ def ribs_grids(problem: Problem) -> Callable[[Any], NDArray[np.int8]]:
     return grids
 
 
-def ribs_evaluate(problem: Problem) -> Callable[[Any], tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Makes the evaluation for pyribs's loop (pyribs 0.12), between `ask` and `tell`.
 
     Returns:
@@ -236,7 +237,7 @@ def ribs_evaluate(problem: Problem) -> Callable[[Any], tuple[NDArray[np.float64]
         fitness, counts = problem.evaluate(batch)
         return -fitness, compute_descriptor(counts, problem.axes)
 
-    def evaluate(solutions: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = scored(grids(solutions))
         return np.asarray(objective, np.float64), np.asarray(descriptor, np.float64)
 

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +14,7 @@ from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Elites, Optimizer
 from elitelanes_jax.optimizers.run import advance, start
@@ -39,7 +39,7 @@ def evolve_islands(
     config: Config | None = None,
     features: Mapping[str, Kernel] | None = None,
     progress: bool | None = None,
-    **options: Any,
+    **options: UserValue,
 ) -> Result:
     """Evolves road networks on islands that share what they find: one search for all devices of all hosts.
 
@@ -120,8 +120,8 @@ def _evolve(
 
 
 def _compiled(
-    optimizer: Optimizer, key: Any, islands: int, every: int, devices: list[jax.Device]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    optimizer: Optimizer, key: Pytree, islands: int, every: int, devices: list[jax.Device]
+) -> tuple[Callable[..., Pytree], Callable[..., Pytree]]:
     """Returns the two programs, of the first populations and of the generations up to an exchange.
 
     Each returns the states of all islands, spread over the devices, and the elites that all have in common.
@@ -134,7 +134,7 @@ def _compiled(
         island = jax.lax.axis_index(_AXIS) * each + jnp.arange(each)
         return jax.vmap(partial(jax.random.fold_in, jax.random.wrap_key_data(key)))(island)
 
-    def exchange(states: Any) -> tuple[Any, Elites]:
+    def exchange(states: Pytree) -> tuple[Pytree, Elites]:
         found = jax.vmap(optimizer.elites)(states)
         everyone = jax.lax.all_gather(Archive(*found[:3]), _AXIS, tiled=True)
         best = keep_best(everyone)
@@ -142,10 +142,10 @@ def _compiled(
         assert optimizer.receive is not None
         return jax.vmap(optimizer.receive, (0, None))(states, elites), elites
 
-    def begin() -> tuple[Any, Elites]:
+    def begin() -> tuple[Pytree, Elites]:
         return exchange(start(optimizer, keys()))
 
-    def go_on(states: Any, first: Array, last: Array) -> tuple[Any, Elites]:
+    def go_on(states: Pytree, first: Array, last: Array) -> tuple[Pytree, Elites]:
         return exchange(advance(optimizer, keys(), states, first, last, most=every)[0])
 
     spread = partial(jax.shard_map, mesh=mesh, out_specs=(split, same), check_vma=False)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ import numpy as np
 from elitelanes_jax._util.atomic_io import first_difference
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.unfinished import is_kept
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.result import Result
@@ -90,7 +91,7 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
     )
 
 
-def _read_record(folder: Path) -> dict[str, Any]:
+def _read_record(folder: Path) -> dict[str, Plain]:
     if is_kept(folder):
         raise InputError(f"{folder}: expected a part that is done, got one that the same command goes on with")
     try:
@@ -107,7 +108,7 @@ def _read_record(folder: Path) -> dict[str, Any]:
     return record
 
 
-def _read_spec(folder: Path, settings: dict[str, Any]) -> GenerateSpec:
+def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
     try:
         return GenerateSpec(**settings | {"search": SearchSpec(**settings["search"])})
     except (InputError, TypeError, KeyError) as error:

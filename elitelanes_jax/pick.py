@@ -2,24 +2,24 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.atomic_io import new_folder
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax._util.version import installed_versions
-from elitelanes_jax.archive_file import Archive, read_archive
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import extra_names, join_counts
-from elitelanes_jax.result import History, MeasuredElites, Result, RunState
+from elitelanes_jax.result import MeasuredElites, Result, load_with_seed
 from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -50,11 +50,11 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
     tiles = load_tiles(spec.tiles)
     if not archives:
         raise InputError("archives: expected at least one, got none")
-    found = [read_archive(file) for file in archives]
-    shape = found[0].shape
+    found, seeds = zip(*map(_read, archives), strict=True)
+    shape = found[0].elites.grids.shape[2:]
     for file, one in zip(archives, found, strict=True):
-        if one.shape != shape:
-            sizes = ("{} x {}".format(*size) for size in (shape, one.shape))
+        if one.elites.grids.shape[2:] != shape:
+            sizes = ("{} x {}".format(*size) for size in (shape, one.elites.grids.shape[2:]))
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, found[0].spec)
     search.check_maps(shape)
@@ -64,21 +64,19 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
         )
-        result = Result(
-            elites, _NO_HISTORY, RunState(np.array(0, np.int32), None, np.array(0, np.uint32)), search, axes
-        )
+        result = replace(found[0], elites=elites, spec=search, axes=axes)
         with Progress("choosing maps"):
             choice = choose_maps(result, spec.maps, known=[np.array(grid, np.int8) for grid in spec.unlike])
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))
-        runs = [(one.seed, number) for one in found for number in range(len(one.elites.grids))]
+        runs = [(seed, run) for seed, one in zip(seeds, found, strict=True) for run in range(len(one.elites.grids))]
         maps = [road_map._replace(seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = (
             f"{many(len(maps), 'road map')} of {shape[0]} x {shape[1]} tiles, chosen from {many(len(found), 'archive')}"
         )
         maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
-        run = {
+        record = {
             "settings": spec.to_plain(),
             "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
             "search": search.to_plain(),
@@ -87,11 +85,16 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
             "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
             "versions": installed_versions(),
         }
-        (folder / "run.json").write_text(json.dumps(run, indent=2) + "\n", encoding="utf-8")
+        (folder / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return maps
 
 
-_NO_HISTORY = History(*[np.zeros(0)] * 5)
+def _read(file: Path) -> tuple[Result, int]:
+    """Reads an archive, of runs whose seeds are known."""
+    result, seed = load_with_seed(file)
+    if seed is None or result.elites.grids.ndim != 4:
+        raise InputError(f"{file}: expected an archive.npz of generate, got a result without a seed")
+    return result, seed
 
 
 def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
@@ -100,16 +103,14 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
     return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules})
 
 
-def _together(
-    found: Sequence[Archive], axes: tuple[Axis, ...], wanted: Sequence[str], tiles: TileSet
-) -> MeasuredElites:
+def _together(found: Sequence[Result], axes: tuple[Axis, ...], wanted: Sequence[str], tiles: TileSet) -> MeasuredElites:
     """Puts the runs of all searches one behind the other; places that a search has fewer of are vacant.
 
     Features that are `wanted` beside the axes' are there too.
     """
     places = max(one.elites.valid.shape[1] for one in found)
 
-    def join(arrays: Sequence[Any]) -> Any:
+    def join(arrays: Sequence[AnyArray]) -> AnyArray:
         padded = [
             np.pad(array, [(0, 0), (0, places - array.shape[1]), *[(0, 0)] * (array.ndim - 2)]) for array in arrays
         ]

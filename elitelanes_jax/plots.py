@@ -6,13 +6,14 @@ Each draws on `ax`, by default on a new figure, and returns the Axes. All need m
 from collections.abc import Mapping, Sequence
 from math import prod
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import AnyArray, Untyped, UserValue
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, SOUTH
 
@@ -36,7 +37,7 @@ _ROOM = 50
 
 
 def road_map(
-    grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: Any = None, ax: "Axes | None" = None
+    grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: UserValue = None, ax: "Axes | None" = None
 ) -> "Axes":
     """Draws a map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
 
@@ -87,14 +88,14 @@ def road_map(
 
 
 def archive_map(
-    fitness: Any,
+    fitness: AnyArray,
     axes: "Sequence[Axis]",
     *,
     across: str | None = None,
     down: Sequence[str] | str | None = None,
     label: str = "fitness",
     ax: "Axes | None" = None,
-    **image: Any,
+    **image: Untyped,
 ) -> "Axes":
     """Draws an archive as a heat map: one axis of the descriptor across, the niches of one or several others down.
 
@@ -145,7 +146,7 @@ def archive_map(
     table = table.reshape(-1, columns.bins)
 
     ax = _axes(ax)
-    style = {"cmap": "viridis_r", "aspect": "auto", "interpolation": "nearest"} | image
+    style: dict[str, Untyped] = {"cmap": "viridis_r", "aspect": "auto", "interpolation": "nearest"} | image
     cells = ax.imshow(np.ma.masked_invalid(table), **style)
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
@@ -196,13 +197,13 @@ def history(
 
 
 def seed_band(
-    x: Any,
-    values: Any,
+    x: AnyArray,
+    values: AnyArray,
     *,
     label: str | None = None,
     quantiles: tuple[float, float] = (0.25, 0.75),
     ax: "Axes | None" = None,
-    **line: Any,
+    **line: Untyped,
 ) -> "Axes":
     """Draws the median over seeds as a line, and a band from one quantile to another.
 
@@ -232,7 +233,7 @@ def seed_band(
     return ax
 
 
-def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = None) -> "Axes":
+def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | None" = None) -> "Axes":
     """Draws one metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, outliers.
 
     Args:
@@ -249,7 +250,7 @@ def metric_boxes(groups: Mapping[str, Any], metric: str, *, ax: "Axes | None" = 
     samples = []
     for name, group in groups.items():
         valid = getattr(group, "valid", True)
-        record = getattr(group, "metrics", group)
+        record: AnyArray = getattr(group, "metrics", group)
         values = record._asdict() if hasattr(record, "_asdict") else record
         if not isinstance(values, Mapping):
             raise InputError(f"groups: expected elites, metrics or a mapping in each, got {name!r} with {group!r}")

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,11 +12,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
 
 from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import parse_ranges, satisfies
@@ -24,7 +26,7 @@ from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["History", "MeasuredElites", "Result", "RunState", "SearchInterrupted"]
+__all__ = ["History", "MeasuredElites", "Result", "RunState", "SearchInterrupted", "load_with_seed"]
 
 _FORMAT = "elitelanes result, version 1"
 
@@ -109,7 +111,7 @@ class RunState(NamedTuple):
     """
 
     generation: Int32[Array | np.ndarray, ""]
-    inner: Any
+    inner: Pytree
     fingerprint: UInt32[Array | np.ndarray, ""]
 
     def __repr__(self) -> str:
@@ -146,7 +148,7 @@ class Result:
         """Tells which elites are in all the ranges of the specification, exactly."""
         return np.asarray(self.elites.valid) & satisfies(self.elites.measures(), self.spec.where)
 
-    def maps(self, count: int = 16, *, where: Any = (), seed: int = 0) -> list[RoadMap]:
+    def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
         Args:
@@ -225,21 +227,28 @@ class Result:
         Raises:
           InputError: if the file cannot be read, is no such file, is of another version or damaged.
         """
-        settings, arrays = unpack(path)
-        try:
-            spec, axes = _read_settings(settings)
-            state = _read_state(arrays)
-            arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
-            _check_arrays(arrays, len(axes), spec.extras)
-        except InputError as error:
-            raise InputError(f"{path}: expected a result that Result.save wrote, got {error}") from None
-        metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
-        features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.extras}
-        elites = MeasuredElites(
-            **{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features
-        )
-        history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-        return cls(elites, history, state, spec, axes)
+        return load_with_seed(path)[0]
+
+
+def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
+    """Reads what `Result.load` reads, and the seed that is noted in the file, None without one.
+
+    Raises:
+      InputError: as `Result.load` does.
+    """
+    settings, arrays = unpack(path)
+    try:
+        spec, axes, seed = _read_settings(settings)
+        state = _read_state(arrays)
+        arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
+        _check_arrays(arrays, len(axes), spec.extras)
+    except InputError as error:
+        raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
+    metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
+    features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.extras}
+    elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
+    history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
+    return Result(elites, history, state, spec, axes), seed
 
 
 class SearchInterrupted(KeyboardInterrupt):
@@ -275,17 +284,20 @@ def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
     return {"generation": generation, "fingerprint": fingerprint} | inner
 
 
-def _read_settings(settings: Any) -> tuple[SearchSpec, tuple[Axis, ...]]:
-    """Reads the settings; the errors' words follow "got"."""
+def _read_settings(settings: Plain) -> tuple[SearchSpec, tuple[Axis, ...], int | None]:
+    """Reads the specification, the axes and the seed; the errors' words follow "got"."""
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("a file without its settings")
     if settings["format"] != _FORMAT:
         raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
     try:
         spec = SearchSpec(**settings["search"])
-        return spec, parse_axes(settings["axes"], spec.features)
+        axes, seed = parse_axes(settings["axes"], spec.features), settings["seed"]
+        if seed is not None and not is_whole(seed):
+            raise InputError(f"seed: expected a whole number, got {seed!r}")
     except (InputError, KeyError, TypeError) as error:
         raise InputError(f"one whose settings do not hold: {error}") from None
+    return spec, axes, seed
 
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
@@ -318,9 +330,12 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, extras: Sequence[
             raise InputError(f"{name} of {array.dtype} {array.shape} beside the others")
     if unknown := set(arrays) - set(kinds):
         raise InputError(f"one with {min(unknown)}, which no result has")
+    grids = arrays["grids"]
+    if not grids.size or not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
+        raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")
 
 
-def _in_short(record: Any) -> str:
+def _in_short(record: Pytree) -> str:
     """Returns the fields of a record of arrays, each with its type and shape, in a line."""
     fields = (
         f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"

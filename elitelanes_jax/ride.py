@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import jax
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive.camera import Camera, look, make_atlas
 from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive.lanes import Pose
@@ -75,11 +76,11 @@ def make_rides(grid: ArrayLike, count: int = 1, *, policy: str = "route", second
 
 @partial(jax.jit, static_argnames=("policy", "steps"))
 @partial(jax.vmap, in_axes=(0, 0, None, None, None))
-def _drive_one(key: Any, level: Level, params: LaneDriveParams, policy: str, steps: int) -> Any:
+def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
     _, state = LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
     poses = jnp.broadcast_to(jnp.stack(state.pose)[:, None], (3, steps + 1))
 
-    def go(number: Any, carry: Any) -> Any:
+    def go(number: Pytree, carry: Pytree) -> Pytree:
         state, poses, over, length, success = carry
         moving = jax.random.fold_in(key, number)
         action = pure_pursuit(state, params)
@@ -95,13 +96,13 @@ def _drive_one(key: Any, level: Level, params: LaneDriveParams, policy: str, ste
     return poses, length, success
 
 
-def _drive(key: Any, params: LaneDriveParams, policy: str, steps: int) -> Any:
+def _drive(key: Pytree, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
     keys = jax.random.split(key, params.levels.grid.shape[0])
     return _drive_one(keys, params.levels, params, policy, steps)
 
 
 def trails(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: Any = None
+    grid: ArrayLike, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
@@ -115,7 +116,7 @@ def trails(
 
 
 def film(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 64, chosen: Any = None
+    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 64, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 a second: the camera's picture, and beside it the map with the robot.
 
@@ -147,7 +148,7 @@ def film(
 
 
 @jax.jit
-def _look(poses: Pose, place: Any, atlas: Any, camera: Camera) -> Any:
+def _look(poses: Pose, place: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
     return jax.vmap(lambda pose: look(jax.random.key(0), pose, place, atlas, camera).image)(poses)
 
 

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,6 +20,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.devices import choose_devices, cut, join, side_by_side
@@ -64,7 +65,7 @@ def evolve(
     progress: bool | None = None,
     devices: int | Sequence[jax.Device] | None = None,
     features: Mapping[str, Kernel] | None = None,
-    **options: Any,
+    **options: UserValue,
 ) -> Result:
     """Evolves road networks.
 
@@ -118,7 +119,7 @@ def evolve(
         return _evolve(search, done, inner, kept, progress)
 
 
-def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, progress: bool | None) -> Result:
+def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
     per_step = search.program.optimizer(search.numbers).evaluations_per_step
     spec, shape = search.spec, search.program.shape
@@ -157,7 +158,7 @@ def _evolve(search: "_Search", first: int, inner: Any, kept: Checkpoint | None, 
     return result
 
 
-def _check_memory(states: Any, seeds: int, shape: tuple[int, int]) -> None:
+def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
     """Checks that states fit into the free memory twice, as those before and after a step are there at once."""
     stats = jax.local_devices()[0].memory_stats()  # of an accelerator
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
@@ -177,7 +178,7 @@ class Numbers(NamedTuple):
 
     weights: Weights
     bounds: Bounds
-    config: tuple[Any, ...]  # the leaves that are traced
+    config: tuple[Pytree, ...]  # the leaves that are traced
     initial: Int8[np.ndarray, "N H W"] | None
     extra_weights: Int32[np.ndarray, " K"] | None
 
@@ -191,7 +192,7 @@ class Program(NamedTuple):
     fill: bool
     fix: Template | None
     bounded: bool
-    config: Any  # the tree of the configuration; None for an optimiser of the user's
+    config: Pytree  # the tree of the configuration; None for an optimiser of the user's
     factory: Callable[[Problem], Optimizer] | None
     extras: tuple[str, ...]
     kernels: tuple[tuple[str, Kernel], ...]  # those of the user's that are needed
@@ -226,7 +227,7 @@ class _Search(NamedTuple):
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
 
-    def result(self, states: Sequence[Any], parts: Sequence[History], first: int) -> Result:
+    def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
         nothing = np.zeros((self.keys.size, 0), np.int32)
@@ -237,7 +238,7 @@ class _Search(NamedTuple):
         return Result(elites, history, RunState(generation, inner, self.fingerprint), self.spec, self.program.axes)
 
 
-def check_keys(key: Any, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
+def check_keys(key: UserValue, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
     """Returns the keys as an array ``[S]``, and whether there was one key alone."""
     if is_whole(key):
         seeds = GenerateSpec.seeds if seeds is None else seeds
@@ -324,7 +325,7 @@ def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> 
     return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
 
 
-def _identity(search: _Search, config: Config, first: int) -> dict[str, Any]:
+def _identity(search: _Search, config: Config, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on but its budget, plain values for JSON."""
     settings = search.spec.to_plain()
     del settings["evaluations"], settings["generations"]
@@ -340,7 +341,7 @@ def _identity(search: _Search, config: Config, first: int) -> dict[str, Any]:
     }
 
 
-def _restore(state: Any, search: _Search) -> tuple[int, Any]:
+def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
     """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
@@ -357,8 +358,8 @@ def _restore(state: Any, search: _Search) -> tuple[int, Any]:
 
 
 def _run(
-    search: _Search, states: list[Any], done: int, last: int, per_step: int, bar: Progress
-) -> Iterator[tuple[list[Any], History]]:
+    search: _Search, states: list[Pytree], done: int, last: int, per_step: int, bar: Progress
+) -> Iterator[tuple[list[Pytree], History]]:
     """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
     numbers, seeds = search.numbers, search.keys.size
     keys, devices = cut(search.keys, search.devices), search.devices[: len(states)]
@@ -372,7 +373,7 @@ def _run(
             }
             compiled = dict(zip(lowered, side_by_side([each.compile for each in lowered.values()]), strict=True))
 
-    def advance_part(part: int, first: int, last: int) -> tuple[Any, Info]:
+    def advance_part(part: int, first: int, last: int) -> tuple[Pytree, Info]:
         run = compiled[devices[part]]
         return jax.block_until_ready(run(numbers, keys[part], states[part], np.int32(first), np.int32(last)))
 
@@ -396,19 +397,19 @@ def _run(
 
 # The first populations are made once: to compile that twice as fast is worth more than to run it.
 @partial(jax.jit, static_argnames="program", compiler_options={"xla_backend_optimization_level": 0})
-def _start(program: Program, numbers: Numbers, keys: Array) -> Any:
+def _start(program: Program, numbers: Numbers, keys: Array) -> Pytree:
     return start(program.optimizer(numbers), keys)
 
 
 @partial(jax.jit, static_argnames="program")
 def _advance(
-    program: Program, numbers: Numbers, keys: Array, states: Any, first: int | Array, last: int | Array
-) -> tuple[Any, Info]:
+    program: Program, numbers: Numbers, keys: Array, states: Pytree, first: int | Array, last: int | Array
+) -> tuple[Pytree, Info]:
     return advance(program.optimizer(numbers), keys, states, first, last, most=_MOST)
 
 
 @partial(jax.jit, static_argnames=("program", "single"))
-def _collect(program: Program, numbers: Numbers, states: Any, single: bool) -> tuple[MeasuredElites, Any]:
+def _collect(program: Program, numbers: Numbers, states: Pytree, single: bool) -> tuple[MeasuredElites, Pytree]:
     """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
     measured = as_measured(program, jax.vmap(program.optimizer(numbers).elites)(states))
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)

@@ -3,20 +3,20 @@
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, whole
 from elitelanes_jax._util.errors import InputError, likely, many, short
 from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid, check_shape
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.weights import Weights, check_weights, largest_side
 from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
-from elitelanes_jax.problem.feasible import check_feasible, check_number
+from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
 from elitelanes_jax.problem.features import FEATURES, extra_names, largest_feature
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
@@ -41,7 +41,7 @@ METHODS = {
 """The methods, and the presets of each, the default first."""
 
 
-def check_names(features: Any) -> tuple[str, ...]:
+def check_names(features: UserValue) -> tuple[str, ...]:
     """Checks the names of features of one's own.
 
     Raises:
@@ -56,7 +56,7 @@ def check_names(features: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def parse_weights(weights: Any, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
+def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
     """Reads weights from texts such as ``bridges=300``, a mapping of names to whole numbers, pairs, or `Weights`.
 
     Args:
@@ -79,7 +79,7 @@ def parse_weights(weights: Any, own: Collection[str] = ()) -> tuple[tuple[str, i
     return pairs
 
 
-def _parse_weight(weight: Any, own: Collection[str]) -> tuple[str, int]:
+def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
     try:
         metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     except (TypeError, ValueError):
@@ -98,7 +98,7 @@ def _parse_weight(weight: Any, own: Collection[str]) -> tuple[str, int]:
         raise InputError(f"weights: expected NAME=N with a whole number, got {short(repr(text), 40)}") from None
 
 
-def parse_initial(initial: Any) -> tuple[tuple[tuple[int, ...], ...], ...]:
+def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
     """Reads the grids that a search begins with, each as a tuple of rows.
 
     Args:
@@ -115,7 +115,7 @@ def parse_initial(initial: Any) -> tuple[tuple[tuple[int, ...], ...], ...]:
     return tuple(tuple(map(tuple, np.asarray(grid).tolist())) for grid in grids)
 
 
-def check_size(size: Any) -> tuple[int, int]:
+def check_size(size: UserValue) -> tuple[int, int]:
     """Checks the size of maps, (rows, columns) in tiles, numbers or texts of them.
 
     Raises:
@@ -128,7 +128,7 @@ def check_size(size: Any) -> tuple[int, int]:
         raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None
 
 
-def parse_part(part: Any) -> tuple[int, int]:
+def parse_part(part: UserValue) -> tuple[int, int]:
     """Reads which part of how many, such as ``3/10`` or (3, 10); the first is 1.
 
     Raises:
@@ -222,7 +222,7 @@ class SearchSpec(Settings):
         Raises:
           InputError: for a wish that cannot be met; the message says the limit.
         """
-        check_feasible(shape, self.where, **self._wishes, maps=maps)
+        check_feasible(self._requirements(shape, maps))
 
     def count_maps(self, shape: tuple[int, int], maps: int) -> None:
         """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
@@ -231,11 +231,10 @@ class SearchSpec(Settings):
           InputError: for a wish that cannot be met; the message says the limit.
         """
         self.check_maps(shape, maps)
-        check_number(shape, self.where, **self._wishes, maps=maps)
+        check_number(self._requirements(shape, maps))
 
-    @property
-    def _wishes(self) -> dict[str, Any]:
-        return {"fix": self.fix, "rules": self.rules, "filled": self.fills, "alphabet": self.alphabet}
+    def _requirements(self, shape: tuple[int, int], maps: int) -> Requirements:
+        return Requirements(shape, self.where, self.fix, self.rules, self.fills, self.alphabet, maps)
 
     @property
     def fills(self) -> bool:
@@ -267,7 +266,7 @@ class SearchSpec(Settings):
             return resolve_axes(self.axes, shape, self.features)
         return tuned_axes(shape) if self.preset == "tuned" else paper_axes(shape)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON, of which `SearchSpec` makes the same record again."""
         return vars(self) | {
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
@@ -316,7 +315,7 @@ class GenerateSpec(Settings):
         self.search.check_on(self.size)
         self.search.check_maps(self.size, 1 if self.at_most else self.maps)
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         return vars(self) | {"search": self.search.to_plain(), "tiles": self.tiles and str(self.tiles)}
 
@@ -347,7 +346,7 @@ class PickSpec(Settings):
     tiles: Path | None = option(None, none_or(path), "DIR")
     tile_px: int = option(64, whole(16, 512), "N")
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         return vars(self) | {
             "where": [str(item) for item in self.where],

@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.archive_file import read_archive
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
 from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.result import Result
 from elitelanes_jax.tiles.files import read_mask, read_points
 from elitelanes_jax.tiles.render import png_of
 from elitelanes_jax.tiles.tileset import inspect_tiles
@@ -77,7 +77,7 @@ READERS = {
         MASK,
         ["IDAT", "IEND", "PLTE", "tRNS"],
     ),
-    "archive.npz": (read_archive, ARCHIVE, ["PK\x03\x04", "PK\x01\x02", "(9999999999,)", "|O"]),
+    "archive.npz": (Result.load, ARCHIVE, ["PK\x03\x04", "PK\x01\x02", "(9999999999,)", "|O"]),
     "result.npz": (unpack, ARCHIVE, ["PK\x03\x04", "PK\x05\x06", "'descr'", "(99999999999999999999,)", "O8"]),
 }
 

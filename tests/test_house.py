@@ -33,6 +33,16 @@ def test_imports_are_absolute():
         assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.level], name
 
 
+def test_types_that_cannot_be_seen_have_names_and_reasons():
+    def is_any(node):
+        return (
+            isinstance(node, ast.ImportFrom) and node.module == "typing" and "Any" in [one.name for one in node.names]
+        )
+
+    using = [name for name, tree in TREES.items() if any(map(is_any, ast.walk(tree)))]
+    assert using == ["elitelanes_jax._util.types"]
+
+
 def test_one_scan_runs_all_optimizers():
     def scans(tree):
         called = (node.func for node in ast.walk(tree) if isinstance(node, ast.Call))

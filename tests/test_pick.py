@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, measure
-from elitelanes_jax.archive_file import read_archive
+from elitelanes_jax import InputError, Result, measure
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.symmetry import canonical_form
@@ -56,7 +55,7 @@ def test_more_maps_of_several_searches_in_ranges_unlike_others(searched, tmp_pat
     assert len(chosen) == 9
     forms = [canonical_form(road_map.codes) for road_map in (*chosen, *map(read_map, known))]
     assert len(set(forms)) == 15
-    archives = [read_archive(file) for file in files]
+    archives = [Result.load(file) for file in files]
     assert [archive.elites.valid.shape for archive in archives] == [(3, 20), (2, 15)]
     assert {road_map.seed[0] for road_map in chosen} == {0, 7}
     for road_map in chosen:
@@ -103,12 +102,14 @@ def test_what_cannot_be_picked_from_is_one_line(searched, tmp_path, capsys):
     np.savez(tmp_path / "other.npz", grids=np.zeros(3))
     good = searched / "one" / "archive.npz"
     (tmp_path / "half.npz").write_bytes(good.read_bytes()[:-200])
+    Result.load(good).save(tmp_path / "mine.npz")
     for arguments, message in (
-        (["nowhere.npz"], "nowhere.npz: expected an archive.npz of generate, got: no such file or directory"),
-        ([tmp_path], "expected an archive.npz of generate, got: is a directory"),
-        ([tmp_path / "text.npz"], "text.npz: expected an archive.npz of generate, got a file that is no archive"),
-        ([tmp_path / "half.npz"], "half.npz: expected an archive.npz of generate, got a file that is no archive"),
-        ([tmp_path / "other.npz"], "other.npz: expected an archive.npz of generate, got: one without 'settings'"),
+        (["nowhere.npz"], "nowhere.npz: no such file or directory"),
+        ([tmp_path], ": is a directory"),
+        ([tmp_path / "text.npz"], "text.npz: expected NumPy's .npz, got one that does not hold: no archive of arrays"),
+        ([tmp_path / "half.npz"], "half.npz: expected NumPy's .npz, got one that does not hold: "),
+        ([tmp_path / "other.npz"], "other.npz: expected a result, of generate or Result.save, got a file without its"),
+        ([tmp_path / "mine.npz"], "mine.npz: expected an archive.npz of generate, got a result without a seed"),
         ([good, "--where", "dead_ends=3"], "where 'dead_ends=3': expected a range with 0"),
         ([good, "--unlike", tmp_path / "text.npz"], "text.npz: "),
     ):
@@ -142,8 +143,8 @@ def test_a_changed_archive_is_refused_by_name(change, searched, tmp_path):
         arrays = dict(stored)
     arrays[name] = make(arrays[name])
     np.savez(tmp_path / "changed.npz", **arrays)
-    with pytest.raises(InputError, match=r"changed\.npz: expected an archive.npz of generate, got"):
-        read_archive(tmp_path / "changed.npz")
+    with pytest.raises(InputError, match=r"changed\.npz: expected .*, got "):
+        Result.load(tmp_path / "changed.npz")
 
 
 def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys):

@@ -151,7 +151,7 @@ def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, chang
     result.save(file)
     file.write_bytes(changed(file, **changes))
     with pytest.raises(
-        InputError, match=f"result.npz: expected a result that Result.save wrote, got {message}"
+        InputError, match=f"result.npz: expected a result, of generate or Result.save, got {message}"
     ) as caught:
         Result.load(file)
     assert "\n" not in str(caught.value)

@@ -10,10 +10,11 @@ import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.types import Plain
 
 if TYPE_CHECKING:
     from filelock import BaseFileLock
@@ -111,7 +112,7 @@ def _check_replaceable(
         raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
 
 
-def foreign_file(folder: Path, own: Callable[[str], Any]) -> str | None:
+def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
     """Returns the first file in a folder and all below that is not an own one, in the order of names; None without one.
 
     Args:
@@ -190,7 +191,7 @@ def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
         raise OSError(error.errno, error.strerror, str(file)) from None
 
 
-def write_json(file: Path, values: Any) -> None:
+def write_json(file: Path, values: Plain) -> None:
     """Writes values as JSON, as `write_atomic` does."""
     write_atomic(file, json.dumps(values, indent=2).encode() + b"\n")
 
@@ -201,7 +202,7 @@ def unwritable_error(place: str | Path, error: OSError) -> InputError:
     return InputError(f"{place}: expected a place that can be written to, got{got}: {reason(error)}")
 
 
-def compare_settings(folder: Path, file: Path, asked: dict[str, Any]) -> None:
+def compare_settings(folder: Path, file: Path, asked: dict[str, Plain]) -> None:
     """Compares settings with those that a folder was begun with.
 
     Args:
@@ -226,7 +227,7 @@ def compare_settings(folder: Path, file: Path, asked: dict[str, Any]) -> None:
         )
 
 
-def first_difference(asked: dict[str, Any], there: dict[str, Any]) -> tuple[str, Any, Any] | None:
+def first_difference(asked: dict[str, Plain], there: dict[str, Plain]) -> tuple[str, Plain, Plain] | None:
     """Compares tables, and tables within them; returns the name of the first value that differs, and both values."""
     for name in asked | there:
         mine, found = asked.get(name), there.get(name)

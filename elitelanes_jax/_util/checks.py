@@ -5,11 +5,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import UserValue
 
 __all__ = [
     "LARGEST",
@@ -30,7 +30,7 @@ __all__ = [
     "whole",
 ]
 
-Check = Callable[[Any], Any]
+Check = Callable[[UserValue], UserValue]
 """From a value or a text to the value as it should be; raises `InputError`."""
 
 LARGEST = 2**30
@@ -43,12 +43,12 @@ _FILES += (".zip",)
 _LARGEST_INT32 = 2**31 - 1
 
 
-def is_whole(value: Any) -> bool:
+def is_whole(value: UserValue) -> bool:
     """Tells whether a value is a whole number of Python or NumPy; a bool is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def is_real(value: Any) -> bool:
+def is_real(value: UserValue) -> bool:
     """Tells whether a value is a number of Python or NumPy, whole or not; a bool or an array is not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
@@ -57,7 +57,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check: a whole number within limits."""
     limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
 
-    def check(value: Any) -> int:
+    def check(value: UserValue) -> int:
         number = value
         if isinstance(value, str) and value.isascii():
             with suppress(ValueError):
@@ -79,7 +79,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
         else f", {least:g} or more"
     )
 
-    def check(value: Any) -> float:
+    def check(value: UserValue) -> float:
         number = value
         if isinstance(value, str):
             with suppress(ValueError):
@@ -95,7 +95,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
 def one_of(*names: str) -> Check:
     """Makes a check: one of the given names."""
 
-    def check(value: Any) -> str:
+    def check(value: UserValue) -> str:
         if not isinstance(value, str) or value not in names:
             raise InputError(f"expected one of {', '.join(names)}, got {short(repr(value), 40)}")
         return value
@@ -103,19 +103,19 @@ def one_of(*names: str) -> Check:
     return check
 
 
-def none_or(check: Callable[..., Any]) -> Callable[..., Any]:
+def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
     """Makes a check: None, or a value that another check lets pass."""
     return lambda value, *beside: None if value is None else check(value, *beside)
 
 
-def name(value: Any) -> str:
+def name(value: UserValue) -> str:
     """Checks for a text that is not blank."""
     if not isinstance(value, str) or not value.strip():
         raise InputError(f"expected a name, got {value!r}")
     return value
 
 
-def path(value: Any) -> Path:
+def path(value: UserValue) -> Path:
     """Checks for a path."""
     return value if isinstance(value, Path) else Path(name(value))
 
@@ -125,7 +125,7 @@ def ends_as_file(place: Path) -> bool:
     return place.name.lower().endswith(_FILES)
 
 
-def folder(value: Any) -> Path:
+def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; one that is there may have any name."""
     place = path(value)
     if ends_as_file(place) and not place.is_dir():
@@ -133,14 +133,14 @@ def folder(value: Any) -> Path:
     return place
 
 
-def flag(value: Any) -> bool:
+def flag(value: UserValue) -> bool:
     """Checks for True or False."""
     if not isinstance(value, bool):
         raise InputError(f"expected True or False, got {value!r}")
     return value
 
 
-def check_named(name: str, check: Callable[..., Any], value: Any, *beside: Any) -> Any:
+def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *beside: UserValue) -> UserValue:
     """Checks a value, with what the check takes beside it; the error's message starts with its name."""
     try:
         return check(value, *beside)

@@ -3,30 +3,31 @@
 import sys
 from collections.abc import Callable
 from dataclasses import field, fields, replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
 from elitelanes_jax._util.checks import Check, check_named
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import UserValue
 
 __all__ = ["Config", "nested", "static", "swept"]
 
 
-def static(default: Any, check: Check) -> Any:
+def static(default: UserValue, check: Check) -> UserValue:
     """Declares a field that `jax.jit` compiles for: another value is another program."""
     return field(default=default, metadata={"static": True, "check": check})
 
 
-def swept(default: Any, check: Check) -> Any:
+def swept(default: UserValue, check: Check) -> UserValue:
     """Declares a field with a number, or an array that stands for many: one program serves all values."""
     return field(default=default, metadata={"check": check})
 
 
-def nested(make: "Callable[[], Config]") -> Any:
+def nested(make: "Callable[[], Config]") -> UserValue:
     """Declares a field with another record."""
 
-    def check(value: Any) -> Any:
+    def check(value: UserValue) -> UserValue:
         if not isinstance(value, type(make())):
             raise InputError(f"expected {type(make()).__name__}, got {short(repr(value))}")
         return value
@@ -61,6 +62,6 @@ class Config:
         """Checks what no field can tell alone; raises `InputError`."""
 
 
-def _is_array(value: Any) -> bool:
+def _is_array(value: UserValue) -> bool:
     jax = sys.modules.get("jax")  # without JAX loaded there is no array of it
     return isinstance(value, np.ndarray) or bool(jax and isinstance(value, jax.Array))

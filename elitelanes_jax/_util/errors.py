@@ -2,7 +2,8 @@
 
 from collections.abc import Iterable
 from difflib import get_close_matches
-from typing import Any
+
+from elitelanes_jax._util.types import UserValue
 
 __all__ = [
     "InputError",
@@ -36,7 +37,7 @@ class NotEnoughMemoryError(MemoryError):
     """A search needs more memory than there is; the message says how much, and what needs less."""
 
 
-def likely(name: Any, known: Iterable[str]) -> str:
+def likely(name: UserValue, known: Iterable[str]) -> str:
     """Returns the end of a message about an unknown name: the known one that is probably meant, if there is one."""
     text, names = str(name)[:40].lower(), list(known)
     alike = get_close_matches(text, names, 1) or [one for one in names if one[:3] == text[:3]]

@@ -8,56 +8,56 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, reason, short
 from elitelanes_jax._util.limited_read import MIB
+from elitelanes_jax._util.types import Plain, Untyped
 
-__all__ = ["DAMAGES", "open_arrays", "pack", "unpack"]
+__all__ = ["pack", "unpack"]
 
 _SETTINGS = "settings"
 _MOST_BYTES, _MOST_RATIO = 512 * MIB, 64  # unpacked, whichever is more; arrays of ours shrink to a tenth at most
 
-DAMAGES = (
+# Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted.
+_DAMAGES = (
     *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError),
 )
-"""Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted."""
 
 
-def pack(arrays: Mapping[str, np.ndarray], settings: Any) -> bytes:
+def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
     """Packs arrays of numbers or texts, and values for JSON; the same content gives the same bytes."""
     stream = BytesIO()
     np.savez_compressed(stream, **arrays, **{_SETTINGS: np.array(json.dumps(settings))})  # type: ignore[arg-type]
     return stream.getvalue()
 
 
-def unpack(path: str | Path) -> tuple[Any, dict[str, np.ndarray]]:
+def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     """Reads a file: the values of its JSON, None where it has none, and its arrays by name.
 
     Raises:
       InputError: if it cannot be read, is no such file, or is damaged.
     """
     try:
-        with open_arrays(path) as archive:
+        with _open_arrays(path) as archive:
             settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
             return settings, {name: archive[name] for name in archive.files if name != _SETTINGS}
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
-    except DAMAGES as error:
+    except _DAMAGES as error:
         words = short(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
 
 
 @contextmanager
-def open_arrays(path: str | Path) -> Iterator[Any]:
+def _open_arrays(path: str | Path) -> Iterator[Untyped]:
     """Opens a file of arrays by name, which are read without pickles.
 
     Raises:
       InputError: if it would unpack to over 512 MiB and over 64 times its size.
-      OSError: if it cannot be read; and any of `DAMAGES`, here and when arrays are read.
+      OSError: if it cannot be read; and any of `_DAMAGES`, here and when arrays are read.
     """
     with Path(path).open("rb") as stream:
         if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle

@@ -1,14 +1,14 @@
 """Imports of packages that only some functions need."""
 
 from importlib import import_module
-from typing import Any
+from types import ModuleType
 
 from elitelanes_jax._util.errors import MissingPackageError
 
 __all__ = ["import_optional"]
 
 
-def import_optional(module: str, need: str, package: str | None = None) -> Any:
+def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
     Args:

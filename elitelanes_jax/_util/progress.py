@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from enum import IntEnum
 from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Any, TextIO
+from typing import TextIO
 
 __all__ = ["Loudness", "Progress", "announce", "detail", "loudness", "reporting"]
 
@@ -247,7 +247,7 @@ def _columns(stream: TextIO) -> int:
     return 100
 
 
-def _has_blocks(stream: Any) -> bool:
+def _has_blocks(stream: TextIO) -> bool:
     try:
         "█".encode(getattr(stream, "encoding", None) or "ascii")
     except UnicodeEncodeError:

@@ -7,10 +7,11 @@ fields, so that whoever has a record need not check it again. The command line m
 
 from collections.abc import Callable, Mapping
 from dataclasses import field, fields, replace
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
 from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.types import UserValue
 
 __all__ = ["Option", "Settings", "option", "record"]
 
@@ -27,7 +28,7 @@ class Option(NamedTuple):
       after: the name of a field declared before this one, whose value the check takes as a second argument.
     """
 
-    check: Callable[..., Any]
+    check: Callable[..., UserValue]
     metavar: str | tuple[str, ...] | None = None
     flag: str | None = None
     many: bool = False
@@ -35,7 +36,9 @@ class Option(NamedTuple):
     after: str | None = None
 
 
-def option(default: Any, check: Callable[..., Any], metavar: str | tuple[str, ...] | None = None, **more: Any) -> Any:
+def option(
+    default: UserValue, check: Callable[..., UserValue], metavar: str | tuple[str, ...] | None = None, **more: UserValue
+) -> UserValue:
     """Declares a field of `Settings`: its default, and the arguments of `Option`."""
     return field(default=default, metadata={"option": Option(check, metavar, **more)})
 
@@ -62,7 +65,7 @@ class Settings:
         """Returns the `Option` of each field, by name."""
         return {one.name: one.metadata["option"] for one in fields(cls)}  # type: ignore[arg-type]
 
-    def but(self, given: Mapping[str, Any]) -> Self:
+    def but(self, given: Mapping[str, UserValue]) -> Self:
         """Returns the record with other values in some fields.
 
         Raises:
@@ -82,7 +85,7 @@ class Settings:
 def record(kind: type[Settings]) -> Check:
     """Makes a check: a record of a kind."""
 
-    def check(value: Any) -> Settings:
+    def check(value: UserValue) -> Settings:
         if not isinstance(value, kind):
             raise InputError(f"expected {kind.__name__}, got {short(repr(value))}")
         return value

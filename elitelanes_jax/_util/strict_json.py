@@ -2,15 +2,16 @@
 
 import json
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from elitelanes_jax._util.checks import check_unique
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain
 
 __all__ = ["parse_json"]
 
 
-def parse_json(text: str) -> Any:
+def parse_json(text: str) -> Plain:
     """Parses JSON.
 
     Raises:
@@ -21,7 +22,7 @@ def parse_json(text: str) -> Any:
     return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse)
 
 
-def _object(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+def _object(pairs: Sequence[tuple[str, Plain]]) -> dict[str, Plain]:
     check_unique("JSON", "key", [key for key, _ in pairs])
     return dict(pairs)
 

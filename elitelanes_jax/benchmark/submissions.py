@@ -4,7 +4,7 @@ import io
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int, Int8
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.limited_read import read_bytes
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
 
@@ -89,7 +90,7 @@ def read_submission(file: str | Path) -> Submission:
     return Submission(found, *(arrays[name] for name in Submission._fields[1:]))
 
 
-def _check(source: str, task: Task, arrays: dict[str, NDArray[Any]]) -> None:
+def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
     grids = arrays["grids"]
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
@@ -152,7 +153,7 @@ def _place(place: tuple[int, ...]) -> str:
     return f"run {place[0]}, {BUDGETS[place[1]]:,} evaluations, place {place[2]}"
 
 
-def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, NDArray[Any]]:
+def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:
     """Measures grids batch by batch, so that memory and compilation do not depend on their number."""
     import jax
 
@@ -160,7 +161,7 @@ def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, NDArray[Any]]:
     from elitelanes_jax.network.metrics import measure
 
     @jax.jit
-    def measure_batch(batch: Any) -> dict[str, Any]:
+    def measure_batch(batch: AnyArray) -> dict[str, AnyArray]:
         found = jax.vmap(measure)(batch)
         flaws = found.dead_ends + found.boundary_violations + found.mismatches
         flaws += found.adjacent_crossings + found.adjacent_turns

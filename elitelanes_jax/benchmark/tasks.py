@@ -4,12 +4,13 @@ import json
 import re
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Plain
 
 __all__ = ["BUDGETS", "SIZES", "VERSION", "Task", "find_task"]
 
@@ -70,7 +71,7 @@ def find_task(name: str) -> Task:
 
 
 @cache
-def _certificates() -> dict[tuple[int, int, bool], list[dict[str, Any]]]:
+def _certificates() -> dict[tuple[int, int, bool], list[dict[str, Plain]]]:
     text = files(__package__).joinpath("certificates.json").read_text(encoding="utf-8")
     records = json.loads(text)["certificates"]
     return {(record["height"], record["width"], record["fill"]): record["niches"] for record in records}

@@ -5,13 +5,14 @@ import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, path, whole
 from elitelanes_jax._util.cores import use_cores
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
+from elitelanes_jax._util.types import Untyped, UserValue
 
 __all__ = [
     "COMPILING",
@@ -48,10 +49,10 @@ class Parser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}\n")
 
 
-def checked_by(check: Check) -> Callable[[str], Any]:
+def checked_by(check: Check) -> Callable[[str], UserValue]:
     """Makes a type of argument of a check."""
 
-    def parse(text: str) -> Any:
+    def parse(text: str) -> UserValue:
         try:
             return check(text)
         except InputError as error:
@@ -131,17 +132,17 @@ def add_cores(command: argparse.ArgumentParser) -> None:
 
 
 class _Cores(argparse.Action):
-    def __call__(self, *given: Any) -> None:
+    def __call__(self, *given: Untyped) -> None:
         use_cores(given[2])
 
 
-def read_options(given: argparse.Namespace, defaults: Settings) -> Any:
+def read_options(given: argparse.Namespace, defaults: Settings) -> UserValue:
     """Returns the record with the values that were given on the command line.
 
     Raises:
       InputError: for a value that its field's check refuses; the message names the option.
     """
-    values: dict[str, Any] = {}
+    values: dict[str, Untyped] = {}
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
         if option.metavar is None and isinstance(default, Settings):
@@ -190,16 +191,16 @@ def _flag(name: str, option: Option) -> str:
     return f"--{(option.flag or name).replace('_', '-')}"
 
 
-def _kind(option: Option, default: Any) -> dict[str, Any]:
+def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
     if isinstance(default, bool):
         return {"action": "store_true", "default": argparse.SUPPRESS}
-    kind: dict[str, Any] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
+    kind: dict[str, Untyped] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
     return kind | {"nargs": "+", "action": "extend"} if option.many else kind
 
 
-def _help(description: str, default: Any) -> str:
+def _help(description: str, default: UserValue) -> str:
     words = description.replace("`", "").replace("%", "%%")
     if default is None or default is False or default == () or "by default" in words:
         return words

@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
 from elitelanes_jax._util.errors import InputError, many, short
 from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
 
@@ -35,19 +36,19 @@ class _Format(NamedTuple):
     takes: tuple[str, ...] = ()
 
 
-def _duckietown(codes: Any, **settings: Any) -> _Files:
+def _duckietown(codes: AnyArray, **settings: UserValue) -> _Files:
     from elitelanes_jax.formats.duckietown import to_duckietown
 
     return _Files((to_duckietown(codes, **settings),))
 
 
-def _graphml(codes: Any, reduced: bool) -> _Files:
+def _graphml(codes: AnyArray, reduced: bool) -> _Files:
     from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
 
     return _Files((to_graphml((reduced_graph if reduced else tile_graph)(codes)),))
 
 
-def _sumo(codes: Any, to: str, **measures: Any) -> _Files:
+def _sumo(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
     from elitelanes_jax.formats.sumo import Streets, network, plain_xml
 
     streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
@@ -158,14 +159,14 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _write_maps(
-    files: Sequence[Path], grids: Sequence[Any], target: _Format, settings: dict[str, Any], out: Path
+    files: Sequence[Path], grids: Sequence[AnyArray], target: _Format, settings: dict[str, UserValue], out: Path
 ) -> list[str]:
     """Writes the files of maps, to a file or a folder; returns the warnings."""
     from elitelanes_jax._util.atomic_io import new_folder, write_atomic
 
     warnings: list[str] = []
 
-    def texts(file: Path, codes: Any) -> tuple[str, ...]:
+    def texts(file: Path, codes: AnyArray) -> tuple[str, ...]:
         try:
             made = target.files(codes, **settings)
         except InputError as error:
@@ -217,7 +218,7 @@ def _warn(warnings: Sequence[str]) -> None:
         warn(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown")
 
 
-def _left_out(grids: Sequence[Any]) -> str:
+def _left_out(grids: Sequence[AnyArray]) -> str:
     from elitelanes_jax.formats.duckietown import without_dead_ends
 
     tiles = sum(int((codes != 0).sum()) for codes in grids)
@@ -225,7 +226,7 @@ def _left_out(grids: Sequence[Any]) -> str:
     return f"{tiles - left} of {tiles} tiles left out: roads that lead nowhere"
 
 
-def _table(to: str, names: Sequence[str], grids: Sequence[Any]) -> str:
+def _table(to: str, names: Sequence[str], grids: Sequence[AnyArray]) -> str:
     from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
 
     return (table_to_csv if to == "csv" else table_to_json)(measure_maps(names, grids))

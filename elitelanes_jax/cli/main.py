@@ -2,9 +2,10 @@
 
 import argparse
 from collections.abc import Sequence
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from elitelanes_jax._util.progress import Loudness
+from elitelanes_jax._util.types import Untyped
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
@@ -56,6 +57,6 @@ def make_parser() -> argparse.ArgumentParser:
 
 
 class _Version(argparse.Action):
-    def __call__(self, *_: Any) -> NoReturn:
+    def __call__(self, *_: Untyped) -> NoReturn:
         say(f"elitelanes {__version__}")
         raise SystemExit(0)

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import SPLITS
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import read_picture
@@ -22,7 +22,7 @@ _SHEET_PX, _GROUND = 240, 236
 _LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
 
 
-def write_card(about: dict[str, Any], loading: str) -> str:
+def write_card(about: dict[str, Plain], loading: str) -> str:
     """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
@@ -142,5 +142,5 @@ def _share(pixels: Sequence[int], label: int) -> str:
     return f"{100 * pixels[label] / total:.2f} %" if total else "-"
 
 
-def _plain(value: Any) -> str:
+def _plain(value: Plain) -> str:
     return f"{value[0]:g}..{value[1]:g}" if isinstance(value, list) else "yes" if value is True else f"{value:g}"

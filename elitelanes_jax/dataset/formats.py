@@ -3,20 +3,21 @@
 import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import SPLITS
 from elitelanes_jax.tiles.render import LABELS
 from elitelanes_jax.tiles.tileset import MASKS
 
 __all__ = ["FORMATS", "Format", "find_format"]
 
-Record = dict[str, Any]
+Record = dict[str, Plain]
 
 
 class Format(NamedTuple):

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from hashlib import sha256
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
 
 import cv2
 import numpy as np
@@ -17,11 +16,12 @@ from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.cores import count_cores
 from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset.card import sample_sheet, write_card
 from elitelanes_jax.dataset.formats import Format, find_format
-from elitelanes_jax.dataset.plan import evolve_maps, given_maps, split_maps
-from elitelanes_jax.dataset.remove import remove_dataset
+from elitelanes_jax.dataset.plan import Maps, evolve_maps, given_maps, split_maps
+from elitelanes_jax.dataset.remove import place_for
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
@@ -43,7 +43,7 @@ def make_dataset(
     workers: int | None = None,
     force: bool = False,
     maps: Sequence[RoadMap] | None = None,
-) -> dict[str, Any]:
+) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
     A run that was killed continues where it was when it is started again; the same specification gives the same files,
@@ -53,7 +53,8 @@ def make_dataset(
       spec: of the dataset.
       out: the folder: new, empty, or one that was begun with the same specification.
       workers: threads that draw; by default one for each core (see `use_cores`).
-      force: whether another dataset in the folder is removed first, unless anything else is in it.
+      force: whether another dataset in the folder is replaced once this one is complete, unless anything else is in it.
+        Until then there has to be room for both.
       maps: to be drawn in place of evolved ones: as many as the specification says, of its sizes.
 
     Returns:
@@ -77,34 +78,15 @@ def make_dataset(
         for shape, count in maps_by_shape(spec).items():
             search.count_maps(shape, count)
     identity = _identity(spec, tiles, maps)
-    if force:
-        remove_dataset(out)
-    with work_folder(out, identity) as work:
-        if work is not None:
-            announce(f"making a dataset of {spec.maps} maps of {_sizes(spec)} tiles, {spec.views} views each")
-            found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
-            splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
-            records = work / "records"
-
-            def draw(number: int) -> None:
-                split = int(splits[number])
-                sample = draw_sample(
-                    found[number // spec.views],
-                    by_split[split],
-                    number,
-                    seed=spec.seed,
-                    tile_px=spec.tile_px,
-                    transforms=spec.transforms,
-                    layers=layout.layers,
-                )
-                write_sample(sample, layout, split, out)
-                note = layout.note(sample.layers["labels"])
-                write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
-
-            waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
-            _draw_all(draw, waiting, len(splits), workers)
-            _finish(out, records, splits, layout, identity)
-    about: dict[str, Any] = json.loads((out / LAST).read_text(encoding="utf-8"))
+    with place_for(out, identity, force=force) as place:
+        with work_folder(place, identity) as work:
+            if work is not None:
+                announce(f"making a dataset of {spec.maps} maps of {_sizes(spec)} tiles, {spec.views} views each")
+                found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
+                splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
+                _draw_samples(place, work / "records", spec, found, splits, by_split, workers)
+                _finish(place, work / "records", splits, layout, identity)
+        about: dict[str, Plain] = json.loads((place / LAST).read_text(encoding="utf-8"))
     return about
 
 
@@ -113,7 +95,7 @@ def _sizes(spec: DatasetSpec) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Any]:
+def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain()
     del plain["tiles"]  # the pictures count, not their place
@@ -125,6 +107,37 @@ def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None)
 
 def _record_file(records: Path, number: int) -> Path:
     return records / f"{number // 1000:03d}" / f"{number:06d}.json"
+
+
+def _draw_samples(
+    place: Path,
+    records: Path,
+    spec: DatasetSpec,
+    maps: Maps,
+    splits: NDArray[np.int_],
+    tiles: Sequence[TileSet],
+    workers: int,
+) -> None:
+    """Draws and writes the samples that have no record yet; the record of each is written last."""
+    layout = find_format(spec.format)
+
+    def draw(number: int) -> None:
+        split = int(splits[number])
+        sample = draw_sample(
+            maps[number // spec.views],
+            tiles[split],
+            number,
+            seed=spec.seed,
+            tile_px=spec.tile_px,
+            transforms=spec.transforms,
+            layers=layout.layers,
+        )
+        write_sample(sample, layout, split, place)
+        note = layout.note(sample.layers["labels"])
+        write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
+
+    waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
+    _draw_all(draw, waiting, len(splits), workers)
 
 
 def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
@@ -179,15 +192,15 @@ def _one_thread_each() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, identity: dict[str, Any]) -> None:
+def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, identity: dict[str, Plain]) -> None:
     """Writes the files that describe the samples, the record of the whole last."""
 
-    def read(number: int) -> dict[str, Any]:
+    def read(number: int) -> dict[str, Plain]:
         return json.loads(_record_file(records, number).read_text(encoding="utf-8"))
 
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
 
-    def count_pixels(split: int) -> Iterator[dict[str, Any]]:
+    def count_pixels(split: int) -> Iterator[dict[str, Plain]]:
         for number in np.flatnonzero(splits == split).tolist():
             record = read(number)
             pixels[SPLITS[split]] += record["class_pixels"]
@@ -212,7 +225,7 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     write_json(out / LAST, about)
 
 
-def _on_sheet(record: dict[str, Any], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:
+def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:
     number = record["number"]
     split = int(splits[number])
     height, width = record["size"]

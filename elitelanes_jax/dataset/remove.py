@@ -1,11 +1,11 @@
-"""Removing a dataset that an earlier run wrote, to make another one in its place."""
+"""Replacing a dataset that an earlier run wrote, once another one is complete."""
 
 import json
 import re
 import shutil
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from filelock import FileLock, Timeout
 
@@ -13,18 +13,57 @@ from elitelanes_jax._util.atomic_io import foreign_file
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.locks import LOCK
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.formats import FORMATS
 from elitelanes_jax.dataset.spec import SPLITS
 from elitelanes_jax.dataset.work import LAST, SETTINGS, WORK
 from elitelanes_jax.tiles.tileset import MASKS
 
-__all__ = ["remove_dataset"]
+__all__ = ["place_for", "remove_dataset"]
 
 _DESCRIBING = (
     rf"README\.md|contact-sheet\.png|{re.escape(LAST)}|(train|validation|test)/metadata\.jsonl"
     r"|metadata/(train|val|test)\.jsonl|annotations/(train|val|test)\.json"
 )
 _UNFINISHED = rf"{re.escape(WORK)}/({re.escape(SETTINGS)}|{LOCK}|maps/[\w-]+\.jsonl|records/\d{{3,}}/\d{{6,}}\.json)"
+
+
+@contextmanager
+def place_for(out: Path, settings: dict[str, Plain], *, force: bool) -> Iterator[Path]:
+    """Provides the folder to make a dataset in: ``out``, or one beside it while another dataset is in ``out``.
+
+    The two change places when the block ends well, and the other one is removed; until then it is as it was. A run that
+    was killed is continued in the folder where it was, or has only the change of places left to do.
+
+    Args:
+      out: the dataset's folder.
+      settings: all that the new files depend on.
+      force: whether another dataset is replaced.
+
+    Raises:
+      InputError: if there is any other file in a folder to be replaced, or another run is at work there.
+    """
+    place = out.resolve()
+    new, old = (place.with_name(f".{place.name}.{age}") for age in ("new", "old"))
+    begun = place / WORK / SETTINGS
+    if not place.exists() and (new / LAST).exists() and not (new / WORK).exists():  # killed between the two renamings
+        new.rename(place)
+    if place.exists() and old.exists():  # or after them
+        remove_dataset(old)
+        old.rmdir()
+        begun = place / LAST
+    if not force or not place.is_dir() or not any(place.iterdir()) or _is_of(begun, settings):
+        yield out
+        return
+    _check_removable(out)
+    if new.exists() and not any(_is_of(file, settings) for file in (new / WORK / SETTINGS, new / LAST)):
+        remove_dataset(new)
+    yield new
+    _check_removable(out)
+    place.rename(old)
+    new.rename(place)
+    remove_dataset(old)
+    old.rmdir()
 
 
 def remove_dataset(out: Path) -> None:
@@ -38,6 +77,25 @@ def remove_dataset(out: Path) -> None:
     """
     if not out.is_dir() or not any(out.iterdir()):
         return
+    with _held(out):
+        # What the folder is recognised by goes last: killed in between, it can still be removed.
+        for entry in out.iterdir():
+            if entry.name not in (WORK, LAST):
+                _remove(entry)
+        (out / LAST).unlink(missing_ok=True)
+        for entry in sorted((out / WORK).iterdir(), key=lambda entry: entry.name == SETTINGS):
+            if entry.name != LOCK:
+                _remove(entry)
+
+
+def _check_removable(out: Path) -> None:
+    with _held(out):
+        pass
+
+
+@contextmanager
+def _held(out: Path) -> Iterator[None]:
+    """Keeps other runs from a dataset's folder in which nothing else is; raises `InputError` if that cannot be."""
     found = _foreign(out)
     if found:
         raise InputError(f"{out}: expected a folder with files of an earlier run alone, got one with {found}")
@@ -45,19 +103,21 @@ def remove_dataset(out: Path) -> None:
     work.mkdir(exist_ok=True)
     try:
         with FileLock(work / LOCK).acquire(blocking=False):
-            # What the folder is recognised by goes last: killed in between, it can still be removed.
-            for entry in out.iterdir():
-                if entry.name not in (WORK, LAST):
-                    _remove(entry)
-            (out / LAST).unlink(missing_ok=True)
-            for entry in sorted(work.iterdir(), key=lambda entry: entry.name == SETTINGS):
-                if entry.name != LOCK:
-                    _remove(entry)
+            yield
     except Timeout:
         raise InputError(f"{out}: expected no other run at work in it, got one") from None
     with suppress(OSError):  # another run may have the folder now
         (work / LOCK).unlink(missing_ok=True)
         work.rmdir()
+
+
+def _is_of(file: Path, settings: dict[str, Plain]) -> bool:
+    """Tells whether a file, if it is there, has these settings in it."""
+    try:
+        there = json.loads(read_text(file, 32 * MIB))
+    except (OSError, ValueError, RecursionError):
+        return False
+    return there == settings or (file.name == LAST and isinstance(there, dict) and there | settings == there)
 
 
 def _remove(entry: Path) -> None:
@@ -79,7 +139,7 @@ def _foreign(out: Path) -> str | None:
     return foreign_file(out, lambda path: own.fullmatch(re.sub(r"(^|/)\.([^/]+)\.part$", r"\1\2", path)))
 
 
-def _own_files(about: Any) -> re.Pattern[str]:
+def _own_files(about: Plain) -> re.Pattern[str]:
     """Returns the pattern of all files of a dataset that the record describes."""
     if "elitelanes_jax" not in about["versions"]:
         raise ValueError

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.formats import Format
 from elitelanes_jax.dataset.transforms import Transforms
 from elitelanes_jax.dataset.views import View, draw_view, map_points, photograph, warp
@@ -27,7 +28,7 @@ class Sample(NamedTuple):
     """
 
     layers: dict[str, NDArray[np.uint8]]
-    record: dict[str, Any]
+    record: dict[str, Plain]
 
 
 def draw_sample(
@@ -89,7 +90,7 @@ def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
         write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
 
 
-def _plain(view: View) -> dict[str, Any]:
+def _plain(view: View) -> dict[str, Plain]:
     values = view._asdict() | {"matrix": view.matrix.tolist()}
     return {name: value for name, value in values.items() if name != "size"}
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from itertools import product
 from math import floor
 from pathlib import Path
-from typing import Any
 
 from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset.transforms import STANDARD, Transforms, parse_transforms
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.spec import SearchSpec
@@ -26,7 +26,7 @@ Sides = tuple[tuple[int, int], ...]
 """The smallest and the largest side: once for squares, or for rows and for columns."""
 
 
-def parse_sides(size: Any) -> Sides:
+def parse_sides(size: UserValue) -> Sides:
     """Reads the sizes of maps.
 
     Args:
@@ -42,7 +42,7 @@ def parse_sides(size: Any) -> Sides:
     return tuple(_parse_range(one) for one in given)
 
 
-def _parse_range(given: Any) -> tuple[int, int]:
+def _parse_range(given: UserValue) -> tuple[int, int]:
     pair = given.split("..") if isinstance(given, str) else given if isinstance(given, Sequence) else [given]
     sides = [whole(2, LONGEST_SIDE)(side) for side in pair]
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
@@ -50,7 +50,7 @@ def _parse_range(given: Any) -> tuple[int, int]:
     return sides[0], sides[-1]
 
 
-def parse_split(split: Any) -> tuple[float, float, float]:
+def parse_split(split: UserValue) -> tuple[float, float, float]:
     """Reads the shares of maps for training, validation and test; they sum to 1."""
     try:
         train, validation, test = (real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split))
@@ -126,7 +126,7 @@ class DatasetSpec(Settings):
         rows, columns = (range(low, high + 1) for low, high in (self.size[0], self.size[-1]))
         return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
 
-    def to_plain(self) -> dict[str, Any]:
+    def to_plain(self) -> dict[str, UserValue]:
         """Returns plain values for JSON."""
         return vars(self) | {
             "transforms": vars(self.transforms),

@@ -3,11 +3,11 @@
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
@@ -82,7 +82,7 @@ def digest(tiles: TileSet) -> str:
     said = hashlib.sha256(repr((tiles.name, tiles.licence)).encode())
     for tile in tiles.tiles:
         said.update(repr((tile.name, tile.code, tile.image.shape, sorted(tile.layers), sorted(tile.points))).encode())
-        arrays: list[Any] = [tile.image, *(getattr(tile, name) for name in MASKS)]
+        arrays: list[AnyArray] = [tile.image, *(getattr(tile, name) for name in MASKS)]
         arrays += [tile.layers[name] for name in sorted(tile.layers)]
         arrays += [tile.points[name] for name in sorted(tile.points)]
         for array in arrays:

@@ -2,16 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.types import UserValue
 
 __all__ = ["STANDARD", "Transforms", "parse_transforms"]
 
 
-def _parse_scale(scale: Any) -> tuple[float, float]:
+def _parse_scale(scale: UserValue) -> tuple[float, float]:
     pair = scale.split("..") if isinstance(scale, str) else scale if isinstance(scale, Sequence) else [scale]
     factors = [real(0.25, 4)(factor) for factor in pair]
     if len(factors) not in (1, 2) or factors[0] > factors[-1]:
@@ -19,7 +19,7 @@ def _parse_scale(scale: Any) -> tuple[float, float]:
     return factors[0], factors[-1]
 
 
-def _check_crop(crop: Any) -> int:
+def _check_crop(crop: UserValue) -> int:
     return 0 if crop == "0" or (is_whole(crop) and crop == 0) else whole(16, 2**15 - 1)(crop)
 
 

@@ -7,13 +7,14 @@ Places are (x, y) in pixels from the picture's top left corner, so that the firs
 """
 
 from statistics import NormalDist
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.dataset.transforms import Transforms
 
 __all__ = ["View", "draw_view", "map_points", "photograph", "warp"]
@@ -91,7 +92,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     )
 
 
-def warp(layer: NDArray[np.uint8], view: View, outside: Any = 0) -> NDArray[np.uint8]:
+def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
     """Warps a layer as the view shows it.
 
     Args:

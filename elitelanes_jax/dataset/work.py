@@ -5,12 +5,12 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from elitelanes_jax._util.atomic_io import compare_settings, unwritable_error, write_json
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.locks import LOCK, locked
+from elitelanes_jax._util.types import Plain
 
 __all__ = ["LAST", "SETTINGS", "WORK", "work_folder"]
 
@@ -25,7 +25,7 @@ SETTINGS = "settings.json"
 
 
 @contextmanager
-def work_folder(out: Path, settings: dict[str, Any]) -> Iterator[Path | None]:
+def work_folder(out: Path, settings: dict[str, Plain]) -> Iterator[Path | None]:
     """Provides a folder within ``out`` for unfinished work, removed when the dataset is complete.
 
     After an error it stays, for the next run to continue from; but not where the settings were at fault (`InputError`,
@@ -90,7 +90,7 @@ def _clear(work: Path) -> None:
             entry.unlink()
 
 
-def _of_dataset(out: Path, settings: dict[str, Any]) -> dict[str, Any]:
+def _of_dataset(out: Path, settings: dict[str, Plain]) -> dict[str, Plain]:
     """Returns the record of a complete dataset with these settings in it."""
     try:
         there = json.loads(read_text(out / LAST, 32 * MIB))

@@ -6,7 +6,7 @@ above the horizon the sky.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,6 +16,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Key, UInt8
 from elitelanes_jax._util.checks import none_or, real, whole
 from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 
@@ -32,7 +33,7 @@ class Atlas(NamedTuple):
     pixels: UInt8[Array, "T P P 4"]
 
 
-def make_atlas(images: Any, labels: Any) -> Atlas:
+def make_atlas(images: AnyArray, labels: AnyArray) -> Atlas:
     """Makes the atlas of pictures ``[T, P, P, 3]`` and label maps ``[T, P, P]`` (see `tiles.render.scale_tiles`).
 
     Raises:
@@ -44,7 +45,7 @@ def make_atlas(images: Any, labels: Any) -> Atlas:
     return Atlas(jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1).astype(np.uint8)))
 
 
-def _colour(value: Any) -> tuple[float, ...]:
+def _colour(value: UserValue) -> tuple[float, ...]:
     if not isinstance(value, tuple | list) or len(value) != 3:
         raise InputError(f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}")
     return tuple(real(0, 255)(part) for part in value)
@@ -69,15 +70,15 @@ class Camera(Config):
       columns: of the picture; static.
     """
 
-    height: Any = swept(0.108, real(0, 10, exclusive=True))
-    forward: Any = swept(0.066, real(-1, 1))
-    pitch: Any = swept(19.15, real(-90, 90))
-    field_of_view: Any = swept(75.0, real(1, 170))
-    distortion: Any = swept(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
-    light: Any = swept(1.0, real(0, 10))
-    noise: Any = swept(None, none_or(real(0, 255)))
-    ground: Any = swept((86.0, 118.0, 72.0), _colour)
-    sky: Any = swept((115.0, 210.0, 255.0), _colour)
+    height: Numeric = swept(0.108, real(0, 10, exclusive=True))
+    forward: Numeric = swept(0.066, real(-1, 1))
+    pitch: Numeric = swept(19.15, real(-90, 90))
+    field_of_view: Numeric = swept(75.0, real(1, 170))
+    distortion: Numeric = swept(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
+    light: Numeric = swept(1.0, real(0, 10))
+    noise: Numeric = swept(None, none_or(real(0, 255)))
+    ground: Numeric = swept((86.0, 118.0, 72.0), _colour)
+    sky: Numeric = swept((115.0, 210.0, 255.0), _colour)
     rows: int = static(48, whole(1, 4096))
     columns: int = static(64, whole(1, 4096))
 
@@ -114,7 +115,7 @@ def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "ro
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
 
 
-def _undistort(right: Array, down: Array, k1: Any, k2: Any) -> tuple[Array, Array]:
+def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
     """Finds the points that distortion moves to the given ones, by a fixed-point iteration."""
     there = right, down
     for _ in range(8):

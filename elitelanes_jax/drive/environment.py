@@ -1,12 +1,13 @@
 """Environments: three pure functions on one state, and the automatic reset around them."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key
 
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.drive.levels import Level
 from elitelanes_jax.network.random_bits import randint, random_bits
 
@@ -26,13 +27,13 @@ class Transition(NamedTuple):
       reached: the observation that the action led to. It differs from `observation` after an automatic reset.
     """
 
-    observation: Any
-    state: Any
+    observation: Pytree
+    state: Pytree
     reward: Float[Array, ""]
     terminated: Bool[Array, ""]
     truncated: Bool[Array, ""]
-    info: Any
-    reached: Any
+    info: Pytree
+    reached: Pytree
 
 
 class Environment(NamedTuple):
@@ -47,10 +48,10 @@ class Environment(NamedTuple):
       action_size: numbers of a real action, each within -1 to 1; 0 for discrete ones.
     """
 
-    reset: Callable[[Key[Array, ""], Any], tuple[Any, Any]]
-    reset_to_level: Callable[[Key[Array, ""], Level, Any], tuple[Any, Any]]
-    step: Callable[[Key[Array, ""], Any, Any, Any], Transition]
-    observe: Callable[[Any, Any], Any]
+    reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
+    reset_to_level: Callable[[Key[Array, ""], Level, Pytree], tuple[Pytree, Pytree]]
+    step: Callable[[Key[Array, ""], Pytree, Pytree, Pytree], Transition]
+    observe: Callable[[Pytree, Pytree], Pytree]
     actions: int | None
     action_size: int = 0
 
@@ -68,7 +69,7 @@ def auto_reset(environment: Environment) -> Environment:
     the new episode.
     """
 
-    def step(key: Key[Array, ""], state: Any, action: Any, params: Any) -> Transition:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         # Folded in, not split: where a step draws nothing, its key costs nothing.
         done = environment.step(jax.random.fold_in(key, 0), state, action, params)
         _, first = environment.reset(jax.random.fold_in(key, 1), params)

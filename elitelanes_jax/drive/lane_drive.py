@@ -1,7 +1,7 @@
 """LaneDrive: a robot with two wheels that keeps to its lane, or drives along a route to a goal."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive.distances import NO_WAY, way_at
 from elitelanes_jax.drive.environment import Environment, Transition, draw_level
 from elitelanes_jax.drive.lanes import (
@@ -33,7 +34,7 @@ from elitelanes_jax.network.random_bits import randint, random_bits
 __all__ = ["LaneDrive", "LaneDriveInfo", "LaneDriveObservation", "LaneDriveParams", "LaneDriveState", "next_movement"]
 
 
-def _check_ahead(value: Any) -> tuple[float, ...]:
+def _check_ahead(value: UserValue) -> tuple[float, ...]:
     if not isinstance(value, tuple | list):
         raise InputError(f"expected tiles ahead, such as (0, 0.25, 0.5), got {value!r}")
     return tuple(real(0, 1)(distance) for distance in value)
@@ -65,21 +66,21 @@ class LaneDriveParams(Config):
 
     levels: Level = field(metadata={"check": check_batch})
     robot: Robot = nested(Robot)
-    limit: Any = swept(1500, whole(1))
-    start_d: Any = swept(0.03, real(0, LANE_OFFSET))
-    start_phi: Any = swept(0.15, real(0, 3.2))
-    progress_reward: Any = swept(1.0, real(-1e6, 1e6))
-    offset_cost: Any = swept(1.0, real(-1e6, 1e6))
-    heading_cost: Any = swept(0.1, real(-1e6, 1e6))
-    oncoming_cost: Any = swept(5.0, real(-1e6, 1e6))
-    leaving_cost: Any = swept(10.0, real(-1e6, 1e6))
-    goal_reward: Any = swept(10.0, real(-1e6, 1e6))
+    limit: Numeric = swept(1500, whole(1))
+    start_d: Numeric = swept(0.03, real(0, LANE_OFFSET))
+    start_phi: Numeric = swept(0.15, real(0, 3.2))
+    progress_reward: Numeric = swept(1.0, real(-1e6, 1e6))
+    offset_cost: Numeric = swept(1.0, real(-1e6, 1e6))
+    heading_cost: Numeric = swept(0.1, real(-1e6, 1e6))
+    oncoming_cost: Numeric = swept(5.0, real(-1e6, 1e6))
+    leaving_cost: Numeric = swept(10.0, real(-1e6, 1e6))
+    goal_reward: Numeric = swept(10.0, real(-1e6, 1e6))
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
     ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
 
     @property
-    def max_steps_in_episode(self) -> Any:
+    def max_steps_in_episode(self) -> Numeric:
         """The limit, by the name that loops for Gymnax's environments read."""
         return self.limit
 

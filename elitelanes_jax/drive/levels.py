@@ -1,6 +1,6 @@
 """Levels: a map with a start and a goal, as arrays that environments carry, and their checks."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive.distances import UNREACHABLE, distances, places, shortest_ways
 from elitelanes_jax.drive.lanes import Place, linked, movements
 from elitelanes_jax.network.checks import check_grid
@@ -127,7 +128,7 @@ def make_levels(
 
 
 @jax.jit
-def _random_levels(keys: Array, grids: Array, least: Any, most: Any) -> Level:
+def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> Level:
     return jax.vmap(lambda key, grid: random_level(key, grid, least=least, most=most))(keys, grids)
 
 
@@ -199,7 +200,7 @@ def _check_one(name: str, level: Level, made: Level) -> None:
         raise InputError(f"{name}.ways: expected those of shortest_ways")
 
 
-def check_batch(levels: Any) -> Level:
+def check_batch(levels: UserValue) -> Level:
     """Checks that a value is a batch of levels, and no more of it.
 
     Raises:

@@ -1,7 +1,7 @@
 """RoadNav: from tile to tile across a map, choosing right, straight or left at crossings."""
 
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 from elitelanes_jax._util.checks import flag, one_of, real, whole
 from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive.environment import Environment, Transition, draw_level
 from elitelanes_jax.drive.lanes import MOVEMENTS, Movement, Place
 from elitelanes_jax.drive.levels import Level, check_batch
@@ -25,7 +26,7 @@ __all__ = [
 ]
 
 
-def _check_window(value: Any) -> int:
+def _check_window(value: UserValue) -> int:
     size = whole(0, 63)(value)
     if size and size % 2 == 0:
         raise InputError(f"expected an odd number of tiles, or 0 for none, got {size}")
@@ -49,16 +50,16 @@ class RoadNavParams(Config):
     """
 
     levels: Level = field(metadata={"check": check_batch})
-    limit: Any = swept(256, whole(1))
-    goal_reward: Any = swept(1.0, real(-1e6, 1e6))
-    tile_cost: Any = swept(0.01, real(-1e6, 1e6))
-    stuck_cost: Any = swept(1.0, real(-1e6, 1e6))
+    limit: Numeric = swept(256, whole(1))
+    goal_reward: Numeric = swept(1.0, real(-1e6, 1e6))
+    tile_cost: Numeric = swept(0.01, real(-1e6, 1e6))
+    stuck_cost: Numeric = swept(1.0, real(-1e6, 1e6))
     window: int = static(5, _check_window)
     goal: str = static("compass", one_of("compass", "mark", "both", "none"))
     whole_map: bool = static(False, flag)
 
     @property
-    def max_steps_in_episode(self) -> Any:
+    def max_steps_in_episode(self) -> Numeric:
         """The limit, by the name that loops for Gymnax's environments read."""
         return self.limit
 

@@ -1,7 +1,7 @@
 """The robot: a differential drive with Duckietown's measures, from commands to its next pose."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -9,6 +9,7 @@ from jaxtyping import Array, ArrayLike, Float, Key
 
 from elitelanes_jax._util.checks import none_or, real
 from elitelanes_jax._util.config import Config, swept
+from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 
 __all__ = ["TILE", "Robot", "Wheels", "drive", "still", "to_wheels"]
@@ -35,14 +36,14 @@ class Robot(Config):
       latency: steps until a command takes effect, 0 to 4, parts of a step too; None for none.
     """
 
-    dt: Any = swept(1 / 30, real(0, 0.1, exclusive=True))
-    top_speed: Any = swept(1.2, real(0, 1.2, exclusive=True))
-    top_turn: Any = swept(8.0, real(0, 100, exclusive=True))
-    wheel_distance: Any = swept(0.102, real(0, 1, exclusive=True))
-    width: Any = swept(0.15, real(0, 1))
-    trim: Any = swept(0.0, real(-0.5, 0.5))
-    noise: Any = swept(None, none_or(real(0, 1)))
-    latency: Any = swept(None, none_or(real(0, _DELAYS - 1)))
+    dt: Numeric = swept(1 / 30, real(0, 0.1, exclusive=True))
+    top_speed: Numeric = swept(1.2, real(0, 1.2, exclusive=True))
+    top_turn: Numeric = swept(8.0, real(0, 100, exclusive=True))
+    wheel_distance: Numeric = swept(0.102, real(0, 1, exclusive=True))
+    width: Numeric = swept(0.15, real(0, 1))
+    trim: Numeric = swept(0.0, real(-0.5, 0.5))
+    noise: Numeric = swept(None, none_or(real(0, 1)))
+    latency: Numeric = swept(None, none_or(real(0, _DELAYS - 1)))
 
 
 class Wheels(NamedTuple):

@@ -5,7 +5,6 @@ Where a wrapper needs classes of the other library, it is given the module that 
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +12,14 @@ import numpy as np
 from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive.environment import Environment, auto_reset, draw_level
 from elitelanes_jax.drive.levels import Level
 
 __all__ = ["GymnaxEnv", "JaxUedEnv", "flatten", "gymnasium_env", "gymnasium_vector_env"]
 
 
-def flatten(observation: Any) -> Float[Array, " N"]:
+def flatten(observation: Pytree) -> Float[Array, " N"]:
     """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W."""
 
     def numbers(part: Array) -> Array:
@@ -30,13 +30,13 @@ def flatten(observation: Any) -> Float[Array, " N"]:
     return jnp.concatenate([numbers(jnp.asarray(part)) for part in jax.tree.leaves(observation)])
 
 
-def _action_space(environment: Environment, spaces: Any) -> Any:
+def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
     if environment.actions is not None:
         return spaces.Discrete(environment.actions)
     return spaces.Box(-1.0, 1.0, (environment.action_size,))
 
 
-def _observation_space(environment: Environment, params: Any, spaces: Any) -> Any:
+def _observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
     seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), jax.random.key(0))
     return spaces.Box(-np.inf, np.inf, seen.shape)
 
@@ -49,7 +49,7 @@ class GymnaxEnv:
     terminated.
     """
 
-    def __init__(self, environment: Environment, params: Any, spaces: Any, *, values: int = 6) -> None:
+    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6) -> None:
         """Wraps an environment.
 
         Args:
@@ -65,32 +65,34 @@ class GymnaxEnv:
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
 
-    def reset(self, key: Key[Array, ""], params: Any = None) -> tuple[Array, Any]:
+    def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level drawn from the settings: (observation, state)."""
         observation, state = self._environment.reset(key, self.default_params if params is None else params)
         return flatten(observation), state
 
-    def step(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
         """Makes a step, and a reset where the episode ended: as many values as asked for."""
         return self._step(self._resetting, key, state, action, params)
 
-    def reset_env(self, key: Key[Array, ""], params: Any = None) -> tuple[Array, Any]:
+    def reset_env(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
         """Does the same as `reset`."""
         return self.reset(key, params)
 
-    def step_env(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+    def step_env(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
         """Makes a step without a reset: as many values as `step`."""
         return self._step(self._environment, key, state, action, params)
 
-    def action_space(self, params: Any = None) -> Any:
+    def action_space(self, params: Pytree = None) -> Untyped:
         """Returns the space of actions."""
         return _action_space(self._environment, self._spaces)
 
-    def observation_space(self, params: Any = None) -> Any:
+    def observation_space(self, params: Pytree = None) -> Untyped:
         """Returns the space of observations."""
         return _observation_space(self._environment, self.default_params if params is None else params, self._spaces)
 
-    def _step(self, environment: Environment, key: Any, state: Any, action: Any, params: Any) -> tuple[Any, ...]:
+    def _step(
+        self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
+    ) -> tuple[Pytree, ...]:
         done = environment.step(key, state, action, self.default_params if params is None else params)
         info = done.info._asdict() | {
             "terminated": done.terminated,
@@ -105,7 +107,7 @@ class GymnaxEnv:
 class JaxUedEnv:
     """The interface of JaxUED's `UnderspecifiedEnv`: levels are given, and a step never resets."""
 
-    def __init__(self, environment: Environment, params: Any, spaces: Any) -> None:
+    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped) -> None:
         """Wraps an environment.
 
         Args:
@@ -116,13 +118,13 @@ class JaxUedEnv:
         self._environment, self._spaces = environment, spaces
         self.default_params = params
 
-    def reset_to_level(self, key: Key[Array, ""], level: Level, params: Any = None) -> tuple[Array, Any]:
+    def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level: (observation, state)."""
         given = self.default_params if params is None else params
         observation, state = self._environment.reset_to_level(key, level, given)
         return flatten(observation), state
 
-    def step(self, key: Key[Array, ""], state: Any, action: Any, params: Any = None) -> tuple[Any, ...]:
+    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
         """Makes a step: (observation, state, reward, done, info)."""
         done = self._environment.step(key, state, action, self.default_params if params is None else params)
         info = done.info._asdict() | {"truncated": done.truncated}
@@ -132,18 +134,22 @@ class JaxUedEnv:
         """Draws one of the settings' levels, as JaxUED's level generators do; the key is consumed."""
         return draw_level(key, self.default_params.levels)
 
-    def action_space(self, params: Any = None) -> Any:
+    def action_space(self, params: Pytree = None) -> Untyped:
         """Returns the space of actions."""
         return _action_space(self._environment, self._spaces)
 
 
-def _numpy(tree: Any) -> Any:
+def _numpy(tree: Pytree) -> Pytree:
     return jax.tree.map(np.array, jax.device_get(tree))
 
 
 def gymnasium_env(
-    environment: Environment, params: Any, gymnasium: Any, *, render: Callable[[Any], NDArray[np.uint8]] | None = None
-) -> Any:
+    environment: Environment,
+    params: Pytree,
+    gymnasium: Untyped,
+    *,
+    render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
+) -> Untyped:
     """Makes an environment of Gymnasium, for those who do not use JAX: NumPy in, NumPy out.
 
     Args:
@@ -162,27 +168,27 @@ def gymnasium_env(
         action_space = _action_space(environment, gymnasium.spaces)
         observation_space = _observation_space(environment, params, gymnasium.spaces)
 
-        def _key(self) -> Any:
+        def _key(self) -> Array:
             return jax.random.key(int(self.np_random.integers(2**31)))
 
-        def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
             observation, self._state = begin(self._key(), params)
             return _numpy(flatten(observation)), {}
 
-        def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
             done = go(self._key(), self._state, jnp.asarray(action), params)
             self._state = done.state
             ended = bool(done.terminated), bool(done.truncated)
             return _numpy(flatten(done.observation)), float(done.reward), *ended, _numpy(done.info._asdict())
 
-        def render(self) -> Any:
+        def render(self) -> Untyped:
             return None if draw is None else np.asarray(draw(self._state))
 
     return Env()
 
 
-def gymnasium_vector_env(environment: Environment, params: Any, gymnasium: Any, count: int) -> Any:
+def gymnasium_vector_env(environment: Environment, params: Pytree, gymnasium: Untyped, count: int) -> Untyped:
     """Makes a vector environment of Gymnasium, which resets in the step that ends an episode.
 
     Args:
@@ -193,11 +199,11 @@ def gymnasium_vector_env(environment: Environment, params: Any, gymnasium: Any, 
     """
     resetting = auto_reset(environment)
 
-    def first(key: Any) -> Any:
+    def first(key: Array) -> Pytree:
         observation, state = environment.reset(key, params)
         return flatten(observation), state
 
-    def step(key: Any, state: Any, action: Any) -> Any:
+    def step(key: Array, state: Pytree, action: Pytree) -> Pytree:
         done = resetting.step(key, state, action, params)
         seen = flatten(done.observation), flatten(done.reached)
         return done.state, (*seen, done.reward, done.terminated, done.truncated, done.info._asdict())
@@ -215,15 +221,15 @@ def gymnasium_vector_env(environment: Environment, params: Any, gymnasium: Any, 
         action_space = batched(single_action_space, count)
         observation_space = batched(single_observation_space, count)
 
-        def _keys(self) -> Any:
+        def _keys(self) -> Array:
             return jax.random.split(jax.random.key(int(self.np_random.integers(2**31))), count)
 
-        def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        def reset(self, *, seed: Untyped = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
             super().reset(seed=seed)
             observation, self._states = begin(self._keys())
             return _numpy(observation), {}
 
-        def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        def step(self, actions: Pytree) -> tuple[Pytree, Pytree, Pytree, Pytree, dict[str, Untyped]]:
             self._states, outcome = go(self._keys(), self._states, jnp.asarray(actions))
             observation, reached, reward, terminated, truncated, info = _numpy(outcome)
             ended = terminated | truncated

@@ -4,7 +4,7 @@ import base64
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.unfinished import is_kept
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
@@ -71,7 +72,7 @@ class _Finds(NamedTuple):
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
     history: "History | None" = None
     floors: Mapping[int, int] | None = None
-    record: Mapping[str, Any] = {}
+    record: Mapping[str, Plain] = {}
 
 
 def collect(
@@ -167,7 +168,7 @@ def _read_run(folder: Path) -> _Finds:
     return run._replace(record={key: record[key] for key in _RECORDED if key in record})
 
 
-def _read_record(file: Path) -> dict[str, Any]:
+def _read_record(file: Path) -> dict[str, Plain]:
     try:
         record = parse_json(read_text(file, 32 * MIB))
     except OSError:
@@ -184,11 +185,7 @@ def _read_record(file: Path) -> dict[str, Any]:
 def _read_archive(file: Path, name: str) -> _Finds:
     from elitelanes_jax.result import Result
 
-    result = Result.load(file)
-    grids = np.asarray(result.elites.grids)
-    if grids.size == 0 or grids.min() < 0 or grids.max() > 15:
-        raise InputError(f"{file}: expected grids of tile codes 0 to 15, got others, or none")
-    return _from_result(result, name)
+    return _from_result(Result.load(file), name)
 
 
 def _from_result(result: "Result", name: str) -> _Finds:
@@ -301,7 +298,7 @@ def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> P
     return Payload(values, blob.packed())
 
 
-def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Any]:
+def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     return {
         "name": run.name,
         "shape": list(run.grids.shape[1:]),
@@ -320,7 +317,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Any]:
     }
 
 
-def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Any]:
+def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
     """Returns a chosen map: where it is, and its tile pictures as places in the set times 4 plus quarter turns."""
     chosen = None
     if drawn is not None and drawn.tile_set == tiles.name:
@@ -329,7 +326,7 @@ def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | No
     return {"place": place, "name": name, "pictures": pictures}
 
 
-def _history_values(history: "History", blob: Blob) -> dict[str, Any] | None:
+def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
     count = len(history.generation)
     if count == 0:
         return None
@@ -343,7 +340,7 @@ def _history_values(history: "History", blob: Blob) -> dict[str, Any] | None:
     }
 
 
-def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Any]:
+def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     """Returns the tile pictures, each once: as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
     layers = scale_tiles(tiles, tile_px)
     pictures = []

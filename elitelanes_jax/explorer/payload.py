@@ -1,10 +1,12 @@
 """The payload of the explorer: values for JSON, and one blob of arrays, compressed."""
 
 import zlib
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from elitelanes_jax._util.types import AnyArray, Plain
 
 __all__ = ["Blob", "Payload"]
 
@@ -18,7 +20,7 @@ class Payload(NamedTuple):
       blob: the arrays, one after another, compressed by zlib.
     """
 
-    values: dict[str, Any]
+    values: dict[str, Plain]
     blob: bytes
 
 
@@ -29,7 +31,7 @@ class Blob:
         self._parts: list[bytes] = []
         self._size = 0
 
-    def add(self, array: Any, dtype: str) -> dict[str, Any]:
+    def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
         """Adds an array; returns what stands for it among the values."""
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
         start = self._size
@@ -38,7 +40,7 @@ class Blob:
         self._size += len(content) + padding
         return {"array": [dtype, start, len(content) // np.dtype(dtype).itemsize]}
 
-    def add_codes(self, grids: NDArray[np.int8]) -> dict[str, Any]:
+    def add_codes(self, grids: NDArray[np.int8]) -> dict[str, Plain]:
         """Adds tile codes, two a byte, the first in the lower half; returns what stands for them."""
         flat = grids.reshape(-1).astype(np.uint8)
         flat = np.pad(flat, (0, flat.size % 2))

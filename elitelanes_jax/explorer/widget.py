@@ -3,13 +3,14 @@
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.explorer.payload import Payload
@@ -24,7 +25,7 @@ _Grid = Int8[np.ndarray, "H W"]
 _Continue = Callable[[_Grid, "Result"], "Result"]
 
 
-def show(what: Any, *, tile_px: int = 64, on_continue: _Continue | None = None) -> Any:
+def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = None) -> Untyped:
     """Shows a result, maps, or folders of runs in a notebook.
 
     The widget has the page's views. Its ``grid`` is the map that is drawn, int8 ``[H, W]``, None before one is; its
@@ -67,7 +68,7 @@ def continue_search(grid: _Grid, result: "Result") -> "Result":
     return evolve(0, (height, width), seeds=seeds, spec=result.spec, initial=[grid])
 
 
-def _payload(what: Any, tile_px: int) -> Payload:
+def _payload(what: UserValue, tile_px: int) -> Payload:
     if hasattr(what, "elites") and hasattr(what, "axes"):
         return collect_result(what, tile_px=tile_px)
     if isinstance(what, RoadMap):
@@ -83,7 +84,7 @@ def _payload(what: Any, tile_px: int) -> Payload:
 
 
 @cache
-def _widget_class() -> Any:
+def _widget_class() -> Untyped:
     """Makes the widget's class: its base is there only where anywidget is."""
     anywidget = import_optional("anywidget", "the explorer in a notebook needs anywidget")
     traitlets = import_optional("traitlets", "the explorer in a notebook needs traitlets")
@@ -103,13 +104,13 @@ def _widget_class() -> Any:
             from_json=lambda rows, _: None if rows is None else np.array(rows, np.int8),
         )
 
-        def __init__(self, payload: Payload, result: Any, tile_px: int, on_continue: _Continue) -> None:
+        def __init__(self, payload: Payload, result: Untyped, tile_px: int, on_continue: _Continue) -> None:
             super().__init__(values=payload.values, blob=payload.blob, continues=result is not None)
             self.result = result
             self._tile_px, self._continue = tile_px, on_continue
             self.on_msg(self._hear)
 
-        def _hear(self, _: Any, content: Any, __: Any) -> None:
+        def _hear(self, _: Untyped, content: Untyped, __: Untyped) -> None:
             if isinstance(content, dict) and "continue" in content and self.result is not None:
                 self.result = self._continue(np.array(content["continue"], np.int8), self.result)
                 payload = collect_result(self.result, tile_px=self._tile_px)

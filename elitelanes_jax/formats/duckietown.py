@@ -7,13 +7,13 @@ maps that use it fit together only so, and never written.
 """
 
 import reprlib
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.graph import linked_tiles
 from elitelanes_jax.formats.yaml_tree import yaml_tree
 from elitelanes_jax.network.checks import check_grid, check_sides
@@ -114,7 +114,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
 
 
-def _code(tile: Any, row: int, column: int) -> int:
+def _code(tile: Plain, row: int, column: int) -> int:
     kind = tile if isinstance(tile, str) else ""
     if kind not in _CODE:
         kind = "/".join(part.strip() for part in kind.split("/"))

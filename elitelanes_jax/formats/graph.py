@@ -10,12 +10,13 @@ and its total length, and leaves out the tiles at which there is no choice of wa
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, SIDES
 
@@ -120,7 +121,7 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
     return ordered
 
 
-def to_graphml(graph: Any) -> str:
+def to_graphml(graph: Untyped) -> str:
     """Writes a graph of `tile_graph` or `reduced_graph` as the text of a GraphML file.
 
     Nodes are named "row,column" and have `row` and `column` too; a path is its tiles' names with blanks between.
@@ -143,7 +144,7 @@ def _name(tile: Cell) -> str:
     return f"{tile[0]},{tile[1]}"
 
 
-def _walk(links: dict[Cell, list[Cell]], ends: Any, before: Cell, tile: Cell) -> Iterator[Cell]:
+def _walk(links: dict[Cell, list[Cell]], ends: Untyped, before: Cell, tile: Cell) -> Iterator[Cell]:
     """Walks along a road: its tiles from the second one up to the next end."""
     while tile not in ends:
         yield tile
@@ -151,5 +152,5 @@ def _walk(links: dict[Cell, list[Cell]], ends: Any, before: Cell, tile: Cell) ->
     yield tile
 
 
-def _networkx() -> Any:
+def _networkx() -> Untyped:
     return import_optional("networkx", "graphs need NetworkX")

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
@@ -68,7 +69,7 @@ class RoadMap(NamedTuple):
 
 def map_to_json(road_map: RoadMap) -> str:
     """Writes the text of a map file: a key a line, tables a row a line."""
-    values: dict[str, Any] = {
+    values: dict[str, Plain] = {
         "format": _FORMAT,
         "shape": list(road_map.codes.shape),
         "codes": road_map.codes.tolist(),
@@ -82,7 +83,7 @@ def map_to_json(road_map: RoadMap) -> str:
     return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
 
 
-def _lines(value: Any, indent: str) -> str:
+def _lines(value: Plain, indent: str) -> str:
     inner = indent + "  "
     if isinstance(value, Mapping):
         rows = [f"{inner}{json.dumps(key)}: {_lines(item, inner)}" for key, item in value.items()]
@@ -146,7 +147,7 @@ def _from_json(text: str) -> RoadMap:
     )
 
 
-def _grid(rows: Any) -> NDArray[np.int8]:
+def _grid(rows: Plain) -> NDArray[np.int8]:
     """Reads the codes of a file; a wrong one is named as it stands there, before NumPy makes one type of all cells."""
     if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
         check_sides(rows)
@@ -158,16 +159,16 @@ def _grid(rows: Any) -> NDArray[np.int8]:
     return np.array(check_grid(rows))
 
 
-def _all(fits: Callable[[Any], bool], values: Any) -> bool:
+def _all(fits: Callable[[Plain], bool], values: Plain) -> bool:
     return isinstance(values, list) and all(map(fits, values))
 
 
-def _extent(table: list[list[Any]]) -> tuple[int, ...]:
+def _extent(table: list[list[Plain]]) -> tuple[int, ...]:
     widths = {len(row) for row in table}
     return (len(table), *widths)
 
 
-def _is_drawn(value: Any) -> bool:
+def _is_drawn(value: Plain) -> bool:
     return (
         isinstance(value, dict)
         and set(value) == set(Drawn._fields)
@@ -177,12 +178,12 @@ def _is_drawn(value: Any) -> bool:
     )
 
 
-def _numbers_by_name(value: Any) -> bool:
+def _numbers_by_name(value: Plain) -> bool:
     return isinstance(value, dict) and all(is_real(number) and isfinite(number) for number in value.values())
 
 
 # The fields of a map file beside the codes: a test of the value, and words for what is expected.
-_FIELDS: dict[str, tuple[Callable[[Any], bool], str]] = {
+_FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "shape": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers, rows and columns"),
     "metrics": (_numbers_by_name, "numbers by name"),
     "fitness": (is_whole, "a whole number"),

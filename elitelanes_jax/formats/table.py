@@ -4,19 +4,19 @@ import csv
 import io
 import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 __all__ = ["Row", "measure_maps", "table_to_csv", "table_to_json"]
 
-Row = dict[str, Any]
+Row = dict[str, Plain]
 """The name of a map, `file`, its `height` and `width` in tiles, and its metrics, numbers."""
 
 
-def measure_maps(names: Sequence[str], grids: Sequence[Any]) -> list[Row]:
+def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
     """Measures grids, a row each.
 
     A float32 becomes the shortest decimal that is it, 0.54320985 rather than 0.5432098507881165.

@@ -5,11 +5,11 @@ an alias is the value it names, not a copy, and scalars stay texts: no number, d
 """
 
 from collections.abc import Callable, Iterable
-from typing import Any
 
 import yaml
 
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Plain
 
 __all__ = ["yaml_tree"]
 
@@ -18,16 +18,16 @@ _MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 values for a
 _MOST_DIRECTIVES = 16  # libyaml compares each with all before it
 
 
-def yaml_tree(text: str) -> Any:
+def yaml_tree(text: str) -> Plain:
     """Reads a YAML document.
 
     Returns:
-      Lists, dictionaries and strings; None for an empty document. Of a key that comes twice the last counts. Merge keys
-      and tags have no meaning. A value may contain itself, where an alias says so.
+      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no
+      meaning. A value may contain itself, where an alias says so.
 
     Raises:
       InputError: if it is not YAML, has several documents, is nested deeper than 64 levels or of over 1.3 million
-        values, names an anchor that is not there, or has a key that is no text.
+        values, names an anchor that is not there, or has a key that is no text or comes twice.
     """
     if text.startswith("%") and text.count("\n%") >= _MOST_DIRECTIVES:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
@@ -37,10 +37,10 @@ def yaml_tree(text: str) -> Any:
         raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
 
 
-def _build(events: Iterable[yaml.Event]) -> Any:
-    documents: list[Any] = []
-    anchors: dict[str, Any] = {}
-    add, outer = documents.append, list[Callable[[Any], None]]()
+def _build(events: Iterable[yaml.Event]) -> Plain:
+    documents: list[Plain] = []
+    anchors: dict[str, Plain] = {}
+    add, outer = documents.append, list[Callable[[Plain], None]]()
     values = 0
     for event in events:
         opened = None
@@ -81,13 +81,15 @@ def _build(events: Iterable[yaml.Event]) -> Any:
 class _Pairs:
     """Takes the keys and values of a table in turn."""
 
-    def __init__(self, table: dict[str, Any]) -> None:
+    def __init__(self, table: dict[str, Plain]) -> None:
         self.table = table
         self.key: str | None = None
 
-    def add(self, item: Any) -> None:
+    def add(self, item: Plain) -> None:
         """Takes the next key or value."""
         if self.key is not None:
+            if self.key in self.table:
+                raise InputError(f"YAML: expected each key once, got {short(self.key, 40)} twice")
             self.table[self.key] = item
             self.key = None
         elif isinstance(item, str):

@@ -1,11 +1,11 @@
 """Checks of shapes and grids, for arrays of NumPy and of JAX; JAX is not imported."""
 
 import sys
-from typing import Any
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, UserValue
 
 __all__ = ["LONGEST_SIDE", "check_grid", "check_shape", "check_sides"]
 
@@ -13,7 +13,7 @@ LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
 
 
-def check_shape(shape: Any, *, new: bool = False) -> tuple[int, int]:
+def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
     """Checks a grid's shape; returns (height, width) as two ints.
 
     Args:
@@ -33,7 +33,7 @@ def check_shape(shape: Any, *, new: bool = False) -> tuple[int, int]:
     return height, width
 
 
-def check_sides(rows: list[list[Any]]) -> None:
+def check_sides(rows: list[list[UserValue]]) -> None:
     """Checks that rows, of any contents and of lengths that may differ, are no more and no longer than a grid's.
 
     Raises:
@@ -44,7 +44,7 @@ def check_sides(rows: list[list[Any]]) -> None:
         raise InputError(f"shape: expected sides up to {LONGEST_SIDE}, got {len(rows)} x {width}")
 
 
-def check_grid(grid: Any) -> Any:
+def check_grid(grid: AnyArray) -> AnyArray:
     """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is one of JAX, else of NumPy.
 
     A record with a grid in its field ``codes``, such as a `RoadMap`, is taken for that grid.

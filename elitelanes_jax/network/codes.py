@@ -4,11 +4,12 @@ A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network
 """
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, UserValue
 
 __all__ = [
     "CONNECTIONS",
@@ -95,7 +96,7 @@ ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
 """The 11 codes with two or more connections: every tile that has a picture. New tiles are drawn from it by default."""
 
 
-def rotate_codes(codes: Any, quarter_turns: int = 1) -> Any:
+def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates tile codes counter-clockwise by quarter turns: N becomes W, W becomes S.
 
     Args:
@@ -110,7 +111,7 @@ def rotate_codes(codes: Any, quarter_turns: int = 1) -> Any:
     return codes
 
 
-def exchange_sides(codes: Any, one: int, other: int) -> Any:
+def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
     """Exchanges the connections of two sides of tile codes: of east and west, for a mirror image.
 
     Args:
@@ -125,7 +126,7 @@ def exchange_sides(codes: Any, one: int, other: int) -> Any:
     return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift
 
 
-def check_alphabet(codes: Iterable[Any]) -> tuple[int, ...]:
+def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
     """Checks a set of tile codes; returns it as a sorted tuple without repeats.
 
     Raises:

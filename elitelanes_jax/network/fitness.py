@@ -1,13 +1,12 @@
 """Fitness: a weighted sum of metrics, to be minimised (paper, section "Fitness Function")."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.network.weights import Weights
 
@@ -45,7 +44,7 @@ def penalty_weights(weights: Weights) -> Weights:
     return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
 
 
-def _integer(name: str, weight: Any) -> Int32[Array, "..."]:
+def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:
     array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
     if not jnp.issubdtype(array.dtype, jnp.integer):
         raise InputError(f"weights: expected integers, got {name} of type {array.dtype}")

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
@@ -18,7 +18,7 @@ from elitelanes_jax.network.padded_layout import PaddedLayout, find_links
 __all__ = ["measure", "stack_counts", "unstack_counts"]
 
 
-def measure(grid: Any, alphabet: Iterable[int] | None = None) -> Metrics:
+def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     """Measures one grid; `jax.vmap` it for many.
 
     Args:

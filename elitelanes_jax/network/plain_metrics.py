@@ -1,11 +1,11 @@
 """The metrics of one grid with NumPy alone, for programs that would wait for JAX longer than for the result."""
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, check_alphabet
 
@@ -14,7 +14,7 @@ __all__ = ["plain_measure"]
 _Cells = NDArray[np.bool_]
 
 
-def plain_measure(grid: Any, alphabet: Iterable[int] | None = None) -> dict[str, Any]:
+def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, Numeric]:
     """Measures one grid as `measure` does, without JAX.
 
     Args:
@@ -74,7 +74,10 @@ def plain_measure(grid: Any, alphabet: Iterable[int] | None = None) -> dict[str,
 
 
 # A cell and its neighbour to the east, a cell and its neighbour to the south.
-_SIDE_BY_SIDE: tuple[tuple[Any, Any], ...] = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
+_SIDE_BY_SIDE: list[tuple[tuple[slice, slice], tuple[slice, slice]]] = [
+    (np.s_[:, :-1], np.s_[:, 1:]),
+    (np.s_[:-1, :], np.s_[1:, :]),
+]
 
 
 def _pairs(cells: _Cells) -> int:

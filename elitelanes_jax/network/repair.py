@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,6 +10,7 @@ from jax import lax
 from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.materialize import batch_all, materialize
@@ -22,7 +22,7 @@ _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOU
 
 
 def repair(
-    grid: Any, dirty: Any = None, *, raster: Any = False, fill: bool = False, fixed: Any = None
+    grid: AnyArray, dirty: AnyArray = None, *, raster: Numeric = False, fill: bool = False, fixed: AnyArray = None
 ) -> Int8[Array, "H W"]:
     """Matches all connections of a grid and removes those across the border.
 
@@ -55,7 +55,7 @@ def repair(
     return _repair(grid, dirty, raster, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
 
 
-def _check_mask(name: str, mask: Any, shape: tuple[int, int]) -> Any:
+def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
     expected = f"{name}: expected bool of the grid's shape {shape}"
     try:
         array = mask if isinstance(mask, jax.Array) else np.asarray(mask)

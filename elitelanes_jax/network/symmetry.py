@@ -3,18 +3,17 @@
 NumPy arrays give NumPy arrays, those of JAX give those of JAX.
 """
 
-from typing import Any
-
 import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_named, whole
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 
 __all__ = ["canonical_form", "mirror", "rotate"]
 
 
-def rotate(grid: Any, quarter_turns: int = 1) -> Any:
+def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid counter-clockwise by quarter turns, as `numpy.rot90` does.
 
     Args:
@@ -33,7 +32,7 @@ def rotate(grid: Any, quarter_turns: int = 1) -> Any:
     return grid
 
 
-def mirror(grid: Any) -> Any:
+def mirror(grid: AnyArray) -> AnyArray:
     """Mirrors a grid east to west, as `numpy.fliplr` does.
 
     Args:
@@ -48,7 +47,7 @@ def mirror(grid: Any) -> Any:
     return exchange_sides(check_grid(grid), EAST, WEST)[:, ::-1]
 
 
-def canonical_form(grid: Any) -> bytes:
+def canonical_form(grid: AnyArray) -> bytes:
     """Returns the same bytes for a grid and all its rotations and mirror images, other bytes for any other grid."""
     grid = np.asarray(grid, np.int8)
     images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]

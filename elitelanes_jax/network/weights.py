@@ -1,10 +1,11 @@
 """The weights of the fitness: a record, without JAX."""
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import largest_counts
 
@@ -48,7 +49,7 @@ class Weights(NamedTuple):
     constant: "Int[ArrayLike, '...']" = 0
 
 
-def check_weights(weights: Any, shape: tuple[int, int], more: int = 0) -> Weights:
+def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> Weights:
     """Checks weights; returns them as ints.
 
     Args:

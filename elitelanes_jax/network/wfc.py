@@ -10,13 +10,14 @@ for each of the 2**(K + 1) domains says what a domain allows its neighbour.
 """
 
 from functools import lru_cache
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET, SIDES, check_alphabet
 
@@ -37,9 +38,9 @@ class Collapsed(NamedTuple):
         could succeed. True does not promise a solution.
     """
 
-    grid: Any
-    success: Any
-    attempts: Any
+    grid: AnyArray
+    success: AnyArray
+    attempts: AnyArray
     solvable: bool
 
 
@@ -47,7 +48,7 @@ def generate(
     rng: np.random.Generator,
     shape: tuple[int, int] = (12, 12),
     *,
-    alphabet: Any = ROAD_ALPHABET,
+    alphabet: UserValue = ROAD_ALPHABET,
     border: Border = "open",
     crossing_ban: bool = True,
     attempts: int = 10,
@@ -77,7 +78,7 @@ def generate_batch(
     n: int,
     shape: tuple[int, int] = (12, 12),
     *,
-    alphabet: Any = ROAD_ALPHABET,
+    alphabet: UserValue = ROAD_ALPHABET,
     border: Border = "open",
     crossing_ban: bool = True,
     attempts: int = 10,

@@ -12,7 +12,7 @@ penalties alone, and go past a vacant niche to the ends of the axes, so that no 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +21,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, nested, swept
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.optimizers.annealing import (
     LONGEST_CYCLE,
@@ -314,14 +315,14 @@ def _pursued_fitness(
 
 
 def _compute_if(
-    condition: Bool[Array, ""], compute: Callable[[Any], Any], operand: Int32[Array, " N"], otherwise: Any
-) -> Any:
+    condition: Bool[Array, ""], compute: Callable[[Pytree], Pytree], operand: Int32[Array, " N"], otherwise: Pytree
+) -> Pytree:
     """Returns `compute(operand)` if a condition holds: what is seldom needed is seldom computed.
 
     It is a loop of one round or none. `jax.lax.cond` would always compute both where seeds are a batch.
     """
 
-    def body(carry: tuple[Array, Any]) -> tuple[Array, Any]:
+    def body(carry: tuple[Array, Pytree]) -> tuple[Array, Pytree]:
         pending, _ = carry
         # It depends on the carry, so that XLA does not see that all this could be done outside the loop.
         return jnp.array(False), compute(jnp.where(pending, operand, 0))

@@ -7,7 +7,7 @@ has about the right length, and no budget need be known beforehand.
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.checks import none_or, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.random_bits import exponential, randint, random_bits
 from elitelanes_jax.optimizers.moves import Mix, random_move
 from elitelanes_jax.optimizers.mutations import Move
@@ -88,7 +89,7 @@ class AnnealingConfig(Config):
         """Returns the number of chains of an island on grids of a shape."""
         return self.chains or (1 if shape[0] * shape[1] <= _SMALL else _CHAINS)
 
-    def first_cycle(self, shape: tuple[int, int]) -> Any:
+    def first_cycle(self, shape: tuple[int, int]) -> Numeric:
         """Returns the steps of the first cycle on grids of a shape: an int, or an array where `cycle` is one."""
         if self.cycle is None:
             return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)

@@ -1,11 +1,12 @@
 """The convention that all optimisers share: a record of three pure functions, no base class."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int8, Int32, Key
 
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.optimizers.population import Population
 
 __all__ = ["Elites", "Info", "Optimizer", "as_elites"]
@@ -60,8 +61,8 @@ class Optimizer(NamedTuple):
         archive.
     """
 
-    init: Callable[[Key[Array, ""]], Any]
-    step: Callable[[Key[Array, ""], Any], tuple[Any, Info]]
-    elites: Callable[[Any], Elites]
+    init: Callable[[Key[Array, ""]], Pytree]
+    step: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Info]]
+    elites: Callable[[Pytree], Elites]
     evaluations_per_step: int
-    receive: Callable[[Any, Elites], Any] | None = None
+    receive: Callable[[Pytree, Elites], Pytree] | None = None

@@ -7,7 +7,7 @@ another one, rotated or mirrored, from the grid itself or from a mate.
 
 from collections.abc import Callable
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.random_bits import bernoulli, randint
@@ -80,7 +81,7 @@ class Mix(Config):
             raise InputError("expected a share over 0 for at least one move, got none")
 
 
-def random_move(mix: Mix, *, fill: bool, fixed: Any = None) -> Move:
+def random_move(mix: Mix, *, fill: bool, fixed: AnyArray = None) -> Move:
     """Makes one move of the mix at random, in proportion to the shares.
 
     Args:
@@ -156,7 +157,7 @@ def transplant(*, displaced: bool = False) -> Move:
     return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
 
 
-def with_filling(probability: Real[ArrayLike, ""], move: Move, *, fixed: Any = None) -> Move:
+def with_filling(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
     """Makes a move, and with the given probability the filling repair after it.
 
     Where cells may stay empty this leads from a network with loose ends to the nearest one without, which single moves
@@ -229,7 +230,7 @@ _Plan = Callable[[Array, tuple[int, ...]], _Change]
 _BITS = 1 + 7
 
 
-def _move(shares: dict[_Plan, Any]) -> Move:
+def _move(shares: dict[_Plan, AnyArray]) -> Move:
     """Makes a move by one of the plans, each in proportion to its share."""
     ends = jnp.cumsum(jnp.array(list(shares.values()), jnp.int32))
 

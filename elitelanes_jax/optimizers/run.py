@@ -1,13 +1,12 @@
 """Running an optimiser: many seeds and generations in one compiled call."""
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key
 
+from elitelanes_jax._util.types import Numeric, Pytree
 from elitelanes_jax.optimizers.base import Info, Optimizer
 
 __all__ = ["advance", "run", "seed_keys", "start"]
@@ -19,7 +18,7 @@ def seed_keys(seed: int, count: int) -> Key[Array, " count"]:
     return jax.vmap(lambda number: jax.random.fold_in(key, number))(np.arange(count))
 
 
-def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Any, Info]:
+def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:
     """Runs an optimiser from the start; `jax.jit` it, and see `advance` for runs in parts.
 
     Args:
@@ -33,7 +32,7 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
     return advance(optimizer, keys, start(optimizer, keys), 1, generations, most=generations)
 
 
-def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Any:
+def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Pytree:
     """Makes the states of generation 0, one for each of the keys ``[S]``: seeds in front."""
     return jax.vmap(lambda key: optimizer.init(jax.random.fold_in(key, 0)))(keys)
 
@@ -41,12 +40,12 @@ def start(optimizer: Optimizer, keys: Key[Array, " S"]) -> Any:
 def advance(
     optimizer: Optimizer,
     keys: Key[Array, " S"],
-    states: Any,
+    states: Pytree,
     first: Int[ArrayLike, ""],
     last: Int[ArrayLike, ""],
     *,
     most: int,
-) -> tuple[Any, Info]:
+) -> tuple[Pytree, Info]:
     """Runs the generations `first` to `last`, counted from 1, both included.
 
     Generation i of a seed depends on ``fold_in(key, i)`` and the state before it, and on nothing else. So going from 1
@@ -65,16 +64,16 @@ def advance(
       The states, and an `Info` of arrays ``[most, S]`` of which the first `last` - `first` + 1 rows count.
     """
 
-    def step(states: Any, generation: Array) -> tuple[Any, Info]:
-        def step_one(key: Array, state: Any) -> tuple[Any, Info]:
+    def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
+        def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
             return optimizer.step(jax.random.fold_in(key, generation), state)
 
         return jax.vmap(step_one)(keys, states)
 
     nothing = jax.tree.map(lambda info: jnp.zeros(info.shape, info.dtype), jax.eval_shape(step, states, 0)[1])
 
-    def generation(states: Any, number: Any) -> tuple[Any, Info]:
-        def once(carry: tuple[Any, Info, Array]) -> tuple[Any, Info, Array]:
+    def generation(states: Pytree, number: Numeric) -> tuple[Pytree, Info]:
+        def once(carry: tuple[Pytree, Info, Array]) -> tuple[Pytree, Info, Array]:
             return *step(carry[0], number), jnp.array(False)
 
         # A loop of one round or none: `lax.cond` would copy the states of a generation that is not run.

@@ -3,13 +3,14 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from fractions import Fraction
 from math import ceil, floor
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, feature_unit, is_share
 
@@ -46,11 +47,11 @@ class Bounds(NamedTuple):
       high: int32 ``[F + K]``, in the same order and units.
     """
 
-    low: Any
-    high: Any
+    low: Numeric
+    high: Numeric
 
 
-def parse_ranges(where: Any, own: Collection[str] = ()) -> tuple[Range, ...]:
+def parse_ranges(where: UserValue, own: Collection[str] = ()) -> tuple[Range, ...]:
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
@@ -96,7 +97,7 @@ def bounds_of(where: Iterable[Range], extras: Sequence[str] = ()) -> Bounds:
     return Bounds(low, high)
 
 
-def violation(features: Any, bounds: Bounds, shape: tuple[int, int], extras: Sequence[str] = ()) -> Any:
+def violation(features: AnyArray, bounds: Bounds, shape: tuple[int, int], extras: Sequence[str] = ()) -> AnyArray:
     """Computes what the distance from the bounds adds to the fitness: 0 where all are met.
 
     A unit of distance is one of a count, the share of one cell, or the gain of one more tile in a long straight.
@@ -120,7 +121,7 @@ def violation(features: Any, bounds: Bounds, shape: tuple[int, int], extras: Seq
     return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
 
 
-def satisfies(metrics: Mapping[str, Any], where: Iterable[Range]) -> NDArray[np.bool_]:
+def satisfies(metrics: Mapping[str, AnyArray], where: Iterable[Range]) -> NDArray[np.bool_]:
     """Tells which networks satisfy all ranges, exactly.
 
     Args:
@@ -134,14 +135,16 @@ def satisfies(metrics: Mapping[str, Any], where: Iterable[Range]) -> NDArray[np.
     for item in where:
         part, whole = SHARES.get(item.name, (item.name, ()))
         value = np.asarray(metrics[part], np.int64)
-        total: Any = sum(np.asarray(metrics[name], np.int64) for name in whole) if whole else feature_unit(item.name)
+        total: AnyArray = (
+            sum(np.asarray(metrics[name], np.int64) for name in whole) if whole else feature_unit(item.name)
+        )
         for limit, sign in ((item.low, 1), (item.high, -1)):
             if limit is not None:
                 good &= sign * (value * limit.denominator - total * limit.numerator) >= 0
     return good
 
 
-def _parse(text: Any, own: Collection[str]) -> Range:
+def _parse(text: UserValue, own: Collection[str]) -> Range:
     source = f"where {text!r}"
     name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
     if not equals:
@@ -150,7 +153,7 @@ def _parse(text: Any, own: Collection[str]) -> Range:
     return _range(source, name.strip(), (low.strip() or None, high.strip() or None) if dots else low.strip(), own)
 
 
-def _range(source: str, name: Any, limits: Any, own: Collection[str]) -> Range:
+def _range(source: str, name: UserValue, limits: UserValue, own: Collection[str]) -> Range:
     check_feature(source, name, own)
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
@@ -163,7 +166,7 @@ def _range(source: str, name: Any, limits: Any, own: Collection[str]) -> Range:
     return Range(name, low, high)
 
 
-def _limit(source: str, name: str, limit: Any) -> Fraction:
+def _limit(source: str, name: str, limit: UserValue) -> Fraction:
     text = str(limit)
     try:
         # As a fraction 1e99999999 would fill the memory.

@@ -2,12 +2,13 @@
 
 from collections.abc import Collection, Mapping
 from math import prod
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.problem.features import (
     SHARE_UNIT,
     check_feature,
@@ -77,7 +78,7 @@ def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     return (cyclomatic._replace(width=width), *(flag._replace(target=0) for flag in flags))
 
 
-def parse_axes(axes: Any, own: Collection[str] | None = ()) -> tuple[Axis, ...]:
+def parse_axes(axes: UserValue, own: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes from texts, mappings or records.
 
     Args:
@@ -108,7 +109,7 @@ def parse_axes(axes: Any, own: Collection[str] | None = ()) -> tuple[Axis, ...]:
     return listed
 
 
-def resolve_axes(axes: Any, shape: tuple[int, int], own: Collection[str] | None = ()) -> tuple[Axis, ...]:
+def resolve_axes(axes: UserValue, shape: tuple[int, int], own: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes as `parse_axes` does and gives each the width that suits grids of a shape, where it has none.
 
     Raises:
@@ -120,7 +121,7 @@ def resolve_axes(axes: Any, shape: tuple[int, int], own: Collection[str] | None 
     )
 
 
-def compute_descriptor(counts: Any, axes: tuple[Axis, ...]) -> Any:
+def compute_descriptor(counts: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Computes descriptors: the values of the axes' features.
 
     Args:
@@ -134,7 +135,7 @@ def compute_descriptor(counts: Any, axes: tuple[Axis, ...]) -> Any:
     return compute_features(counts)[..., feature_places([axis.metric for axis in axes])]
 
 
-def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
+def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the bin on each axis, int32 ``[..., D]``, of descriptors ``[..., D]`` of NumPy or JAX."""
     bins, width, start = (
         np.array([getattr(axis, name) for axis in axes], np.int32) for name in ("bins", "width", "start")
@@ -142,7 +143,7 @@ def niche_bins(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
     return ((descriptor - start) // width).clip(0, bins - 1)
 
 
-def niche_index(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
+def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
     """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``: the last axis runs fastest."""
     bins = niche_bins(descriptor, axes)
     niche = bins[..., 0]
@@ -151,7 +152,7 @@ def niche_index(descriptor: Any, axes: tuple[Axis, ...]) -> Any:
     return niche
 
 
-def _check_axis(axis: Any, own: Collection[str] | None) -> Axis:
+def _check_axis(axis: UserValue, own: Collection[str] | None) -> Axis:
     given = axis
     if isinstance(axis, str):
         axis = _parse_axis(axis, own)

@@ -1,7 +1,7 @@
 """Extra features: kernels from a grid to a whole number, which a search computes only where they are asked for."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -9,15 +9,16 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32
 
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.problem.features import FEATURES, LARGEST_FEATURE
 
 __all__ = ["Kernel", "check_kernels", "measure_extras"]
 
-Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Any]
+Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Numeric]
 """From one grid to an integer scalar; pure, for `jax.jit` and `jax.vmap`."""
 
 
-def check_kernels(features: Any, shape: tuple[int, int]) -> dict[str, Kernel]:
+def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
     """Checks features of one's own.
 
     Args:

@@ -1,6 +1,7 @@
-"""Wishes that no map can meet, found before a search: by limits of the metrics, and by going through few maps."""
+"""Requirements that no map can meet, found before a search: by limits of the metrics, and by going through few maps."""
 
 from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,25 +16,16 @@ from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.problem.template import Template
 
-__all__ = ["check_feasible", "check_number"]
+__all__ = ["Requirements", "check_feasible", "check_number"]
 
 # Grids are gone through one by one where they have at most so many cells altogether: 2**16 grids of 4 x 4.
 _MOST_CELLS = 2**20
 
 
-def check_feasible(
-    shape: tuple[int, int],
-    where: Sequence[Range] = (),
-    *,
-    fix: Template | None = None,
-    rules: str | None = None,
-    filled: bool = True,
-    alphabet: Iterable[int] | None = None,
-    maps: int = 1,
-) -> None:
-    """Checks wishes against limits that hold for all maps: quick, and right whenever it refuses.
+class Requirements(NamedTuple):
+    """The maps that are wanted.
 
-    Args:
+    Attributes:
       shape: (height, width) of the maps, each at least 2.
       where: ranges that they are in.
       fix: cells that they keep.
@@ -41,10 +33,24 @@ def check_feasible(
       filled: whether every cell has a road, given ones aside.
       alphabet: codes of their tiles, by default all with two or more connections.
       maps: how many different ones are wanted.
+    """
+
+    shape: tuple[int, int]
+    where: Sequence[Range] = ()
+    fix: Template | None = None
+    rules: str | None = None
+    filled: bool = True
+    alphabet: Iterable[int] | None = None
+    maps: int = 1
+
+
+def check_feasible(wanted: Requirements) -> None:
+    """Checks requirements against limits that hold for all maps: quick, and right whenever it refuses.
 
     Raises:
-      InputError: for a wish that cannot be met; the message says the limit.
+      InputError: for one that cannot be met; the message says the limit.
     """
+    shape, where, fix, rules, filled, alphabet, maps = wanted
     missing = set() if alphabet is None else set(KINDS["turn"]) - set(alphabet)
     if missing:
         raise InputError(f"alphabet: expected the turns {KINDS['turn']}, which every map has, got no {min(missing)}")
@@ -61,30 +67,13 @@ def check_feasible(
         raise InputError(f"maps: expected at most {2**free:,}, {links}, got {maps:,}")
 
 
-def check_number(
-    shape: tuple[int, int],
-    where: Sequence[Range] = (),
-    *,
-    fix: Template | None = None,
-    rules: str | None = None,
-    filled: bool = True,
-    alphabet: Iterable[int] | None = None,
-    maps: int = 1,
-) -> None:
+def check_number(wanted: Requirements) -> None:
     """Checks the number of different maps where all can be gone through: of few cells, or with few free ones.
-
-    Args:
-      shape: as `check_feasible` takes them all.
-      where: ranges.
-      fix: given cells.
-      rules: rules.
-      filled: whether every cell has a road.
-      alphabet: codes of the tiles.
-      maps: how many are wanted.
 
     Raises:
       InputError: if there are fewer; the message says how many there are.
     """
+    shape, where, fix, rules, filled, alphabet, maps = wanted
     filled = filled and fix is None
     grids = _all_grids(shape, fix, filled=filled)
     if grids is None:

@@ -7,12 +7,12 @@ are.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 
 __all__ = [
@@ -80,7 +80,7 @@ def feature_places(names: Sequence[str]) -> NDArray[np.int_]:
     return np.array([known[name] for name in names])
 
 
-def join_counts(measures: Mapping[str, Any], extras: Sequence[str]) -> NDArray[np.int32]:
+def join_counts(measures: Mapping[str, AnyArray], extras: Sequence[str]) -> NDArray[np.int32]:
     """Puts metrics and extra features side by side as `compute_features` takes them, int32 ``[..., M + K]``.
 
     Args:
@@ -90,7 +90,7 @@ def join_counts(measures: Mapping[str, Any], extras: Sequence[str]) -> NDArray[n
     return np.stack([measures[name] for name in (*COUNT_NAMES, *extras)], axis=-1).astype(np.int32)
 
 
-def compute_features(counts: Any) -> Any:
+def compute_features(counts: AnyArray) -> AnyArray:
     """Computes all features of networks.
 
     Args:
@@ -110,7 +110,7 @@ def compute_features(counts: Any) -> Any:
     return xp.concatenate(columns, axis=-1)
 
 
-def check_feature(source: str, name: Any, own: Collection[str] | None = ()) -> str:
+def check_feature(source: str, name: UserValue, own: Collection[str] | None = ()) -> str:
     """Checks the name of a feature.
 
     Args:

@@ -1,14 +1,14 @@
 """Measures of an archive as a whole (Pugh, Soros and Stanley, "Quality diversity", 2016), in NumPy alone."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
+
+from elitelanes_jax._util.types import AnyArray
 
 __all__ = ["coverage", "gaps", "qd_score"]
 
 
-def qd_score(fitness: Any, valid: Any, worst: float) -> NDArray[np.float64]:
+def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
     """Sums by how much all elites together are better than the worst fitness that counts, float ``[...]``.
 
     Args:
@@ -19,7 +19,7 @@ def qd_score(fitness: Any, valid: Any, worst: float) -> NDArray[np.float64]:
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
 
-def coverage(valid: Any, feasible: Any = None) -> NDArray[np.float64]:
+def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
     """Returns the share of the niches that are filled, float ``[...]``.
 
     Args:
@@ -31,7 +31,7 @@ def coverage(valid: Any, feasible: Any = None) -> NDArray[np.float64]:
     return (valid & feasible).sum(axis=-1) / max(1, int(feasible.sum()))
 
 
-def gaps(fitness: Any, valid: Any, best_known: Any) -> NDArray[np.float64]:
+def gaps(fitness: AnyArray, valid: AnyArray, best_known: AnyArray) -> NDArray[np.float64]:
     """Returns each elite's distance from the best known fitness of its niche, float ``[..., N]``.
 
     It is negative where the elite is better, not a number in vacant niches.

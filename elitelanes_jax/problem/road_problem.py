@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import chex
 import jax
@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.counts import COUNT_NAMES
@@ -78,7 +79,7 @@ class Problem(NamedTuple):
 
 def road_problem(
     shape: tuple[int, int] = (12, 12),
-    axes: Any = None,
+    axes: UserValue = None,
     *,
     alphabet: Iterable[int] | None = None,
     weights: Weights = Weights(),
@@ -116,7 +117,7 @@ def road_problem(
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
-    def repair_grid(grid: Array, dirty: Array | None = None, raster: Any = False) -> Array:
+    def repair_grid(grid: Array, dirty: Array | None = None, raster: Numeric = False) -> Array:
         if fix is not None:
             grid = jnp.where(fix.fixed, fix.grid, grid)
         return repair(grid, dirty, raster=raster, fill=fill, fixed=fixed)
@@ -137,7 +138,7 @@ def road_problem(
     def violations(counts: Array) -> Array:
         return jnp.int32(0) if bounds is None else violation(compute_features(counts), bounds, shape, extras)
 
-    def weigh(counts: Array, weights: Weights, extra: Any) -> Array:
+    def weigh(counts: Array, weights: Weights, extra: Numeric) -> Array:
         total = fitness(unstack_counts(counts, shape[0] * shape[1]), weights) + violations(counts)
         if extra is not None:
             total += (counts[..., len(COUNT_NAMES) :] * extra).sum(axis=-1, dtype=jnp.int32)

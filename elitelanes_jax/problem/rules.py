@@ -1,8 +1,9 @@
 """Sets of rules that maps may have to keep."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.weights import Weights
 
 __all__ = ["RULES", "Rules", "check_rules"]
@@ -30,7 +31,7 @@ RULES = {
 """Sets of rules, by name."""
 
 
-def check_rules(name: Any) -> str:
+def check_rules(name: UserValue) -> str:
     """Checks the name of a set of rules.
 
     Raises:

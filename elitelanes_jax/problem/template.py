@@ -2,7 +2,7 @@
 
 import reprlib
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, reason, short
 from elitelanes_jax._util.limited_read import MIB, read_text
 from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
 
@@ -45,7 +46,7 @@ class Template(NamedTuple):
         return [list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)]
 
 
-def parse_template(cells: Any, name: str = "fix") -> Template:
+def parse_template(cells: UserValue, name: str = "fix") -> Template:
     """Reads a template from rows or a file.
 
     Args:
@@ -87,7 +88,7 @@ def parse_template(cells: Any, name: str = "fix") -> Template:
     return Template(shape, tuple(None if code is None else int(code) for line in rows for code in line))
 
 
-def _read_rows(file: str | Path) -> Any:
+def _read_rows(file: str | Path) -> Plain:
     try:
         content = parse_json(read_text(file, 32 * MIB))
     except OSError as error:
@@ -103,7 +104,7 @@ def _read_rows(file: str | Path) -> Any:
     return content
 
 
-def _check_sides(name: str, rows: list[list[Any]], row: int, column: int) -> None:
+def _check_sides(name: str, rows: list[list[UserValue]], row: int, column: int) -> None:
     place = f"at row {row}, column {column}"
     for side in SIDES:
         other = (row + side.down, column + side.right)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from functools import cache
 from math import ceil, sqrt
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from elitelanes_jax._util.types import Untyped
 
 __all__ = ["contact_sheet", "write_text"]
 
@@ -50,7 +51,7 @@ def contact_sheet(
 
 
 @cache
-def _font() -> Any:
+def _font() -> Untyped:
     """Returns a font of OpenCV 5 whose zeros have no slash, as those of its default font do; None in OpenCV 4."""
     font = cv2.FontFace("uni") if hasattr(cv2, "FontFace") else None
     return font if font is not None and font.getName() else None

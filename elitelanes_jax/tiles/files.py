@@ -4,7 +4,6 @@ import json
 import math
 import zlib
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.limited_read import MIB, read_bytes, read_text
+from elitelanes_jax._util.types import Plain
 
 __all__ = ["read_mask", "read_picture", "read_points", "size_of"]
 
@@ -119,12 +119,12 @@ def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]
     return points
 
 
-def size_of(picture: NDArray[Any]) -> str:
+def size_of(picture: np.ndarray) -> str:
     """Returns width and height of a picture, for messages."""
     return f"{picture.shape[1]} x {picture.shape[0]}"
 
 
-def _is_point(point: Any) -> bool:
+def _is_point(point: Plain) -> bool:
     numbers = isinstance(point, list) and all(type(value) in (int, float) for value in point)
     return numbers and len(point) == 2 and all(-math.inf < value < math.inf for value in point)
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, is_whole, path
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
@@ -100,12 +101,12 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
 
 
 def render(
-    grid: Any,
+    grid: AnyArray,
     tiles: TileSet | str | Path | None = None,
     *,
     tile_px: int = 64,
     seed: int | None = None,
-    chosen: Any = None,
+    chosen: UserValue = None,
 ) -> Picture:
     """Draws a map.
 
@@ -147,7 +148,7 @@ def _own_tiles() -> TileSet:
     return load_tiles()
 
 
-def check_tile_px(tile_px: Any) -> int:
+def check_tile_px(tile_px: UserValue) -> int:
     """Checks the side of a tile in pixels.
 
     Raises:
@@ -158,7 +159,9 @@ def check_tile_px(tile_px: Any) -> int:
     return int(tile_px)
 
 
-def recall_choice(grid: ArrayLike, names: Any, quarter_turns: Any, tiles: TileSet) -> NDArray[np.int_] | None:
+def recall_choice(
+    grid: ArrayLike, names: UserValue, quarter_turns: AnyArray, tiles: TileSet
+) -> NDArray[np.int_] | None:
     """Finds the choice of tiles that a map was drawn with.
 
     Args:
@@ -178,7 +181,7 @@ def recall_choice(grid: ArrayLike, names: Any, quarter_turns: Any, tiles: TileSe
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
 
 
-def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: Any) -> NDArray[np.int_]:
+def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:
     grid, chosen = np.asarray(check_grid(grid)), np.asarray(chosen)
     if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
         raise InputError(
@@ -254,7 +257,7 @@ def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
     return {name: np.stack(rotated) for name, rotated in layers.items()}
 
 
-def _resize(picture: NDArray[Any], size: int) -> NDArray[Any]:
+def _resize(picture: np.ndarray, size: int) -> np.ndarray:
     if picture.shape[0] == size:
         return picture
     shrinks = size < picture.shape[0]
@@ -295,7 +298,7 @@ def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -
     return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])
 
 
-def _lay_out(tiles: NDArray[Any]) -> NDArray[Any]:
+def _lay_out(tiles: np.ndarray) -> np.ndarray:
     """Lays pictures ``[H, W, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
     height, width, size, _, *channels = tiles.shape
     return tiles.swapaxes(1, 2).reshape(height * size, width * size, *channels)

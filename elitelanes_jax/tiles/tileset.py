@@ -23,13 +23,14 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import KIB, read_text
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
 from elitelanes_jax.tiles.lines import misplaced_lines
@@ -221,7 +222,7 @@ def stray_files(folder: Path) -> list[Path]:
     ]
 
 
-def edge_pixels(picture: NDArray[Any], side: Side) -> NDArray[Any]:
+def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
     """Returns the outermost pixels along a side of a picture ``[S, S, ...]``, seen from inside: ``[S, ...]``."""
     return np.rot90(picture, SIDES.index(side))[0]
 
@@ -249,7 +250,7 @@ def _absent_kinds(tiles: Iterable[Tile]) -> list[str]:
     return [kind for kind in _OPENS if not drawn & set(KINDS[kind])]
 
 
-def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
+def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
     """Reads tileset.toml and checks its table `opens`."""
     file = folder / "tileset.toml"
     if not file.exists():
@@ -283,7 +284,7 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Any]:
     return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
 
 
-def _shown(value: Any) -> str:
+def _shown(value: Plain) -> str:
     """Returns a value for a message: neither long nor deep."""
     return short(reprlib.repr(value))
 

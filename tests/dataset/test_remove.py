@@ -1,4 +1,4 @@
-"""--force removes a dataset of an earlier run, and no folder with anything else in it."""
+"""--force replaces a dataset of an earlier run, and no folder with anything else in it."""
 
 import importlib.util
 import shutil
@@ -37,10 +37,50 @@ def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_
     with pytest.raises(InputError, match=r"expected results of .*, got some of "):
         make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
     make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
     make_dataset(small(format=name, seed=1), tmp_path / "new", maps=OTHERS)
     assert files(folder) == files(tmp_path / "new")
     remove_dataset(folder)
     assert not list(folder.iterdir())
+
+
+def killed(*_):
+    raise KeyboardInterrupt
+
+
+def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, monkeypatch):
+    """Killed while it draws, or at any step of the change of places: nothing is lost, and the same call ends it."""
+    written, spec = files(folder), small(seed=1)
+    make_dataset(spec, tmp_path / "expected", maps=OTHERS)
+    monkeypatch.setattr("elitelanes_jax.dataset.make.write_card", killed)
+    with pytest.raises(KeyboardInterrupt):
+        make_dataset(spec, folder, maps=OTHERS, force=True)
+    monkeypatch.undo()
+    assert files(folder) == written
+    drawn = min((tmp_path / ".out.new").rglob("*000000.png"))
+    for steps in (0, 1, 2):
+        place = tmp_path / str(steps)
+        for name in ("out", ".out.new"):
+            shutil.copytree(tmp_path / name, place / name)
+        usual, done = Path.rename, []
+
+        def rename(file, target, steps=steps, usual=usual, done=done):
+            done.append(target)
+            return killed() if len(done) > steps else usual(file, target)
+
+        monkeypatch.setattr(Path, "rename", rename)
+        monkeypatch.setattr("elitelanes_jax.dataset.remove._remove", killed)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(spec, place / "out", maps=OTHERS, force=True)
+        monkeypatch.undo()
+        assert {entry.name for entry in place.iterdir()} == [
+            {"out", ".out.new"},
+            {".out.new", ".out.old"},
+            {"out", ".out.old"},
+        ][steps]
+        make_dataset(spec, place / "out", maps=OTHERS, force=True)
+        assert files(place) == {f"out/{name}": content for name, content in files(tmp_path / "expected").items()}
+        assert (place / "out" / drawn.relative_to(tmp_path / ".out.new")).stat().st_mtime_ns == drawn.stat().st_mtime_ns
 
 
 def test_an_unfinished_dataset_is_removed_too(folder):

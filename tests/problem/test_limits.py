@@ -16,7 +16,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.problem.constraints import Range, parse_ranges
-from elitelanes_jax.problem.feasible import check_feasible, check_number
+from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
 from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
@@ -136,33 +136,33 @@ def test_what_a_network_is_can_be_asked_for(grid, share, names, spread):
 def test_the_number_of_maps_is_exact_where_they_are_few(shape, rules, filled):
     forms = {canonical_form(grid) for grid, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
     for maps in (1, len(forms)):
-        check_feasible(shape, rules=rules, filled=filled, maps=maps)
-        check_number(shape, rules=rules, filled=filled, maps=maps)
+        check_feasible(Requirements(shape, rules=rules, filled=filled, maps=maps))
+        check_number(Requirements(shape, rules=rules, filled=filled, maps=maps))
     with pytest.raises(InputError, match=f"maps: expected at most {len(forms)}, all that there are"):
-        check_number(shape, rules=rules, filled=filled, maps=len(forms) + 1)
+        check_number(Requirements(shape, rules=rules, filled=filled, maps=len(forms) + 1))
     cyclomatic = {metrics["cyclomatic"] for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
     for value in range(10):
         asked = [Range("cyclomatic", Fraction(value), Fraction(value))]
         with nullcontext() if value in cyclomatic else pytest.raises(InputError, match="^no map of "):
-            check_number(shape, asked, rules=rules, filled=filled)
+            check_number(Requirements(shape, asked, rules=rules, filled=filled))
 
 
 def test_given_cells_leave_so_many_maps():
     loop = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
-    check_number((3, 3), fix=parse_template(loop))
+    check_number(Requirements((3, 3), fix=parse_template(loop)))
     with pytest.raises(
         InputError, match="maps: expected at most 1, as many as 0 free links between cells allow, got 2"
     ):
-        check_feasible((3, 3), fix=parse_template(loop), maps=2)
+        check_feasible(Requirements((3, 3), fix=parse_template(loop), maps=2))
     half = [[6, 5, 3], [None] * 3, [None] * 3]
     # The second row: straight on, or the loop is closed there, or both sides meet in a crossing.
     forms = set()
     for grid, metrics in repaired_grids((3, 3)):
         if is_map(metrics, None, False) and grid[0].tolist() == half[0]:
             forms.add(canonical_form(grid))
-    check_number((3, 3), fix=parse_template(half), maps=len(forms))
+    check_number(Requirements((3, 3), fix=parse_template(half), maps=len(forms)))
     with pytest.raises(InputError, match=f"expected at most {len(forms)}, all"):
-        check_number((3, 3), fix=parse_template(half), maps=len(forms) + 1)
+        check_number(Requirements((3, 3), fix=parse_template(half), maps=len(forms) + 1))
 
 
 def test_messages_say_the_limit():
@@ -189,4 +189,4 @@ def test_messages_say_the_limit():
 
 def test_limits_of_large_grids_take_no_time():
     for shape in ((12, 12), (1024, 2), (1024, 1024)):
-        check_feasible(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16)
+        check_feasible(Requirements(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16))
