@@ -41,7 +41,7 @@ from elitelanes_jax.problem.template import Template
 from elitelanes_jax.result import History, MeasuredElites, Result, RunState, SearchInterrupted
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 
-__all__ = ["evolve"]
+__all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare", "resolve_config"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
 # and the most generations that it has.

@@ -26,6 +26,7 @@ __all__ = [
     "GenerateSpec",
     "PickSpec",
     "SearchSpec",
+    "check_names",
     "check_size",
     "parse_initial",
     "parse_part",
