@@ -53,6 +53,7 @@ class _Finds(NamedTuple):
       axes: of the niches.
       weights: of the fitness.
       alphabet: the codes that `off_alphabet` lets pass; None for all.
+      extras: int ``[E]`` by name, the features that the search measured beside the metrics.
       labels: a name for each grid, or none.
       maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
       history: of the run.
@@ -68,6 +69,7 @@ class _Finds(NamedTuple):
     axes: tuple[Axis, ...]
     weights: Weights
     alphabet: tuple[int, ...] | None
+    extras: Mapping[str, NDArray[np.int32]] = {}
     labels: tuple[str, ...] | None = None
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
     history: "History | None" = None
@@ -209,6 +211,7 @@ def _from_result(result: "Result", name: str) -> _Finds:
         result.axes,
         result.spec.all_weights,
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
+        extras={name: np.asarray(values).reshape(valid.shape)[valid] for name, values in elites.features.items()},
         history=result.history,
         floors=_floors(result, (grids.shape[2], grids.shape[3])),
         record={"settings": {"search": result.spec.to_plain()}},
@@ -309,6 +312,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "grids": blob.add_codes(run.grids),
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
         "seed": blob.add(run.seed, "int32"),
+        "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
         "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],
         "history": None if run.history is None else _history_values(run.history, blob),

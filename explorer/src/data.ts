@@ -25,6 +25,7 @@ interface RunValues {
   readonly grids: ArrayRef;
   readonly fitness: ArrayRef | null;
   readonly seed: ArrayRef;
+  readonly extras: Readonly<Record<string, ArrayRef>>;
   readonly labels: readonly string[] | null;
   readonly maps: readonly ChosenMap[];
   readonly history: {
@@ -88,7 +89,8 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       best_fitness: rows(read("int32", run.history.best_fitness), run.history.steps),
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
-    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), history);
+    const extras = new Map(Object.entries(run.extras).map(([name, ref]) => [name, read("int32", ref)]));
+    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), extras, history);
   });
   return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
 }
@@ -128,6 +130,8 @@ export class Run {
     private readonly codes: Uint8Array,
     fit: Int32Array | null,
     readonly seed: Int32Array,
+    /** Features that the search measured beside the metrics. */
+    readonly extras: ReadonlyMap<string, Int32Array>,
     readonly history: History | null,
   ) {
     [this.height, this.width] = values.shape;
@@ -141,7 +145,7 @@ export class Run {
     this.niche = new Int32Array(this.count);
     for (let elite = 0; elite < this.count; elite++) {
       measure(this.grid(elite), this.alphabet, this.counts, elite * metrics);
-      this.niche[elite] = nicheOf(this.axes, this.counts, elite * metrics);
+      this.niche[elite] = nicheOf(this.axes, (name) => this.feature(name, elite));
     }
     this.fitness = fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.countsOf(elite), this.weights));
   }
@@ -161,7 +165,11 @@ export class Run {
 
   /** What can be shown of an elite: fitness, features, and the distance from a proven floor where one is known. */
   get quantities(): readonly string[] {
-    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES];
+    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.extras.keys()];
+  }
+
+  feature(name: string, elite: number): number {
+    return this.extras.get(name)?.[elite] ?? feature(name, this.counts, elite * COUNT_NAMES.length);
   }
 
   /** Returns a quantity of all elites; not a number where it has no meaning. */
@@ -187,18 +195,17 @@ export class Run {
   private value(name: string, elite: number): number {
     if (name === "fitness") return this.fitness[elite];
     if (name === "above_floor") return this.fitness[elite] - (this.floor(elite) ?? NaN);
-    return feature(name, this.counts, elite * COUNT_NAMES.length);
+    return this.feature(name, elite);
   }
 
   /** Returns the lowest fitness that a flawless map with so many cycles can have, if that is proven. */
   floor(elite: number): number | undefined {
-    const start = elite * COUNT_NAMES.length;
     const flawless =
-      feature("components", this.counts, start) === 1 &&
+      this.feature("components", elite) === 1 &&
       ["dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns"].every(
-        (name) => feature(name, this.counts, start) === 0,
+        (name) => this.feature(name, elite) === 0,
       );
-    return flawless ? this.floors?.get(feature("cyclomatic", this.counts, start)) : undefined;
+    return flawless ? this.floors?.get(this.feature("cyclomatic", elite)) : undefined;
   }
 
   /** Returns the elite in each niche, -1 where it is vacant: of a seed, or the fittest of all; of equals the first. */

@@ -44,7 +44,7 @@ const FLAGS: Readonly<Record<string, readonly [string, string]>> = {
   bridges: ["none", "some"],
 };
 
-export const nameOf = (quantity: string): string => WORDS[quantity]?.name ?? quantity;
+export const nameOf = (quantity: string): string => WORDS[quantity]?.name ?? quantity.replaceAll("_", " ");
 
 /** Returns words for a bin of a flag: two bins of which the first holds one value. */
 export function flagWords(axis: Axis, bin: number): string | null {

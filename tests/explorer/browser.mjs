@@ -66,6 +66,7 @@ const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimat
   const first = await heading(page);
   const box = await page.locator(".cells").boundingBox();
   await page.mouse.click(box.x + box.width * 0.5, box.y + 4);
+  await settle(page);
   const clicked = await hash(page);
   await page.locator(".cells").focus();
   await page.keyboard.press("ArrowRight");
@@ -146,7 +147,7 @@ const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimat
   const compared = await page.locator(".compare canvas").count();
   const rows = await page.locator(".compare tbody tr").count();
   const compareHash = await hash(page);
-  await page.getByRole("button", { name: /^Take/ }).first().click();
+  await page.getByRole("button", { name: /^Take out/ }).first().click();
   await settle(page);
   seen.maps = { kept, where, sorted, compared, rows, compareHash, left: await page.locator(".compare canvas").count() };
   await tab(page, "Run");
@@ -195,8 +196,9 @@ async function drag(page, from, to, steps = 6) {
   await page.locator(".metrics summary").click();
   const mismatches = await value("Mismatches");
   await page.locator(".weights > summary").click();
+  await page.locator(".weights details summary").click();
   const total = await page.textContent(".total b");
-  await page.locator(".weight", { hasText: "Crossings" }).first().locator("input").fill("500");
+  await page.locator(".weight", { hasText: /^Crossings/ }).locator("input").fill("500");
   await settle(page);
   const weighted = await page.textContent(".total b");
   const weights = await page.textContent(".weights code");
@@ -223,10 +225,11 @@ async function drag(page, from, to, steps = 6) {
 }
 
 // Times, on the largest page.
-async function strokes(page, tiles) {
+async function strokes(page, tiles, row) {
+  await page.evaluate(() => scrollTo(0, 0));
   const box = await page.locator(".editor").boundingBox();
   const at = (row, column) => [box.x + ((column + 0.5) * box.width) / tiles, box.y + ((row + 0.5) * box.height) / tiles];
-  for (let stroke = 0; stroke < 4; stroke++) await drag(page, at(1 + stroke, 1), at(1 + stroke, 8), 7);
+  for (let stroke = 0; stroke < 4; stroke++) await drag(page, at(row + stroke, 1), at(row + stroke, 8), 7);
   return page.evaluate(() => {
     const times = performance.getEntriesByName("elitelanes-stroke").map((entry) => entry.duration);
     performance.clearMeasures();
@@ -256,11 +259,11 @@ async function strokes(page, tiles) {
       }, names[change % names.length]));
     }
     await tab(page, "Draw");
-    const small = await strokes(page, 12);
+    const small = await strokes(page, 12, 1);
     await page.getByLabel("Rows").fill("64");
     await page.getByLabel("Columns").fill("64");
     await settle(page);
-    const large = await strokes(page, 64);
+    const large = await strokes(page, 64, 30);
     seen.times = {
       shown: median(shown), colour: median(colours), colours: colours.length, small: median(small), smalls: small.length,
       large: median(large), larges: large.length,

@@ -14,79 +14,64 @@ export interface Faces {
   readonly count: number;
 }
 
-let parents = new Int32Array(0);
+let labels = new Int32Array(0);
 
-function find(corner: number): number {
-  while (parents[corner] !== corner) {
-    parents[corner] = parents[parents[corner]];
-    corner = parents[corner];
-  }
-  return corner;
+/** Joins two corners, the larger label to the smaller; tells whether they were apart. */
+function join(parents: Int32Array, one: number, other: number): number {
+  while (parents[one] !== one) one = parents[one] = parents[parents[one]];
+  while (parents[other] !== other) other = parents[other] = parents[parents[other]];
+  if (one < other) parents[other] = one;
+  else parents[one] = other;
+  return one === other ? 0 : 1;
 }
 
-/** Joins the corners of a grid; the result lies in a vector that the next call writes to again. */
-function join(grid: Grid): number {
-  const { height, width, codes } = grid;
-  const inner = (height - 1) * (width - 1);
-  if (parents.length <= inner) parents = new Int32Array(inner + 1);
+/** Labels the corners of a grid with the least of their face, in a vector that the next call writes to again. */
+function label({ height, width, codes }: Grid): [labels: Int32Array, faces: number] {
+  const stride = width - 1;
+  const inner = (height - 1) * stride;
+  if (labels.length <= inner) labels = new Int32Array(inner + 1);
+  const parents = labels;
   for (let corner = 0; corner <= inner; corner++) parents[corner] = corner;
   let faces = inner;
-  const stride = width - 1;
-  const connect = (one: number, other: number) => {
-    const first = find(one);
-    const second = find(other);
-    if (first !== second) {
-      faces--;
-      if (first < second) parents[second] = first;
-      else parents[first] = second;
-    }
-  };
-  for (let row = 0; row < height; row++) {
-    for (let column = 0; column < width; column++) {
-      const place = row * width + column;
+  for (let row = 0, place = 0; row < height; row++) {
+    const above = 1 + (row - 1) * stride;
+    for (let column = 0; column < width; column++, place++) {
+      const corner = above + stride + column; // south-east of the tile, if it is an inner one
       if (column < stride && !(codes[place] & EAST && codes[place + 1] & WEST)) {
-        const above = row > 0 ? 1 + (row - 1) * stride + column : 0;
-        const below = row < height - 1 ? 1 + row * stride + column : 0;
-        if (above !== below) connect(above, below);
+        faces -= join(parents, row > 0 ? corner - stride : 0, row < height - 1 ? corner : 0);
       }
       if (row < height - 1 && !(codes[place] & SOUTH && codes[place + width] & NORTH)) {
-        const left = column > 0 ? row * stride + column : 0;
-        const right = column < stride ? 1 + row * stride + column : 0;
-        if (left !== right) connect(left, right);
+        faces -= join(parents, column > 0 ? corner - 1 : 0, column < stride ? corner : 0);
       }
     }
   }
-  return faces;
+  for (let corner = 1; corner <= inner; corner++) parents[corner] = parents[parents[corner]]; // a parent comes first
+  return [parents, faces];
 }
 
 /** Finds the faces of a grid. */
 export function findFaces(grid: Grid): Faces {
-  const count = join(grid);
-  const inner = (grid.height - 1) * (grid.width - 1);
-  return { root: Int32Array.from({ length: inner + 1 }, (_, corner) => find(corner)), count };
+  const [root, count] = label(grid);
+  return { root: root.slice(0, (grid.height - 1) * (grid.width - 1) + 1), count };
 }
 
 /** Counts the inner faces and the bridges of a grid; calls `each` with the place and the side of each bridge. */
 export function countFaces(grid: Grid, each?: (place: number, side: number) => void): [faces: number, bridges: number] {
-  const faces = join(grid);
   const { height, width, codes } = grid;
+  const [face, faces] = label(grid);
   const stride = width - 1;
   let bridges = 0;
-  for (let row = 0; row < height; row++) {
-    for (let column = 0; column < width; column++) {
-      const place = row * width + column;
+  for (let row = 0, place = 0; row < height; row++) {
+    for (let column = 0; column < width; column++, place++) {
+      const corner = 1 + row * stride + column;
       if (column < stride && codes[place] & EAST && codes[place + 1] & WEST) {
-        const above = row > 0 ? find(1 + (row - 1) * stride + column) : 0;
-        const below = row < height - 1 ? find(1 + row * stride + column) : 0;
-        if (above === below) {
+        if ((row > 0 ? face[corner - stride] : 0) === (row < height - 1 ? face[corner] : 0)) {
           bridges++;
           each?.(place, EAST);
         }
       }
       if (row < height - 1 && codes[place] & SOUTH && codes[place + width] & NORTH) {
-        const left = column > 0 ? find(row * stride + column) : 0;
-        const right = column < stride ? find(1 + row * stride + column) : 0;
-        if (left === right) {
+        if ((column > 0 ? face[corner - 1] : 0) === (column < stride ? face[corner] : 0)) {
           bridges++;
           each?.(place, SOUTH);
         }

@@ -38,9 +38,9 @@ export function binOf(axis: Axis, value: number): number {
   return Math.min(Math.max(Math.floor((value - axis.start) / axis.width), 0), axis.bins - 1);
 }
 
-/** Returns the index of the niche of metrics: the last axis runs fastest. */
-export function nicheOf(axes: readonly Axis[], counts: ArrayLike<number>, start = 0): number {
-  return axes.reduce((niche, axis) => niche * axis.bins + binOf(axis, feature(axis.metric, counts, start)), 0);
+/** Returns the index of the niche of a map with such features: the last axis runs fastest. */
+export function nicheOf(axes: readonly Axis[], value: (name: string) => number): number {
+  return axes.reduce((niche, axis) => niche * axis.bins + binOf(axis, value(axis.metric)), 0);
 }
 
 /** Returns the bins on the axes of a niche. */

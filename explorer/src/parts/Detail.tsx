@@ -125,7 +125,7 @@ function mapFields(run: Run, elite: number, data: Data): Record<string, unknown>
   return {
     metrics,
     fitness: run.fitness[elite],
-    descriptor: Object.fromEntries(run.axes.map((axis) => [axis.metric, feature(axis.metric, counts)])),
+    descriptor: Object.fromEntries(run.axes.map((axis) => [axis.metric, run.feature(axis.metric, elite)])),
     niche: binsOf(run.axes, run.niche[elite]),
     ...(pictures && {
       drawn: {
@@ -162,6 +162,7 @@ export function Detail({ elite }: { readonly elite: number }) {
       say(`${view.pins.length + 1} of up to 4 maps to compare`);
     }
   };
+  const extras = Object.fromEntries([...run.extras].map(([key, values]) => [key, values[elite]]));
   const label = `Map of ${run.height} by ${run.width} tiles, ${run.label(elite)}, fitness ${number(run.fitness[elite])}, cyclomatic number ${feature("cyclomatic", counts)}`;
   return (
     <section class="detail" aria-label="The map">
@@ -191,7 +192,7 @@ export function Detail({ elite }: { readonly elite: number }) {
           </button>
         </span>
       </div>
-      <Metrics run={run} counts={counts} fitness={run.fitness[elite]} above={floor === undefined ? undefined : run.fitness[elite] - floor} />
+      <Metrics run={run} counts={counts} fitness={run.fitness[elite]} above={floor === undefined ? undefined : run.fitness[elite] - floor} extras={extras} />
     </section>
   );
 }

@@ -14,12 +14,14 @@ interface Props {
   readonly counts: ArrayLike<number>;
   readonly fitness: number;
   readonly above?: number;
+  /** Features that a search measured beside the metrics. */
+  readonly extras?: Readonly<Record<string, number>>;
 }
 
-export function Metrics({ run, counts, fitness, above }: Props) {
+export function Metrics({ run, counts, fitness, above, extras = {} }: Props) {
   const value = (name: string): number =>
-    name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : feature(name, counts);
-  const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST];
+    name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : (extras[name] ?? feature(name, counts));
+  const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST, ...Object.keys(extras)];
   const rest = FEATURES.filter((name) => !FIRST.includes(name));
   const rows = (names: readonly string[]) => names.map((name) => <Row key={name} run={run} name={name} value={value(name)} />);
   return (

@@ -6,6 +6,7 @@ import { bisect, type Run, type Seed } from "../data";
 import { binName, binsOf, nicheAt, type Axis } from "../network/features";
 import { Choice, quantityOptions, Segments } from "../parts/Controls";
 import { Detail } from "../parts/Detail";
+import { MapPicture } from "../parts/MapPicture";
 import { flagWords, nameOf, number, valueText } from "../words";
 
 /** Where each axis lies: places in the run's list of axes. */
@@ -100,11 +101,41 @@ export function Archive() {
           {view.seed === "best" && run.seeds > 1 && `, in any of ${run.seeds} seeds`}
           {typeof view.seed === "number" && `, of seed ${view.seed}`}. Click a niche, or walk with the arrow keys.
         </p>
+        <Others run={run} niche={niche} open={elite} onOpen={(map) => show({ map, niche: null })} />
       </section>
       <div class="panel side">
         {elite >= 0 ? <Detail elite={elite} /> : <Vacant run={run} niche={niche} />}
       </div>
     </div>
+  );
+}
+
+const MOST_OTHERS = 40;
+
+/** All maps in a niche, the fittest first: those of other seeds, or of a population. */
+function Others({ run, niche, open, onOpen }: { readonly run: Run; readonly niche: number; readonly open: number; readonly onOpen: (elite: number) => void }) {
+  const all = useMemo(() => {
+    const found: number[] = [];
+    run.niche.forEach((place, elite) => place === niche && found.push(elite));
+    return found.sort((one, other) => run.fitness[one] - run.fitness[other] || one - other);
+  }, [run, niche]);
+  if (all.length < 2) return null;
+  return (
+    <>
+      <h2 class="others">
+        {number(all.length)} maps in this niche{run.seeds > 1 && `, of ${new Set(all.map((elite) => run.seed[elite])).size} seeds`}
+      </h2>
+      <ul class="gallery">
+        {all.slice(0, MOST_OTHERS).map((elite) => (
+          <li key={elite}>
+            <button type="button" aria-pressed={elite === open} onClick={() => onOpen(elite)}>
+              <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
+              <span>{run.seeds > 1 && `seed ${run.seed[elite]}: `}{number(run.fitness[elite])}</span>
+            </button>
+          </li>
+        ))}
+      </ul>
+    </>
   );
 }
 

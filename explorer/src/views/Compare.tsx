@@ -1,6 +1,6 @@
 /** Up to four maps side by side. */
 import { useShared } from "../context";
-import { feature, FEATURES } from "../network/features";
+import { FEATURES } from "../network/features";
 import { LookSwitches, blendOf, picturesOf, OVERLAY_NAMES } from "../parts/Detail";
 import { Switch, toggled } from "../parts/Controls";
 import { MapPicture } from "../parts/MapPicture";
@@ -19,8 +19,9 @@ export function Compare() {
     );
   }
   const maps = pins.map(([place, elite]) => ({ place, elite, run: data.runs[place] }));
-  const rows = ["fitness", ...FEATURES].map((name) => {
-    const values = maps.map(({ run, elite }) => (name === "fitness" ? run.fitness[elite] : feature(name, run.countsOf(elite))));
+  const extras = new Set(maps.flatMap(({ run }) => [...run.extras.keys()]));
+  const rows = ["fitness", ...FEATURES, ...extras].map((name) => {
+    const values = maps.map(({ run, elite }) => (run.quantities.includes(name) ? run.column(name)[elite] : NaN));
     return { name, values, differs: new Set(values).size > 1 };
   });
   return (
@@ -47,7 +48,7 @@ export function Compare() {
                   <span class="buttons">
                     <button type="button" onClick={() => show({ view: "archive", run: place, map: elite, niche: null })}>Open</button>
                     <button type="button" onClick={() => draw(run.grid(elite))}>Edit</button>
-                    <button type="button" aria-label={`Take ${run.label(elite)} out`} onClick={() => show({ pins: view.pins.filter(([one, other]) => one !== place || other !== elite) })}>Take out</button>
+                    <button type="button" aria-label={`Take out ${run.label(elite)}`} onClick={() => show({ pins: view.pins.filter(([one, other]) => one !== place || other !== elite) })}>Take out</button>
                   </span>
                 </th>
               ))}

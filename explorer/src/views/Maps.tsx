@@ -89,7 +89,7 @@ export function Maps() {
           {kept.slice(0, shown).map((elite) => (
             <li key={elite}>
               <button type="button" aria-pressed={elite === open} onClick={() => show({ map: elite, niche: null })}>
-                <MapPicture grid={run.grid(elite)} label="" />
+                <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
                 <span>{run.labels?.[elite].split("/").slice(-2).join("/") ?? `${nameOf(view.sort)} ${valueText(view.sort, run.column(view.sort)[elite])}`}</span>
               </button>
             </li>

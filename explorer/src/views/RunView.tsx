@@ -62,7 +62,7 @@ function Settings({ run }: { readonly run: Run }) {
   return (
     <div class="settings">
       {[...groups].filter(([, rows]) => rows.length).map(([name, rows]) => (
-        <section key={name} aria-label={name}>
+        <div key={name} class="group">
           <h3>{name}</h3>
           <dl>
             {rows.map(([key, value], place) => (
@@ -72,7 +72,7 @@ function Settings({ run }: { readonly run: Run }) {
               </div>
             ))}
           </dl>
-        </section>
+        </div>
       ))}
     </div>
   );
