@@ -9,8 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.masking import propose_masks
+from elitelanes_jax.tiles.render import render
 from elitelanes_jax.tiles.seams import find_seams, seam_picture
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -29,6 +31,7 @@ def main() -> None:
     write("tiles-masks.jpg", steps(photo, image))
     spoilt = displaced(tiles, 5, 11)
     write("tiles-seam.jpg", seam_picture(spoilt, find_seams(spoilt)))
+    write("tiles-blend.jpg", before_and_after(in_other_light(tiles)))
 
 
 def photograph(tile: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -54,6 +57,23 @@ def displaced(tiles: TileSet, place: int, pixels: int) -> TileSet:
     layers = {name: np.roll(getattr(tile, name), pixels, axis=1) for name in ("image", "road", "red", "yellow")}
     moved = (*tiles.tiles[:place], tile._replace(**layers), *tiles.tiles[place + 1 :])
     return TileSet("my tiles", tiles.licence, moved)
+
+
+def in_other_light(tiles: TileSet) -> TileSet:
+    """Returns a set with a light and a colour of its own on each tile, as photographs have them."""
+    rng, lit = np.random.default_rng(3), []
+    for tile in tiles.tiles:
+        slope = np.linspace(-8, 8, tile.image.shape[0])[:, None, None]
+        image = tile.image * rng.uniform(0.8, 1.2) * rng.uniform(0.93, 1.07, 3) + rng.uniform(-8, 12) + slope
+        lit.append(tile._replace(image=np.clip(np.rint(image), 0, 255).astype(np.uint8)))
+    return TileSet("my tiles", tiles.licence, tuple(lit), blend=True)
+
+
+def before_and_after(tiles: TileSet) -> NDArray[np.uint8]:
+    """Draws a town with the tiles' own light, and with their light brought together."""
+    town = read_map(FOLDER / "examples" / "town.json").codes
+    plain, blended = (render(town, tiles, tile_px=96, seed=4, blend=blend).image for blend in (False, True))
+    return np.hstack([plain, np.full((len(plain), GAP, 3), 255, np.uint8), blended])
 
 
 def steps(photo: NDArray[np.uint8], image: NDArray[np.uint8]) -> NDArray[np.uint8]:

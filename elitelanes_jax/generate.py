@@ -56,7 +56,7 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
-    tiles = load_tiles(spec.tiles)
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
     search = drawable(spec.search, tiles)
     search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
     keys = seed_keys(spec.seed, spec.seeds)[np.array(spec.seed_numbers)]
@@ -95,7 +95,7 @@ def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[Road
       OSError: if the folder cannot be written.
     """
     joined = join_parts(parts)
-    tiles = load_tiles(joined.spec.tiles)
+    tiles = load_tiles(joined.spec.tiles, blend=joined.spec.blend)
     if joined.result.spec != drawable(joined.spec.search, tiles):
         raise InputError(f"{parts[0]}: expected a part for the tile set {tiles.name!r}, got one for another")
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
@@ -151,7 +151,7 @@ def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: di
         "settings": spec.to_plain(),
         "config": _plain(PRESETS[spec.search.method, spec.search.preset]),
         "weights": spec.search.all_weights._asdict(),
-        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers")},
+        "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
         "axes": [axis._asdict() for axis in run.result.axes],
         **(chosen or {}),
         # By seed; an elite worse than 0 is worth nothing.

@@ -47,7 +47,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
       NotEnoughMapsError: if there are fewer maps than asked for; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    tiles = load_tiles(spec.tiles)
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
     if not archives:
         raise InputError("archives: expected at least one, got none")
     found, seeds = zip(*map(_read, archives), strict=True)
@@ -80,7 +80,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
             "settings": spec.to_plain(),
             "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
             "search": search.to_plain(),
-            "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers")},
+            "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
             "axes": [axis._asdict() for axis in axes],
             "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
             "versions": installed_versions(),

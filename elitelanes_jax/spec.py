@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, whole
+from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, switch, whole
 from elitelanes_jax._util.errors import InputError, likely, many, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import Plain, UserValue
@@ -288,6 +288,8 @@ class GenerateSpec(Settings):
       seeds: number of independent runs to choose from
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
+      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
+        photographs are
       tile_px: side of a tile in pixels
       search: the search
       part: run a part of the seeds alone, such as 3/10; elitelanes merge puts the parts together
@@ -300,6 +302,7 @@ class GenerateSpec(Settings):
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
+    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
@@ -334,6 +337,8 @@ class PickSpec(Settings):
       unlike: maps that all chosen ones differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
+      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
+        photographs are
       tile_px: side of a tile in pixels
     """
 
@@ -345,6 +350,7 @@ class PickSpec(Settings):
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")
+    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
 
     def to_plain(self) -> dict[str, Plain]:

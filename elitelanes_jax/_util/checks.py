@@ -27,6 +27,7 @@ __all__ = [
     "path",
     "real",
     "split_settings",
+    "switch",
     "whole",
 ]
 
@@ -138,6 +139,15 @@ def flag(value: UserValue) -> bool:
     if not isinstance(value, bool):
         raise InputError(f"expected True or False, got {value!r}")
     return value
+
+
+def switch(value: UserValue) -> bool:
+    """Checks for True or False, or the words on or off."""
+    if isinstance(value, bool):
+        return value
+    if value not in ("on", "off"):
+        raise InputError(f"expected on or off, got {short(repr(value), 40)}")
+    return bool(value == "on")
 
 
 def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *beside: UserValue) -> UserValue:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, path, whole
+from elitelanes_jax._util.checks import Check, path, switch, whole
 from elitelanes_jax._util.cores import use_cores
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Loudness
@@ -18,6 +18,7 @@ __all__ = [
     "COMPILING",
     "Commands",
     "Parser",
+    "add_blend",
     "add_cores",
     "add_force",
     "add_loudness",
@@ -99,6 +100,17 @@ def add_tile_pictures(command: argparse.ArgumentParser) -> None:
         default=64,
         metavar="N",
         help="side of a tile in pixels; by default 64",
+    )
+
+
+def add_blend(command: argparse.ArgumentParser) -> None:
+    """Adds ``--blend`` to a command that draws maps whole."""
+    command.add_argument(
+        "--blend",
+        type=checked_by(switch),
+        metavar="on|off",
+        help="bring the light of the tiles together and feather their seams; by default as the set says, photographs "
+        "are",
     )
 
 

@@ -75,6 +75,7 @@ def _values() -> dict[str, list[str]]:
         "--preset": list(dict.fromkeys(preset for presets in METHODS.values() for preset in presets)),
         "--rules": list(RULES),
         "--format": list(LAYOUTS),
+        "--blend": ["on", "off"],
         "--to": [*FORMATS, *TABLES],
         "--where": [f"{name}=" for name in FEATURES],
         "--axes": [f"{name}:" for name in FEATURES],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_map, add_tile_pictures, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_blend, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_drive"]
@@ -44,6 +44,7 @@ def add_drive(commands: Commands) -> None:
         help="after which a ride ends; by default 60",
     )
     add_tile_pictures(command)
+    add_blend(command)
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**31 - 1)),
@@ -70,7 +71,7 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     check_new(options.out)
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     use_compile_cache()
     picture = options.out.suffix.lower() == ".png"
     try:

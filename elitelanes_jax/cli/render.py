@@ -4,7 +4,7 @@ import argparse
 
 from elitelanes_jax._util.checks import folder, one_of, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_force, add_map, add_tile_pictures, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_blend, add_force, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_render"]
@@ -21,6 +21,7 @@ def add_render(commands: Commands) -> None:
         help="folder to write to, new or empty; by default map/ beside map.json",
     )
     add_tile_pictures(command)
+    add_blend(command)
     command.add_argument(
         "--seed",
         type=checked_by(whole(0, 2**32 - 1)),
@@ -46,7 +47,7 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.render import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
-    road_map, tiles = read_map(options.map), load_tiles(options.tiles)
+    road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     if options.dead_ends:
         road_map = road_map._replace(codes=without_dead_ends(road_map.codes))
     out = options.out or options.map.with_suffix("")

@@ -68,7 +68,7 @@ def make_dataset(
     out = Path(out)
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     layout = find_format(spec.format)
-    tiles = load_tiles(spec.tiles)
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
     if maps is not None:
         check_given(spec, maps, tiles)
     by_split = tiles_by_split(tiles, spec)
@@ -100,7 +100,9 @@ def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None)
     plain = spec.to_plain()
     del plain["tiles"]  # the pictures count, not their place
     given = None if maps is None else sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16]
-    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points")} | {"tiles": digest(tiles)}
+    about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
+        "tiles": digest(tiles)
+    }
     identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": installed_versions()}
     return json.loads(json.dumps(identity))
 

@@ -6,7 +6,7 @@ from itertools import product
 from math import floor
 from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, whole
+from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import UserValue
@@ -79,6 +79,8 @@ class DatasetSpec(Settings):
       seed: seed of everything random
       search: the search
       tiles: folder of the tile pictures; by default the package's own
+      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
+        photographs are
       tile_px: side of a tile in pixels
     """
 
@@ -92,6 +94,7 @@ class DatasetSpec(Settings):
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
+    blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
 
     def check_together(self) -> None:

@@ -10,12 +10,13 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, is_whole, path
+from elitelanes_jax._util.checks import check_named, is_whole, path, switch
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.tiles.blend import apply_tones, feather, solve_tones
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 __all__ = [
@@ -40,6 +41,7 @@ LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 """A colour for each label, RGB."""
 
 _SMALLEST, _LARGEST = 16, 512
+_COMPARED = 64  # pixels a tile at which their light is compared, whatever they are drawn with
 
 
 class Picture(NamedTuple):
@@ -107,6 +109,7 @@ def render(
     tile_px: int = 64,
     seed: int | None = None,
     chosen: UserValue = None,
+    blend: bool | None = None,
 ) -> Picture:
     """Draws a map.
 
@@ -117,6 +120,8 @@ def render(
       seed: of the choice among the pictures of each code (see `choose_tiles`); by default the choice that a map was
         drawn with before, if the set has it, else that of 0.
       chosen: that choice, to be taken in place of the seed's.
+      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
+        default as the set says.
 
     Raises:
       InputError: for a bad grid or file, a cell without picture in the set, a choice that does not show the grid, or a
@@ -136,6 +141,10 @@ def render(
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     place = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
+    if tiles.blend if blend is None else check_named("blend", switch, blend):
+        codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, _COMPARED)  # one light at all sizes
+        toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
+        layers["image"] = feather(toned, layers["labels"], codes)
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,

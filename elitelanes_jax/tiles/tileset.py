@@ -11,6 +11,7 @@ tile without a mask or points that others have is empty there.
 An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
 single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
 N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
+Unless it says ``blend = false`` the tiles are taken for photographs, whose light differs (see `tiles.blend`).
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -20,7 +21,7 @@ import re
 import reprlib
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -54,7 +55,7 @@ MASKS = ("road", "red", "yellow")
 
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
 _FILES = ("image", *MASKS)
-_KEYS = ("name", "licence", "opens")
+_KEYS = ("name", "licence", "blend", "opens")
 _MOST_TOML = 64 * KIB  # keys of many parts take tomllib a time that grows with the square of their length
 _TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
 _OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
@@ -105,11 +106,13 @@ class TileSet:
       name: of the set.
       licence: of its pictures, as stated by its makers; empty where none is.
       tiles: sorted by kind and number.
+      blend: whether their light is brought together on a map (see `tiles.blend`), as photographs need it.
     """
 
     name: str
     licence: str
     tiles: tuple[Tile, ...]
+    blend: bool = False
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
@@ -149,8 +152,13 @@ def default_tiles() -> Path:
     return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
 
 
-def load_tiles(folder: str | Path | None = None) -> TileSet:
-    """Loads a tile set, the package's own by default.
+def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -> TileSet:
+    """Loads a tile set.
+
+    Args:
+      folder: of the set; by default the package's own.
+      blend: whether the light of its tiles is brought together on a map; by default as its ``tileset.toml`` says, and
+        without a word there it is.
 
     Raises:
       InputError: for a fault of the folder; the message names the file.
@@ -159,7 +167,7 @@ def load_tiles(folder: str | Path | None = None) -> TileSet:
     if tiles is None:
         more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
         raise InputError(problems[0] + more)
-    return tiles
+    return tiles if blend is None else replace(tiles, blend=blend)
 
 
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
@@ -197,7 +205,8 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
         )
     if problems:
         return None, problems
-    return TileSet(about.get("name", folder.resolve().name), about.get("licence", ""), tuple(tiles)), []
+    name = about.get("name", folder.resolve().name)
+    return TileSet(name, about.get("licence", ""), tuple(tiles), about.get("blend", True)), []
 
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
@@ -267,6 +276,8 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
     problems += [f"{file}: expected the keys {', '.join(_KEYS)}, got {_shown(key)}" for key in unknown]
     words = [key for key in ("name", "licence") if not isinstance(about.get(key, ""), str)]
     problems += [f"{file}: expected {key} to be text, got {_shown(about[key])}" for key in words]
+    if not isinstance(about.get("blend", True), bool):
+        problems.append(f"{file}: expected blend to be true or false, got {_shown(about['blend'])}")
     opens = about.get("opens", {})
     if not isinstance(opens, dict):
         problems.append(f"{file}: expected a table [opens], got {_shown(opens)}")

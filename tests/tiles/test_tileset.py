@@ -243,7 +243,11 @@ SPOILS = {
     ),
     "misspelt key": (
         lambda folder: (folder / "tileset.toml").write_text('license = "MIT"'),
-        r"tileset.toml: expected the keys name, licence, opens, got 'license'",
+        r"tileset.toml: expected the keys name, licence, blend, opens, got 'license'",
+    ),
+    "a word for blend": (
+        lambda folder: (folder / "tileset.toml").write_text('blend = "off"'),
+        "tileset.toml: expected blend to be true or false, got 'off'",
     ),
     "masks without a picture in a misspelt folder": (
         lambda folder: (

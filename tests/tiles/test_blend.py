@@ -1,0 +1,191 @@
+"""Blending: gains and offsets are those of a plain least squares, seams go, and masks stay."""
+
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, render
+from elitelanes_jax.tiles.blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles.render import choose_tiles, scale_tiles
+from elitelanes_jax.tiles.tileset import load_tiles
+
+TOWN = np.array([[6, 5, 7, 3, 0], [10, 0, 10, 14, 3], [14, 5, 15, 13, 11], [12, 5, 9, 0, 8]], np.int8)
+PX = 64
+
+
+@pytest.fixture(scope="module")
+def uneven(drawn_tiles):
+    """The drawn tiles, each in a light of its own, as photographs are; edges are darker."""
+    rng, tiles = np.random.default_rng(5), []
+    for tile in drawn_tiles.tiles:
+        side = tile.image.shape[0]
+        slope = np.linspace(-6, 6, side)[:, None, None]
+        light = tile.image * rng.uniform(0.85, 1.15, 3) + rng.uniform(-15, 15, 3) + slope
+        tiles.append(tile._replace(image=np.clip(np.rint(light), 0, 255).astype(np.uint8)))
+    return drawn_tiles.__class__("uneven", "", tuple(tiles), blend=True)
+
+
+def seams(grid):
+    """All seams: the two cells, and whether one is left of the other."""
+    height, width = grid.shape
+    for row, column in np.ndindex(height, width):
+        if column + 1 < width and grid[row, column] & 4 and grid[row, column + 1] & 1:
+            yield (row, column), (row, column + 1), True
+        if row + 1 < height and grid[row, column] & 2 and grid[row + 1, column] & 8:
+            yield (row, column), (row + 1, column), False
+
+
+def at_seam(layer, one, other, level, size):
+    """The pixel layers on both sides of a seam, from the seam away: lists of lines."""
+    (row, column), (down, right) = one, other
+    if level:
+        band = layer[row * size : (row + 1) * size]
+        return [
+            [band[:, x] for x in range(right * size - 1, column * size - 1, -1)],
+            [band[:, x] for x in range(right * size, (right + 1) * size)],
+        ]
+    band = layer[:, column * size : (column + 1) * size]
+    return [
+        [band[y] for y in range(down * size - 1, row * size - 1, -1)],
+        [band[y] for y in range(down * size, (down + 1) * size)],
+    ]
+
+
+def least_squares(picture, grid):
+    """Gains and offsets by a dense design with a row for each pair of pixels."""
+    height, width = grid.shape
+    unknowns = 2 * grid.size
+    tones = np.zeros((height, width, 3, 2))
+    for channel in range(3):
+        rows, wanted = [], []
+        for number, cost in ((place, (1.0, 0.1)[place % 2]) for place in range(unknowns)):
+            row = np.zeros(unknowns)
+            row[number] = cost * (255 if number % 2 == 0 else 1)
+            rows.append(row)
+            wanted.append(cost * 255 if number % 2 == 0 else 0)
+        for one, other, level in seams(grid):
+            colours = at_seam(picture.image[..., channel].astype(float), one, other, level, PX)
+            labels = at_seam(picture.labels, one, other, level, PX)
+            first, second = (np.concatenate(side[: PX // 8]) for side in colours)
+            marks = [np.concatenate(side[: PX // 8]) for side in labels]
+            alike = (marks[0] == marks[1]) & (marks[0] > 0)
+            block = np.zeros((alike.sum(), unknowns))
+            here, there = (2 * (place[0] * width + place[1]) for place in (one, other))
+            block[:, here], block[:, here + 1] = first[alike], 1
+            block[:, there], block[:, there + 1] = -second[alike], -1
+            rows.extend(block / np.sqrt(alike.sum()))
+            wanted.extend(np.zeros(alike.sum()))
+        solved = np.linalg.lstsq(np.array(rows), np.array(wanted), rcond=None)[0]
+        tones[:, :, channel] = solved.reshape(height, width, 2)
+    return tones
+
+
+def jumps(picture, grid, size):
+    """The mean difference of road pixels of one label across seams, and of neighbours within tiles."""
+    image = picture.image.astype(float)
+    across = []
+    for one, other, level in seams(grid):
+        colours, labels = (at_seam(layer, one, other, level, size) for layer in (image, picture.labels))
+        alike = (labels[0][0] == labels[1][0]) & (labels[0][0] > 0)
+        across.append(np.abs(colours[0][0] - colours[1][0])[alike])
+    inside = []
+    for turned in (False, True):
+        seen, marks = (layer.swapaxes(0, 1) if turned else layer for layer in (image, picture.labels))
+        alike = (marks[:, 1:] == marks[:, :-1]) & (marks[:, 1:] > 0)
+        alike[:, size - 1 :: size] = False
+        inside.append(np.abs(seen[:, 1:] - seen[:, :-1])[alike])
+    return np.concatenate(across).mean(), np.concatenate(inside).mean()
+
+
+def solved(tiles, grid, seed=0):
+    chosen, small = choose_tiles(grid, tiles, seed), scale_tiles(tiles, PX)
+    return solve_tones(grid, chosen[..., 0] * 4 + chosen[..., 1], small["image"], small["labels"])
+
+
+def test_gains_and_offsets_are_those_of_least_squares_over_all_pairs(uneven):
+    tones = solved(uneven, TOWN)
+    expected = least_squares(render(TOWN, uneven, tile_px=PX, blend=False), TOWN)
+    np.testing.assert_allclose(tones, expected, atol=1e-8)
+    assert np.abs(tones[..., 1]).max() > 5
+
+
+def test_tiles_that_meet_no_other_stay(uneven):
+    tones = solved(uneven, TOWN)
+    for row, column in ((0, 4), (1, 1), (3, 3)):
+        np.testing.assert_array_equal(tones[row, column], [[1, 0]] * 3)
+
+
+def test_each_pixel_is_toned_as_the_formula_says(uneven):
+    picture, tones = render(TOWN, uneven, tile_px=16, blend=False), solved(uneven, TOWN)
+    toned = apply_tones(picture.image, tones)
+    rng = np.random.default_rng(0)
+    for y, x in zip(rng.integers(0, 64, 200), rng.integers(0, 80, 200), strict=True):
+        gain, offset = np.moveaxis(tones[y // 16, x // 16], -1, 0)
+        expected = np.clip(np.rint(picture.image[y, x] * gain + offset), 0, 255)
+        np.testing.assert_array_equal(toned[y, x], expected)
+
+
+@pytest.mark.parametrize("size", [16, 64, 150])
+def test_feathered_pixels_are_mixed_with_their_mirror_images(uneven, size):
+    plain = render(TOWN, uneven, tile_px=size, blend=False)
+    reach = max(0.02 * size, 2)
+    expected = plain.image.astype(np.float32)
+    for one, other, level in seams(TOWN):
+        near, far = at_seam(plain.image.astype(np.float32), one, other, level, size)
+        marks = at_seam(plain.labels, one, other, level, size)
+        changed = at_seam(expected, one, other, level, size)  # views
+        for deep in range(size):
+            away = deep + 0.5
+            if away < reach:
+                share = 0.25 * (1 + np.cos(np.pi * away / reach))
+                alike = (marks[0][deep] == marks[1][deep])[:, None]
+                changed[0][deep] += share * alike * (far[deep] - near[deep])
+                changed[1][deep] += share * alike * (near[deep] - far[deep])
+    got = feather(plain.image, plain.labels, TOWN)
+    assert np.abs(got - expected).max() <= 0.5001
+    assert (got != plain.image).any()
+
+
+def test_seams_of_uneven_tiles_go(uneven):
+    for size in (32, 64, 128):
+        before, inside = jumps(render(TOWN, uneven, tile_px=size, blend=False), TOWN, size)
+        after, _ = jumps(render(TOWN, uneven, tile_px=size), TOWN, size)
+        assert before > 3 * inside
+        assert after <= 1.5 * inside, size
+
+
+@pytest.mark.parametrize("size", [64, 128, 400])
+def test_seams_of_photographs_go(real_tiles, size):
+    before, inside = jumps(render(TOWN[:, :4], real_tiles, tile_px=size, blend=False, seed=1), TOWN[:, :4], size)
+    after, _ = jumps(render(TOWN[:, :4], real_tiles, tile_px=size, seed=1), TOWN[:, :4], size)
+    assert before > 3 * inside
+    assert after <= 1.5 * inside
+
+
+def test_masks_and_labels_stay_and_the_same_map_gives_the_same_picture(uneven):
+    plain, blended, again = (render(TOWN, uneven, tile_px=40, blend=blend) for blend in (False, True, None))
+    for name in ("road", "red", "yellow", "labels"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(blended, name))
+    np.testing.assert_array_equal(blended.image, again.image)
+    assert (plain.image != blended.image).any()
+
+
+def test_a_turned_map_has_the_turned_light(uneven):
+    chosen = choose_tiles(TOWN, uneven)
+    turned = np.rot90(chosen, axes=(0, 1)).copy()
+    turned[..., 1] = (turned[..., 1] + 1) % 4
+    quarter = np.rot90(TOWN)
+    quarter = ((quarter << 1 | quarter >> 3) & 15).astype(np.int8)
+    one = render(TOWN, uneven, tile_px=48, chosen=chosen).image
+    other = render(quarter, uneven, tile_px=48, chosen=turned).image
+    difference = np.abs(np.rot90(one).astype(int) - other)
+    assert difference.max() <= 1  # rounding
+    assert (difference == 0).mean() > 0.999
+
+
+def test_a_set_says_whether_it_blends(uneven, drawn_tiles, real_tiles, tmp_path):
+    assert not drawn_tiles.blend
+    assert real_tiles.blend
+    assert not load_tiles(blend=None).blend
+    assert load_tiles(blend=True).blend
+    with pytest.raises(InputError, match="blend: expected on or off, got 'no'"):
+        render(TOWN, uneven, blend="no")
