@@ -203,7 +203,7 @@ function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
     for (let tries = 0; taken.has(colour) && tries < 6; tries++) colour = (colour + 1) % 6;
     colours.set(own, colour);
     const d = corners.map(([row, column]) => `M${column + 0.5} ${row + 0.5}h1v1h-1Z`).join("");
-    shapes.push({ d, fill: DISTINCT[colour], stroke: DISTINCT[colour], width: 0.01, opacity: 0.5 });
+    shapes.push({ d, fill: DISTINCT[colour], opacity: 0.5 });
     const [row, column] = corners[Math.floor(corners.length / 2)];
     texts.push({ text: `${++face}`, x: column + 1, y: row + 1, size: 0.5, colour: "#14181f" });
   }

@@ -168,6 +168,7 @@ async function drag(page, from, to, steps = 6) {
   await button(page, "Clear");
   await page.getByLabel("Rows").fill("6");
   await page.getByLabel("Columns").fill("6");
+  await page.keyboard.press("Tab");
   await settle(page);
   const box = await page.locator(".editor").boundingBox();
   const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 6];
@@ -262,6 +263,7 @@ async function strokes(page, tiles, row) {
     const small = await strokes(page, 12, 1);
     await page.getByLabel("Rows").fill("64");
     await page.getByLabel("Columns").fill("64");
+    await page.keyboard.press("Tab");
     await settle(page);
     const large = await strokes(page, 64, 30);
     seen.times = {

@@ -48,7 +48,7 @@ export function MapPicture({ grid, label, pictures = null, look = "lines", blend
       class="map"
       role="img"
       aria-label={label}
-      style={{ aspectRatio: `${grid.width} / ${grid.height}` }}
+      style={{ aspectRatio: `${grid.width} / ${grid.height}`, maxWidth: `${(90 * grid.width) / grid.height}vh` }}
     />
   );
 }

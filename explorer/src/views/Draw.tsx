@@ -221,6 +221,7 @@ function Canvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
   const move = (event: PointerEvent) => {
     if (!stroke.current) return;
     const { before, cells } = stroke.current;
+    if (before.grid.height !== grid.height || before.grid.width !== grid.width) return;
     const way = between(grid.width, cells[cells.length - 1], cellUnder(event));
     if (!way.length) return;
     cells.push(...way);
@@ -256,7 +257,7 @@ function Canvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
     <canvas
       ref={canvas}
       class="map editor"
-      style={{ aspectRatio: `${grid.width} / ${grid.height}` }}
+      style={{ aspectRatio: `${grid.width} / ${grid.height}`, maxWidth: `min(100%, ${(76 * grid.width) / grid.height}vh)` }}
       tabIndex={0}
       role="application"
       aria-roledescription="map editor"
