@@ -28,7 +28,7 @@ from elitelanes_jax.selection import Choice, choose_maps, describe_choice, descr
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
-__all__ = ["drawable", "generate", "merge"]
+__all__ = ["check_drawable", "drawable", "generate", "merge", "write_joined"]
 
 # The seconds between two checkpoints, and those of a search that is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
@@ -56,9 +56,7 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
-    search = drawable(spec.search, tiles)
-    search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
+    search, tiles = check_drawable(spec)
     keys = seed_keys(spec.seed, spec.seeds)[np.array(spec.seed_numbers)]
     with kept_work(out) as kept, new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         aim = many(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
@@ -94,12 +92,17 @@ def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification asks for.
       OSError: if the folder cannot be written.
     """
+    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+        return write_joined(parts, folder)
+
+
+def write_joined(parts: Sequence[Path], folder: Path) -> list[RoadMap]:
+    """Writes the files of the run whose parts these are to a folder that is there; returns its maps."""
     joined = join_parts(parts)
     tiles = load_tiles(joined.spec.tiles, blend=joined.spec.blend)
     if joined.result.spec != drawable(joined.spec.search, tiles):
         raise InputError(f"{parts[0]}: expected a part for the tile set {tiles.name!r}, got one for another")
-    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
-        return _write_run(folder, joined, tiles)
+    return _write_run(folder, joined, tiles)
 
 
 def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
@@ -123,6 +126,18 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     seconds = {"evolve": run.seconds + chosen - began, "draw": time.perf_counter() - chosen}
     write_json(folder / RECORD, _run_record(run, tiles, choice, seconds))
     return maps
+
+
+def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
+    """Returns a run's search, with the tile set's alphabet, and its tile set.
+
+    Raises:
+      InputError: for a bad tile set, an alphabet that it lacks tiles of, or constraints that too few maps can meet.
+    """
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
+    search = drawable(spec.search, tiles)
+    search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
+    return search, tiles
 
 
 def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:

@@ -65,6 +65,11 @@ def add_generate(commands: Commands) -> None:
         "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, GenerateSpec())
+    command.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="search on the workers of a Dask cluster, which share the disk: that of its scheduler, tcp://HOST:8786",
+    )
     add_force(command)
     add_cores(command)
     add_loudness(command)
@@ -81,7 +86,13 @@ def _generate(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        maps = generate(spec, options.out, force=options.force)
+        if options.scheduler is None:
+            maps = generate(spec, options.out, force=options.force)
+        else:
+            from elitelanes_jax.cluster import dask_executor, generate_on
+
+            with dask_executor(options.scheduler) as executor:
+                maps = generate_on(executor, spec, options.out, force=options.force)
     except KeyboardInterrupt:
         if not is_kept(options.out):
             raise

@@ -1,0 +1,134 @@
+"""Parts of a run on an executor's workers: the bytes of the one run."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+from killed_runs import digest
+
+from elitelanes_jax import InputError, SearchSpec, cluster
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.cluster import dask_executor, generate_on
+from elitelanes_jax.generate import generate
+from elitelanes_jax.spec import GenerateSpec
+
+SEARCH = SearchSpec(method="ea", preset="paper", generations=12)
+SPEC = GenerateSpec(size=(5, 6), maps=3, seeds=7, tile_px=16, search=SEARCH)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("one") / "maps"
+    generate(SPEC, folder)
+    return digest(folder)
+
+
+class Lossy(ThreadPoolExecutor):
+    """Workers of which the one with a certain part dies."""
+
+    def __init__(self, lost=None):
+        super().__init__(1)
+        self.lost, self.ran = lost, []
+
+    def submit(self, function, spec, folder):
+        self.ran.append(spec.part[0])
+        return super().submit(self.die if spec.part[0] == self.lost else function, spec, folder)
+
+    def die(self, spec, folder):
+        raise RuntimeError("the machine is gone")
+
+
+def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
+    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 3)
+    out = tmp_path / "maps"
+    executor = Lossy(lost=3)
+    with executor, pytest.raises(InputError) as error:
+        generate_on(executor, SPEC, out)
+    assert str(error.value) == "part 3 of 3: expected a worker to run it, got RuntimeError: the machine is gone"
+    assert executor.ran == [1, 2, 3] and not out.exists()
+
+    with Lossy() as executor, pytest.raises(InputError, match="expected results of seed 1, got some of 0"):
+        generate_on(executor, SPEC.but({"seed": 1}), out)
+    assert executor.ran == []
+
+    with Lossy() as executor:
+        assert len(generate_on(executor, SPEC, out)) == 3
+    assert executor.ran == [3], "parts that are done are not run again"
+    assert digest(out) == whole
+    assert [entry.name for entry in tmp_path.iterdir()] == ["maps"], "what was kept is gone"
+
+
+def test_bad_requests_are_refused_before_anything_runs(tmp_path):
+    out = tmp_path / "maps"
+    with Lossy() as executor:
+        with pytest.raises(InputError, match="^part: expected none where workers run all the parts, got 1/2$"):
+            generate_on(executor, SPEC.but({"part": (1, 2)}), out)
+        with pytest.raises(InputError, match="none: expected a folder of tile pictures"):
+            generate_on(executor, SPEC.but({"tiles": tmp_path / "none"}), out)
+        out.mkdir()
+        (out / "mine.txt").write_text("")
+        with pytest.raises(InputError, match="expected a folder that is new or empty"):
+            generate_on(executor, SPEC, out)
+        assert executor.ran == []
+    assert [entry.name for entry in out.iterdir()] == ["mine.txt"]
+
+
+def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "_SECONDS_TO_ANSWER", 0.2)
+    for address in ("tcp://127.0.0.1:9", "nonsense://"):
+        assert main(["generate", "--scheduler", address, "--out", str(tmp_path / "maps")]) == 2
+        said = capsys.readouterr().err
+        assert (
+            re.match(r".*scheduler: expected the address of a Dask scheduler, such as tcp:\S+, got '(.*?)':", said)[1]
+            == address
+        )
+
+
+def test_without_dask_it_is_said(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert main(["generate", "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "maps")]) == 2
+    assert "searching on a cluster needs Dask: pip install distributed" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 2)
+    spec = SPEC.but({"search": SEARCH.but({"generations": 30_000})})
+    generate(spec, tmp_path / "one")
+    out = tmp_path / "maps"
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
+
+        def kill_one():
+            parts = tmp_path / ".maps-search" / "search"
+            while not list(parts.glob(".[1-4]-search")):
+                time.sleep(0.01)
+            with distributed.Client(workers.scheduler_address) as client:
+                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+        with ThreadPoolExecutor(1) as killer, dask_executor(workers.scheduler_address) as executor:
+            killed = killer.submit(kill_one)
+            generate_on(executor, spec, out)
+            killed.result()
+    assert digest(out) == digest(tmp_path / "one")
+
+
+@pytest.mark.slow
+def test_the_command_on_a_dask_cluster(whole, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    options = ["--size", "5", "6", "--maps", "3", "--seeds", "7", "--tile-px", "16", "--method", "ea"]
+    options += ["--preset", "paper", "--generations", "12"]
+    with distributed.LocalCluster(n_workers=1, dashboard_address=None) as workers:
+        command = [sys.executable, "-m", "elitelanes_jax", "generate", *options, "--out", tmp_path / "maps"]
+        ran = subprocess.run(
+            [*command, "--scheduler", workers.scheduler_address], capture_output=True, text=True, check=True
+        )
+    assert re.search("searching 1 part of 1 on workers", ran.stderr)
+    assert digest(Path(tmp_path / "maps")) == whole
