@@ -36,11 +36,15 @@ def meanings() -> dict[str, str]:
 
 
 def range_text(name: str) -> str:
-    """Returns the range of a metric or share at 12 x 12 in words."""
-    from elitelanes_jax.problem.extremes import feature_range
+    """Returns the range of a metric or share at 12 x 12 in words, with a limit that lies beyond it in parentheses."""
+    from elitelanes_jax.problem.extremes import feature_limits, feature_range
 
     low, high = feature_range(name)
-    return number(low) if low == high else f"{number(low)}..{number(high)}"
+    if low == high:
+        return number(low)
+    least, most = (number(type(low)(limit)) for limit in feature_limits(name))
+    below, above = (f"({least}) " if least != number(low) else ""), (f" ({most})" if most != number(high) else "")
+    return f"{below}{number(low)}..{number(high)}{above}"
 
 
 def number(value: float) -> str:
@@ -58,15 +62,18 @@ def _metrics(options: argparse.Namespace) -> int:
     wide = max(map(len, listed))
     lines = [f"{'':{wide}}  at 12 x 12"]
     for feature, meaning in listed.items():
-        first, *more = wrap(meaning, _WIDTH - wide - 17)
-        lines.append(f"{feature:{wide}}  {range_text(feature):13}  {first}")
-        lines += [f"{'':{wide + 17}}{line}" for line in more]
+        first, *more = wrap(meaning, _WIDTH - wide - 21)
+        lines.append(f"{feature:{wide}}  {range_text(feature):17}  {first}")
+        lines += [f"{'':{wide + 21}}{line}" for line in more]
     lines += ["", f"--where NAME=LOW..HIGH asks for a range; elitelanes metrics NAME shows one. {_NOTE}"]
     say("\n".join(lines))
     return 0
 
 
-_NOTE = "With --rules cells may stay empty."
+_NOTE = (
+    "Maps of these ranges were\nfound; none can go beyond, or beyond the number in parentheses. With --rules cells may "
+    "stay empty."
+)
 
 
 def _show(feature: str, meaning: str) -> str:

@@ -1,5 +1,6 @@
 """The range of each feature on maps of 12 x 12 tiles, and maps that show its ends."""
 
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
 
@@ -8,8 +9,10 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.problem.features import FEATURES, SHARES
+from elitelanes_jax.problem.flaws import find_flaws
+from elitelanes_jax.problem.limits import Limits, find_limits
 
-__all__ = ["FILE", "extreme_maps", "feature_range", "features_of"]
+__all__ = ["FILE", "extreme_maps", "feature_limits", "feature_range", "features_of"]
 
 FILE = Path(__file__).with_name("extremes.txt")
 """The maps, one a line, as ``docs/metrics.py`` found them: rows of codes, a hexadecimal digit a tile."""
@@ -41,6 +44,20 @@ def feature_range(name: str) -> tuple[float, float]:
     """
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
+
+
+@cache
+def _limits() -> Limits:
+    return find_limits((12, 12), certain={name: value for name, value, _ in find_flaws(None, filled=True)})
+
+
+def feature_limits(name: str) -> tuple[Fraction, Fraction]:
+    """Returns values that no such map is below, or above: where they are those of `feature_range`, these are proven.
+
+    Args:
+      name: of the feature.
+    """
+    return _limits().of(name)
 
 
 def extreme_maps(name: str) -> tuple[NDArray[np.int8], NDArray[np.int8]]:

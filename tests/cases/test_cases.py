@@ -11,12 +11,14 @@ A case is a line that starts with ``$``, as one would type it after ``elitelanes
 
 Each line runs in a folder of its own, in which there is what it names: a file of ``inputs/``, or a thing of `things`.
 Every line also has to keep what all lines promise. One that fails says so in a line that begins with the program's name
-(`tiles check` in a line for each fault), prints nothing else, and writes nothing. One that goes well says nothing on
+(`tiles check` in a line for each fault), prints nothing else, and writes nothing. One that is interrupted says at most
+that. One that goes well says nothing on
 standard error. All files that are written are named, and those that were there stay as they were.
 
 A line that starts with ``%`` is one for a shell, in which ``elitelanes`` is the program: a process of its own.
 """
 
+import os
 import shlex
 import shutil
 import subprocess
@@ -32,7 +34,6 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.tiles.tileset import default_tiles
 
 HERE = Path(__file__).parent
-PROGRAM = f'set -o pipefail; elitelanes() {{ {shlex.quote(sys.executable)} -m elitelanes_jax "$@"; }}\n'
 
 
 class Case(NamedTuple):
@@ -73,6 +74,19 @@ def things(tmp_path_factory):
         for file in (default_tiles() / kind).iterdir():
             small = cv2.resize(cv2.imread(str(file), cv2.IMREAD_UNCHANGED), (48, 48), interpolation=cv2.INTER_NEAREST)
             cv2.imwrite(str(folder / "tiles" / kind / file.name), small)
+    for name, tile, target, source in (
+        ("inverted", "straight_1", "yellow", lambda masks: 255 - masks["yellow"]),
+        ("swapped", "crossing3_1", "red", lambda masks: masks["yellow"]),
+        ("unstopped", "crossing4_1", "red", lambda masks: 0 * masks["red"]),
+    ):
+        shutil.copytree(folder / "tiles", folder / name)
+        place = folder / name / tile
+        masks = {mask: cv2.imread(str(place / f"{mask}.png"), cv2.IMREAD_UNCHANGED) for mask in ("red", "yellow")}
+        cv2.imwrite(str(place / f"{target}.png"), source(masks))
+    program = folder / "bin" / "elitelanes"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m elitelanes_jax "$@"\n')
+    program.chmod(0o755)
     line = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --out"
     assert main([*line.split(), str(folder / "maps")]) == 0
     return folder
@@ -82,11 +96,13 @@ def files(folder):
     return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
-def run(line, capfd):
+def run(line, capfd, things):
     """Runs a line; returns its exit status, and what it said on standard output and standard error."""
     kind, text = line[0], line[2:]
     if kind == "%":
-        ran = subprocess.run(["bash", "-c", PROGRAM + text], capture_output=True, text=True, check=False, timeout=60)
+        path = {"PATH": f"{things / 'bin'}{os.pathsep}{os.environ['PATH']}"}
+        command = ["bash", "-o", "pipefail", "-c", text]
+        ran = subprocess.run(command, env=os.environ | path, capture_output=True, text=True, check=False, timeout=60)
         return ran.returncode, ran.stdout, ran.stderr
     capfd.readouterr()
     try:
@@ -107,7 +123,7 @@ def test_case(case, things, tmp_path, monkeypatch, capfd):
         elif (things / name).exists():
             shutil.copy(things / name, tmp_path / name)
     before = files(tmp_path)
-    status, out, err = run(case.line, capfd)
+    status, out, err = run(case.line, capfd, things)
     after = files(tmp_path)
     said = f"{case.line}\nexit {status}\n{out}{err}"
     assert status == case.exit, said
@@ -117,7 +133,10 @@ def test_case(case, things, tmp_path, monkeypatch, capfd):
     if status:
         assert out == "" and "Traceback" not in err, said
         assert (
-            "tiles check" in case.line or "2>" in case.line or (err.startswith("elitelanes") and err.count("\n") == 1)
+            "tiles check" in case.line
+            or "2>" in case.line
+            or (err.startswith("elitelanes") and err.count("\n") == 1)
+            or (status == 130 and not err)
         ), said
     elif not case.all("err"):
         assert err == "", said

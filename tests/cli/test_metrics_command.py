@@ -9,7 +9,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.metrics import meanings, range_text
 from elitelanes_jax.formats.text import draw_text
 from elitelanes_jax.network.counts import largest_counts
-from elitelanes_jax.problem.extremes import extreme_maps, feature_range, features_of
+from elitelanes_jax.problem.extremes import extreme_maps, feature_limits, feature_range, features_of
 from elitelanes_jax.problem.features import FEATURES, SHARES
 
 PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
@@ -33,6 +33,8 @@ def test_a_range_ends_with_maps_that_generate_could_write(name):
         part, whole = SHARES.get(name, (name, ()))
         assert value == (metrics[part] / sum(metrics[other] for other in whole) if whole else metrics[part])
         assert features_of(grid)[name] == value
+    least, most = feature_limits(name)
+    assert float(least) <= low <= high <= float(most)
     assert 0 <= low <= high <= (1 if name in SHARES else largest_counts((12, 12))[name])
 
 
@@ -52,7 +54,7 @@ def test_all_are_listed_and_one_is_shown(capsys):
     assert main(["metrics"]) == 0
     lines = capsys.readouterr().out.splitlines()
     for name in FEATURES:
-        assert [line for line in lines if line.split()[:2] == [name, range_text(name)]], name
+        assert [line for line in lines if line.split("  ")[0] == name and f"  {range_text(name)}  " in line], name
     assert max(map(len, lines)) <= 110
     assert main(["metrics", "bridges"]) == 0
     shown = capsys.readouterr().out

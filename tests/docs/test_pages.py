@@ -36,7 +36,12 @@ REFERENCE = "".join(text for page, text in PAGES.items() if page.startswith("doc
 
 # Pages whose programs other tests run.
 RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "sumo", "tiles")]
-PROGRAMS = [(page, text) for page in PAGES if page not in RUN_ELSEWHERE for _, text in blocks(PAGES[page], "python")]
+PROGRAMS = [
+    pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith("experiments") else [])
+    for page in PAGES
+    if page not in RUN_ELSEWHERE
+    for _, text in blocks(PAGES[page], "python")
+]
 
 HELPERS = [f"elitelanes_jax._util.{name}" for name in ("cores", "errors", "settings", "config")]
 

@@ -4,7 +4,7 @@ Each optimiser is compiled once: a step for one seed, and a run for several.
 """
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import chex
@@ -61,9 +61,17 @@ GENERATIONS = 30
 
 # The tuned swarms are the tuned EA with other mates, and two others differ from theirs in a choice: slow proofs.
 SLOW = {"pso, tuned", "gwo, tuned", "map-elites, parents from the archive", "gwo, the worst as omega"}
-every_optimizer = pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in MAKERS]
-)
+
+
+def optimizers(*, slow=SLOW, without=()):
+    """Parametrizes a test by optimiser; the module's scope lets all tests of one follow each other."""
+    names = [
+        pytest.param(name, marks=[pytest.mark.slow] if name in slow else []) for name in MAKERS if name not in without
+    ]
+    return pytest.mark.parametrize("name", names, scope="module")
+
+
+every_optimizer = optimizers()
 
 
 class Compiled(NamedTuple):
@@ -73,7 +81,7 @@ class Compiled(NamedTuple):
     step: Any
 
 
-@cache
+@lru_cache(maxsize=2)  # no more at once: all of them take over a gigabyte
 def compiled(name, fill=False, /):
     optimizer = MAKERS[name](PROBLEMS[fill])
     init = jax.jit(optimizer.init)
@@ -87,7 +95,7 @@ def compiled(name, fill=False, /):
     )
 
 
-@cache
+@lru_cache(maxsize=2)
 def whole_run(name):
     """A run of all generations: states and reports."""
     one = compiled(name)
@@ -105,15 +113,18 @@ def shapes(tree):
     return jax.tree.map(lambda array: (array.shape, array.dtype), tree)
 
 
-@pytest.mark.parametrize(
-    ("name", "fill"),
-    [
-        pytest.param(name, fill, marks=[pytest.mark.slow] if name in SLOW or (fill != (name == "ea, tuned")) else [])
-        for name in MAKERS
-        for fill in (False, True)
-    ],
-)
-def test_each_step_leaves_valid_grids_and_a_best_that_never_gets_worse(name, fill):
+@every_optimizer
+def test_each_step_leaves_valid_grids_and_a_best_that_never_gets_worse(name):
+    check_steps(name, fill=name == "ea, tuned")
+
+
+@pytest.mark.slow
+@every_optimizer
+def test_each_step_does_so_with_the_other_repair(name):
+    check_steps(name, fill=name != "ea, tuned")
+
+
+def check_steps(name, *, fill):
     one = compiled(name, True) if fill else compiled(name)
     found = jax.jit(jax.vmap(one.optimizer.elites))
     states, best = one.first, found(one.first).fitness.min(axis=1)
@@ -162,7 +173,7 @@ def test_a_run_in_parts_is_the_whole_run(name):
     chex.assert_trees_all_equal(jax.tree.map(lambda *parts: jnp.concatenate(parts), *rows), infos)
 
 
-@every_optimizer
+@optimizers(slow=SLOW | {"ea", "pso", "gwo"})  # each is one program of a batch; the archives differ most from that
 def test_many_seeds_are_each_seed_alone(name):
     one = compiled(name)
     whole, infos = whole_run(name)
@@ -174,9 +185,7 @@ def test_many_seeds_are_each_seed_alone(name):
         chex.assert_trees_all_equal(state, jax.tree.map(lambda array, number=number: array[number], whole))
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW or "tuned" in name else []) for name in MAKERS]
-)
+@optimizers(slow=set(MAKERS) - {"map-elites"})  # whose population is the paper's EA
 def test_compiled_or_not_it_is_the_same(name):
     one = compiled(name)
     key, state = jax.random.key(6), jax.tree.map(lambda array: array[0], whole_run(name)[0])
@@ -198,10 +207,7 @@ def test_one_compilation_serves_every_call(name):
     assert len(traces) == 1
 
 
-@pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in sorted(set(MAKERS) - {"pso"})],
-)
+@optimizers(without=["pso"])
 def test_searching_finds_better_than_chance(name):
     """The paper's PSO does not: it draws nearly at random from its velocities (see the experiments)."""
     evaluations = GENERATIONS * compiled(name).optimizer.evaluations_per_step
