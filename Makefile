@@ -26,10 +26,15 @@ notebooks: $(READY)
 	$(BIN)/python -m pytest -n auto -m slow tests/docs/test_notebooks.py
 
 # The explorer's module is built anew; it differs from the one in the package only where a change was not built.
-explorer: $(READY) explorer/node_modules/.ready
+# Then the page and the widget are clicked through, in Chromium and JupyterLab.
+explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
 	cd explorer && npm run --silent check && node build.mjs ../$(BUILT)
 	diff -r $(BUILT) elitelanes_jax/explorer/static
-	$(BIN)/python -m pytest -n 0 tests/explorer
+	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py
+
+.venv/.notebooks: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[notebooks]'
+	touch $@
 
 explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 	cd explorer && npm ci --silent

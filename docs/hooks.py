@@ -2,7 +2,7 @@
 
 Files elsewhere in the repository that pages link to become part of the site: pages with the files that they link to,
 notebooks as pages with their outputs. A link to a module of the package leads to its place in the reference, and so do
-names in the reference, such as `evolve`.
+names in the reference, such as `evolve`. The page on the explorer leads to a live one.
 """
 
 import ast
@@ -16,17 +16,24 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
+from elitelanes_jax.explorer.collect import collect
+from elitelanes_jax.explorer.page import page_of
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PACKAGE = ROOT / "elitelanes_jax"
 
 _LINK = re.compile(r"\[([^\]]*)\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 
+_LIVE = "explore-live.html"
+
 _NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # but for parameters, which are bold, and links
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Adds the files outside this folder that pages link to, directly or through other pages."""
+    """Adds the files outside this folder that pages link to, directly or through other pages, and the explorer."""
+    run = collect([DOCS / "examples" / "run"], title="MAP-Elites, 8 x 8 tiles")
+    files.append(File.generated(config, _LIVE, content=page_of(run)))
     waiting = [Path(file.abs_src_path) for file in files.documentation_pages() if file.abs_src_path]
     seen = set(waiting)
     while waiting:
@@ -51,6 +58,9 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Replaces the links on a page by links to the places of their targets on the site."""
+    if page.file.src_uri == "explore.md":
+        live = f'<p><a href="{_LIVE}">Open the explorer of the run in the picture, live.</a></p>'
+        markdown = markdown.replace("![", f"{live}\n\n![", 1)
     source = Path(page.file.abs_src_path or ROOT / page.file.src_uri)  # a notebook's page has no file
 
     def replaced(found: re.Match[str]) -> str:

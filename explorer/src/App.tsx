@@ -34,6 +34,7 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   const [tiles, setTiles] = useState<TilePictures | null>(null);
   const [theme, setTheme] = useState<Theme>("auto");
   const [message, setMessage] = useState("");
+  const [unseen, setUnseen] = useState(false);
   const [drawn, setDrawn] = useState<Editor | null>(null);
   const [weights, setWeights] = useState<Weights | null>(null);
   const shown = useRef<View>(view);
@@ -45,7 +46,10 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
     shown.current = { ...shown.current, ...change };
     setView(shown.current);
   }, []);
-  const say = useCallback((text: string) => setMessage(text), []);
+  const say = useCallback((text: string, only = false) => {
+    setUnseen(only);
+    setMessage(text);
+  }, []);
   const elites = run.elites(view.seed === "count" ? "best" : view.seed);
   const open = view.map !== null && view.map < run.count ? view.map : elites[selectedNiche(run, view.niche, view.map, elites)];
   const edit = useCallback((editor: Editor) => {
@@ -156,7 +160,7 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
           )}
           {view.view === "run" && <RunView />}
         </div>
-        <p class={`message${message ? " shown" : ""}`} role="status" aria-live="polite">{message}</p>
+        <p class={`message${message && !unseen ? " shown" : ""}`} role="status" aria-live="polite">{message}</p>
       </div>
     </SharedContext.Provider>
   );

@@ -16,8 +16,8 @@ export interface Shared {
   readonly show: (change: Partial<View>) => void;
   /** Opens a map in the editor. */
   readonly draw: (grid: Grid) => void;
-  /** Tells a reader of the screen, and shows for a moment. */
-  readonly say: (message: string) => void;
+  /** Tells a reader of the screen, and, unless it is for those alone, shows for a moment. */
+  readonly say: (message: string, unseen?: boolean) => void;
 }
 
 export const SharedContext = createContext<Shared | null>(null);

@@ -240,7 +240,7 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
     const column = Math.min(Math.max(selectedColumn + by[1], 0), layout.columns - 1);
     const niche = nicheIn(run, layout, row, column);
     open(niche);
-    say(describe(run, niche, quantity, values[niche]));
+    say(describe(run, niche, quantity, values[niche]), true);
   };
   const targeted = targetRows(run, layout);
   return (

@@ -242,7 +242,7 @@ function Canvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
       if (event.shiftKey && next !== cursor) apply(editor, tool === "road" || tool === "cut" ? [cursor, next] : [next]);
       setCursor(next);
       setKeyed(true);
-      say(`row ${row + 1}, column ${column + 1}: ${KIND_OF[grid.codes[next]]}`);
+      say(`row ${row + 1}, column ${column + 1}: ${KIND_OF[grid.codes[next]]}`, true);
     } else if (event.key === "Enter" || event.key === " ") {
       event.preventDefault();
       if (tool !== "road" && tool !== "cut") apply(editor, [cursor]);

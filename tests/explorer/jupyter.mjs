@@ -1,0 +1,55 @@
+// Opens a notebook with the widget in JupyterLab and prints what it saw as JSON: `node jupyter.mjs ADDRESS PICTURE`.
+import { createRequire } from "node:module";
+
+const [address, picture] = process.argv.slice(2);
+const require = createRequire(new URL("../../explorer/package.json", import.meta.url));
+const { chromium } = require("playwright-core");
+
+const browser = await chromium.launch({
+  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
+  args: [
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync",
+  ],
+});
+const page = await browser.newPage({ viewport: { width: 1400, height: 1000 } });
+const errors = [];
+page.on("pageerror", (error) => errors.push(error.message));
+await page.goto(address, { timeout: 120_000 });
+await page.locator(".jp-Notebook").waitFor({ timeout: 120_000 });
+await page.locator(".jp-Cell").first().click();
+await page.keyboard.press("Control+Home");
+await page.locator('[data-command="runmenu:run-all"], .lm-MenuBar-item:has-text("Run")').first().click();
+await page.locator('.lm-Menu-item[data-command="runmenu:run-all"]').click();
+const widget = page.locator(".elx");
+await widget.waitFor({ timeout: 240_000 });
+const map = await widget.locator(".detail h2").textContent();
+await widget.locator(".cells").focus();
+await page.keyboard.press("ArrowRight");
+await page.waitForTimeout(300);
+if (picture) await page.screenshot({ path: picture });
+await widget.getByRole("tab", { name: "Draw" }).click();
+await widget.getByRole("button", { name: "Clear" }).click();
+const box = await widget.locator(".editor").boundingBox();
+const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 5];
+await page.mouse.move(...at(1, 1));
+await page.mouse.down();
+await page.mouse.move(...at(1, 3), { steps: 4 });
+await page.mouse.up();
+await page.waitForTimeout(500);
+const read = async (index) => {
+  const cell = page.locator(".jp-CodeCell").nth(index);
+  await cell.locator(".cm-content").click();
+  await page.keyboard.press("Control+Enter");
+  await cell.locator(".jp-OutputArea-output").first().waitFor({ timeout: 60_000 });
+  await page.waitForTimeout(500);
+  return (await cell.locator(".jp-OutputArea-output").first().textContent()).trim();
+};
+const grid = await read(1);
+await widget.getByRole("tab", { name: "Draw" }).click();
+await widget.getByRole("button", { name: "Continue the search from here" }).click();
+await page.locator(".elx .detail h2").waitFor({ timeout: 240_000 });
+await page.waitForTimeout(300);
+const result = await read(2);
+process.stdout.write(JSON.stringify({ map, grid, result, errors }));
+await browser.close();
