@@ -1,6 +1,7 @@
 """Independent rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from queue import SimpleQueue
 from threading import Thread
 from typing import TypeVar
@@ -12,11 +13,62 @@ import numpy as np
 from elitelanes_jax._util.checks import is_whole
 from elitelanes_jax._util.cores import count_cores, use_cores
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Pytree
+from elitelanes_jax._util.types import AnyArray, Pytree
 
-__all__ = ["choose_devices", "cut", "join", "side_by_side", "use_cores"]
+__all__ = ["choose_devices", "cut", "join", "side_by_side", "spread", "use_cores"]
 
 T = TypeVar("T")
+
+# Rows of a call: with fewer the calls cost more than the rows, with more the memory grows and the time does not fall.
+_ROWS_A_CALL = 4096
+
+
+def spread(
+    function: Callable[..., Pytree], *arrays: AnyArray, devices: int | Sequence[jax.Device] | None = None
+) -> Pytree:
+    """Applies a function of one row to all rows of large arrays, side by side on all devices.
+
+    It is ``jax.jit(jax.vmap(function))(*arrays)``, bit for bit, in calls of some thousand rows: so the memory that it
+    takes beside its result does not grow with the number of rows. Such as ``spread(measure, grids)``.
+
+    Args:
+      function: of arrays without their first axis, to a tree of arrays; compiled once for as long as it is there.
+      *arrays: ``[N, ...]`` each, of NumPy or JAX.
+      devices: as in `evolve`; by default all local ones.
+
+    Returns:
+      A tree of NumPy arrays ``[N, ...]``.
+
+    Raises:
+      InputError: for no arrays, arrays without rows, or with different numbers of them.
+    """
+    rows = {np.shape(array)[:1] for array in arrays}
+    if len(rows) != 1 or rows & {(), (0,)}:
+        shapes = ", ".join(str(np.shape(array)) for array in arrays) or "none"
+        raise InputError(f"arrays: expected some with the same number of rows, at least 1, got {shapes}")
+    (count,), chosen = rows.pop(), choose_devices(devices)
+    size = min(_ROWS_A_CALL, -(-count // len(chosen)))  # of all calls: the last one begins earlier where rows run out
+    firsts = [min(number * size, count - size) for number in range(-(-count // size))]
+    run = _batched(function)
+
+    def run_share(number: int, device: jax.Device) -> list[Pytree]:
+        parts = (
+            [_put(np.asarray(array[first : first + size]), device) for array in arrays] for first in shares[number]
+        )
+        return [jax.tree.map(np.asarray, run(*part)) for part in parts]
+
+    shares = [firsts[number :: len(chosen)] for number in range(min(len(chosen), len(firsts)))]
+    found = side_by_side([partial(run_share, *share) for share in enumerate(chosen[: len(shares)])])
+    by_call = [found[number % len(shares)][number // len(shares)] for number in range(len(firsts))]
+    kept = [slice(number * size - first, None) for number, first in enumerate(firsts)]
+    return jax.tree.map(
+        lambda *parts: np.concatenate([part[rows] for part, rows in zip(parts, kept, strict=True)]), *by_call
+    )
+
+
+@lru_cache(maxsize=32)
+def _batched(function: Callable[..., Pytree]) -> Callable[..., Pytree]:
+    return jax.jit(jax.vmap(function))
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax import InputError, evolve
+from elitelanes_jax import InputError, devices, evolve, measure, random_grids
 from elitelanes_jax._util import cores
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.devices import choose_devices, cut, join, side_by_side, use_cores
+from elitelanes_jax.devices import choose_devices, cut, join, side_by_side, spread, use_cores
 
 CPU = jax.devices("cpu")[0]
 
@@ -147,6 +147,30 @@ def test_errors_and_interruptions_come_when_all_have_ended():
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(ended) == 3
+
+
+@pytest.mark.parametrize("count", [1, 5, 6, 7, 23])
+def test_rows_that_are_spread_are_those_of_one_batch(count, monkeypatch):
+    monkeypatch.setattr(devices, "_ROWS_A_CALL", 3)
+    numbers, factors = np.arange(count * 4).reshape(count, 4), np.arange(count) + 1
+
+    def double(row, factor):
+        return {"sum": (row * factor).sum(), "row": row - factor}
+
+    whole = jax.vmap(double)(numbers, factors)
+    for parts in (1, 2, 3, 7):
+        chex.assert_trees_all_equal(spread(double, numbers, factors, devices=parts), whole)
+
+
+def test_grids_that_are_spread_are_measured_as_one_batch_is():
+    grids = np.asarray(random_grids(jax.random.key(2), 100, (5, 6)))
+    chex.assert_trees_all_equal(spread(measure, grids, devices=2), jax.jit(jax.vmap(measure))(grids))
+
+
+@pytest.mark.parametrize("arrays", [(), (np.zeros(0),), (np.zeros(3), np.zeros(4)), (np.float32(1),)])
+def test_arrays_that_cannot_be_spread_are_refused(arrays):
+    with pytest.raises(InputError, match="^arrays: expected some with the same number of rows, at least 1, got "):
+        spread(lambda *rows: rows, *arrays)
 
 
 def test_devices_are_cores_by_default():

@@ -20,7 +20,7 @@ SPEC = 'GenerateSpec(size=(5, 6), maps=3, seeds=6, tile_px=16, search=SearchSpec
 SPEC += "generations=9000)), 3"
 
 
-@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("number", [0, 1, 2])
 def test_programs_run_and_print_what_they_say(number, capsys):
     run_program(PROGRAMS[number], "docs/scaling.md", capsys)
 
@@ -52,7 +52,7 @@ def test_the_script_for_slurm_runs_the_parts(whole):
 @pytest.mark.slow
 def test_submitit_runs_the_parts(whole):
     pytest.importorskip("submitit")
-    program = smaller(PROGRAMS[2])
+    program = smaller(PROGRAMS[3])
     Path("program.py").write_text(program)
     subprocess.run([sys.executable, "program.py"], check=True)
     assert digest(Path("maps")) == whole
@@ -61,7 +61,7 @@ def test_submitit_runs_the_parts(whole):
 @pytest.mark.slow
 def test_a_program_with_a_cluster_of_its_own(whole):
     pytest.importorskip("distributed")
-    program = smaller(PROGRAMS[3].replace("GenerateSpec(seeds=1000, maps=100)", SPEC.removesuffix(", 3")))
+    program = smaller(PROGRAMS[4].replace("GenerateSpec(seeds=1000, maps=100)", SPEC.removesuffix(", 3")))
     Path("program.py").write_text(program)
     subprocess.run([sys.executable, "program.py"], check=True)
     assert digest(Path("maps")) == whole
@@ -70,7 +70,7 @@ def test_a_program_with_a_cluster_of_its_own(whole):
 @pytest.mark.slow
 def test_the_search_on_many_hosts_finds_its_processes(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    program = PROGRAMS[4].replace(
+    program = PROGRAMS[5].replace(
         "(16, 16), islands=32, every=200, evaluations=1_000_000", "(5, 6), islands=4, generations=9"
     )
     Path("program.py").write_text(program)
