@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation throughput clean
+.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation throughput clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -98,6 +98,9 @@ certify: $(READY)
 segmentation: $(READY)
 	$(BIN)/python experiments/segmentation.py
 
+navigation: $(READY)
+	$(BIN)/python experiments/navigation.py
+
 throughput: $(READY)
 	$(BIN)/python experiments/throughput.py
 
@@ -115,5 +118,5 @@ $(PROGRAM): pyproject.toml constraints.txt
 $(READY): $(PROGRAM)
 	@echo "installing what the tests need"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  -e '.[dev,docs,experiments,segmentation]'
+	  -e '.[dev,docs,experiments,training]'
 	touch $@

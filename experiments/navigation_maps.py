@@ -1,0 +1,182 @@
+"""The study's maps: where they come from, which niches are held out, and levels whose distances are matched."""
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax import evolve, random_grids, repair
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive.distances import UNREACHABLE, distances
+from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive.levels import Level, random_level
+from elitelanes_jax.formats.duckietown import from_duckietown, without_dead_ends
+from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.wfc import generate_batch
+from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.problem.descriptor import niche_bins
+
+__all__ = ["AXES", "DISTANCES", "SIDE", "MapBudget", "draw_levels", "human_maps", "make_maps"]
+
+SIDE = 8
+
+AXES = "cyclomatic:10:2 straight_share:10:80"
+"""The archive: loops in bins of 2, the share of straights in bins of 8 %."""
+
+DISTANCES = range(6, 13)
+"""Tiles from start to goal; each is as frequent as the others on every set of maps."""
+
+_TRIES = 4  # goals drawn for each level, of which the first with a start at the distance is taken
+
+
+class MapBudget(NamedTuple):
+    """The amount of maps.
+
+    Attributes:
+      most: maps to train on, of MAP-Elites.
+      others: maps to train on, of each other source.
+      tests: maps in a test of MAP-Elites.
+      other_tests: maps in a test of each other source.
+      runs: of MAP-Elites.
+      evaluations: of each run that makes maps.
+    """
+
+    most: int = 1000
+    others: int = 100
+    tests: int = 100
+    other_tests: int = 50
+    runs: int = 64
+    evaluations: int = 5000
+
+
+def make_maps(seed: int, budget: MapBudget) -> dict[str, Any]:
+    """Makes all maps of a seed, 8 x 8 without empty cells, by name; no test has one that is trained on.
+
+    Names are "map-elites", "ea", "wfc" and "random" of what is trained on, ordered so that the first few are spread
+    over the niches as well; "test ea" and so on; "seen" and "held out", of MAP-Elites, from niches that are trained on
+    and from the others, a quarter of all, drawn by the seed. "niches" has the bins of the last two and of "map-elites".
+    """
+    rng = np.random.default_rng(seed)
+    grids, bins = _archive(seed, budget)
+    niche = bins[:, 0] * 10 + bins[:, 1]
+    every = np.unique(niche)
+    held = np.isin(niche, rng.permutation(every)[: len(every) // 4])
+    seen = _spread(rng, niche, ~held)
+    first, rest = seen[: budget.most], seen[budget.most :]
+    if len(rest) < budget.tests:
+        first, rest = seen[: -budget.tests], seen[-budget.tests :]
+    chosen = {"map-elites": first, "seen": rest[: budget.tests], "held out": _spread(rng, niche, held)[: budget.tests]}
+    maps = {name: grids[which] for name, which in chosen.items()}
+    known = {canonical_form(grid) for grid in maps["map-elites"]}
+    for source in ("ea", "wfc", "random"):
+        made = _others(source, 2 * budget.others + budget.other_tests, 2 * seed, budget)
+        maps[source] = made[: budget.others]
+        known |= {canonical_form(grid) for grid in maps[source]}
+        unknown = [grid for grid in made[budget.others :] if canonical_form(grid) not in known]
+        maps[f"test {source}"] = np.array(unknown[: budget.other_tests], np.int8).reshape(-1, SIDE, SIDE)
+    named: dict[str, Any] = {name: made.tolist() for name, made in maps.items()}
+    return named | {"niches": {name: bins[which].tolist() for name, which in chosen.items()}}
+
+
+def _archive(seed: int, budget: MapBudget) -> tuple[NDArray[np.int8], NDArray[np.int_]]:
+    """Returns different elites of one component, of many runs, and their bins ``[N, 2]``."""
+    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "axes": AXES, "progress": False}
+    found = evolve(seed_keys(seed, budget.runs), (SIDE, SIDE), evaluations=budget.evaluations, **settings)
+    whole = np.asarray(found.elites.valid) & (np.asarray(found.elites.metrics.components) == 1)
+    grids = np.asarray(found.elites.grids)[whole]
+    bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.axes))
+    different = {canonical_form(grid): number for number, grid in reversed(list(enumerate(grids)))}
+    order = sorted(different.values())
+    return grids[order], bins[order]
+
+
+def _spread(rng: np.random.Generator, niche: NDArray[np.int_], among: NDArray[np.bool_]) -> NDArray[np.int_]:
+    """Orders elites at random so that every niche gives one before any gives a second."""
+    order = rng.permutation(np.flatnonzero(among))
+    turn, given = np.zeros(len(order), int), dict[int, int]()
+    for place, number in enumerate(order):
+        turn[place] = given[niche[number]] = given.get(niche[number], -1) + 1
+    return order[np.argsort(turn, kind="stable")]
+
+
+def _others(source: str, count: int, seed: int, budget: MapBudget) -> NDArray[np.int8]:
+    """Makes maps of another source: the best of as many runs, collapsed and filled, or random and filled."""
+    shape = (SIDE, SIDE)
+    if source == "ea":
+        # Few evaluations: longer runs would all find the same few best networks.
+        settings: dict[str, Any] = {"method": "ea", "preset": "tuned", "fill": True, "progress": False}
+        return np.asarray(evolve(seed_keys(seed, count), shape, evaluations=budget.evaluations, **settings).best())
+    if source == "wfc":
+        grids: Any = generate_batch(np.random.default_rng(seed), count, shape, border="closed").grid
+    else:
+        grids = random_grids(jax.random.key(seed), count, shape)
+    return np.asarray(_filled(jnp.asarray(grids)))
+
+
+@jax.jit
+@jax.vmap
+def _filled(grid: Any) -> Any:
+    return repair(grid, fill=True)
+
+
+def human_maps(folder: Path) -> NDArray[np.int8]:
+    """Reads the maps in a folder of Duckietown's YAML files that fit on 8 x 8 tiles, int8 ``[N, 8, 8]``.
+
+    Roads that lead nowhere are removed, and empty rows and columns around the rest; maps that are equal when rotated or
+    mirrored count once. Files that are no map, or have no place 12 tiles from another, are left out.
+    """
+    found: dict[bytes, NDArray[np.int8]] = {}
+    for file in sorted(folder.glob("*.yaml")):
+        try:
+            roads = without_dead_ends(from_duckietown(file.read_text(encoding="utf-8")))
+        except InputError:
+            continue
+        rows, columns = np.flatnonzero(roads.any(axis=1)), np.flatnonzero(roads.any(axis=0))
+        if not rows.size or max(np.ptp(rows), np.ptp(columns)) >= SIDE:
+            continue
+        cut = roads[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+        grid = np.zeros((SIDE, SIDE), np.int8)
+        grid[: cut.shape[0], : cut.shape[1]] = cut
+        found.setdefault(canonical_form(grid), grid)
+    grids = np.array(list(found.values()), np.int8).reshape(-1, SIDE, SIDE)
+    return grids[[_furthest(grid) >= DISTANCES[-1] for grid in grids]] if len(grids) else grids
+
+
+def _furthest(grid: NDArray[np.int8]) -> int:
+    """Returns the largest distance from one place to another."""
+    goals = Place(*(jnp.asarray(part.ravel()) for part in np.indices((SIDE, SIDE, 4))))
+    away = np.asarray(jax.vmap(lambda goal: distances(jnp.asarray(grid), goal))(goals))
+    return int(away[away < UNREACHABLE].max(initial=0))
+
+
+def draw_levels(seed: int, grids: ArrayLike, count: int, *, among: Sequence[int] = DISTANCES) -> Level:
+    """Draws levels, N of them, with matched distances: level i is on map i modulo M, its distance the next in turn.
+
+    A goal without a start at the distance is drawn again, some times; then the nearest distance beyond is taken, or the
+    furthest of all.
+
+    Args:
+      seed: of all that is random.
+      grids: codes ``[M, H, W]``.
+      count: N.
+      among: tiles from start to goal.
+    """
+    listed = np.asarray(grids, np.int8)
+    number = np.arange(count)
+    target = np.asarray(among)[number // len(listed) % len(among)]
+    keys = jax.random.split(jax.random.key(seed), count)
+    return _draw_levels(keys, jnp.asarray(listed[number % len(listed)]), jnp.asarray(target, jnp.int32))
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, 0))
+def _draw_levels(key: Any, grid: Any, target: Any) -> Level:
+    draw = partial(random_level, grid=grid, least=target, most=target)
+    tried = jax.vmap(draw)(jax.random.split(key, _TRIES))
+    best = jnp.argmax(tried.shortest == target)
+    return jax.tree.map(lambda part: part[best], tried)

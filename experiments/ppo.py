@@ -1,0 +1,286 @@
+"""Proximal policy optimisation for the environments in `elitelanes_jax.drive`, with Flax and Optax.
+
+Schulman et al., "Proximal policy optimization algorithms", 2017; advantages of Schulman et al., "High-dimensional
+continuous control using generalized advantage estimation", 2016.
+"""
+
+from collections.abc import Iterator
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import optax
+
+from elitelanes_jax.drive.environment import Environment, auto_reset
+
+__all__ = ["Ppo", "advantages", "distribution", "drive_levels", "train"]
+
+
+class Ppo(NamedTuple):
+    """Settings of the training.
+
+    Attributes:
+      updates: how many; each drives and then learns from what was driven.
+      envs: environments side by side.
+      steps: of each environment in an update.
+      epochs: passes over an update's steps.
+      minibatches: parts of the environments, each of which makes one step of Adam.
+      rate: of Adam at the start; it falls to 0.
+      discount: of a step.
+      trace: lambda of the advantages.
+      clip: of the ratio of probabilities.
+      entropy: weight of the entropy at the start; it falls to 0.
+    """
+
+    updates: int
+    envs: int = 256
+    steps: int = 32
+    epochs: int = 4
+    minibatches: int = 8
+    rate: float = 1e-3
+    discount: float = 0.98
+    trace: float = 0.95
+    clip: float = 0.2
+    entropy: float = 0.01
+
+
+class _Driven(NamedTuple):
+    """What was driven, each ``[T, B, ...]``; `after` is the value of what an action led to."""
+
+    seen: Any
+    first: jax.Array
+    action: jax.Array
+    chance: jax.Array
+    value: jax.Array
+    after: jax.Array
+    reward: jax.Array
+    terminated: jax.Array
+    ended: jax.Array
+
+
+class _Driver(NamedTuple):
+    """All that goes on from update to update."""
+
+    weights: Any
+    optimizer: Any
+    states: Any
+    seen: Any
+    first: jax.Array
+    memory: jax.Array
+
+
+def distribution(head: jax.Array, discrete: bool) -> tuple[Any, Any, Any]:
+    """Returns the functions of a policy's distribution: key -> action, action -> log-probability, and () -> entropy.
+
+    Args:
+      head: float32 ``[..., A]``: logits of actions, or means followed by logarithms of standard deviations.
+      discrete: which of the two.
+    """
+    if discrete:
+        logs = jax.nn.log_softmax(head)
+        return (
+            lambda key: jax.random.categorical(key, head),
+            lambda action: jnp.take_along_axis(logs, action[..., None], axis=-1)[..., 0],
+            lambda: -(jnp.exp(logs) * logs).sum(axis=-1),
+        )
+    mean, log_deviation = jnp.split(head, 2, axis=-1)
+    deviation = jnp.exp(log_deviation)
+    constant = 0.5 * jnp.log(2 * jnp.pi)
+
+    def chance(action: jax.Array) -> jax.Array:
+        return (-0.5 * ((action - mean) / deviation) ** 2 - log_deviation - constant).sum(axis=-1)
+
+    return (
+        lambda key: mean + deviation * jax.random.normal(key, mean.shape),
+        chance,
+        lambda: (log_deviation + constant + 0.5).sum(axis=-1),
+    )
+
+
+def advantages(
+    reward: jax.Array,
+    value: jax.Array,
+    after: jax.Array,
+    terminated: jax.Array,
+    ended: jax.Array,
+    discount: float,
+    trace: float,
+) -> jax.Array:
+    """Estimates advantages, float32 ``[T, B]``, of steps with these rewards.
+
+    Args:
+      reward: float32 ``[T, B]``.
+      value: float32 ``[T, B]``, of the observation that each step began with.
+      after: float32 ``[T, B]``, of the one it led to, before any reset.
+      terminated: bool ``[T, B]``, nothing comes after: `after` counts as 0.
+      ended: bool ``[T, B]``, terminated or truncated: the next step belongs to another episode.
+      discount: of a step.
+      trace: lambda.
+    """
+    surprise = reward + discount * after * ~terminated - value
+
+    def back(later: jax.Array, step: Any) -> tuple[jax.Array, jax.Array]:
+        surprise, ended = step
+        now = surprise + discount * trace * later * ~ended
+        return now, now
+
+    return jax.lax.scan(back, jnp.zeros_like(value[0]), (surprise, ended), reverse=True)[1]
+
+
+def train(key: jax.Array, environment: Environment, params: Any, network: Any, ppo: Ppo) -> Iterator[Any]:
+    """Trains a policy.
+
+    Args:
+      key: consumed.
+      environment: whose resets draw from ``params.levels``.
+      params: its settings.
+      network: called with its memory ``[B, M]``, observations ``[T, B, ...]`` and whether each begins an episode,
+        bool ``[T, B]``; returns the memory after them, the head of `distribution`, and values ``[T, B]``. It has
+        ``memory``, the number M, which may be 0.
+      ppo: settings of the training.
+
+    Yields:
+      After each update the weights, and the mean reward of its steps. Arrays that were yielded last are used up.
+    """
+    beginning, training = jax.random.split(key)
+    driver = _begin(beginning, params, environment, network, ppo)
+    for update in range(ppo.updates):
+        driver, reward = _update(jax.random.fold_in(training, update), driver, params, environment, network, ppo)
+        yield driver.weights, reward
+
+
+@lru_cache
+def _optimizer(ppo: Ppo) -> optax.GradientTransformation:
+    rate = optax.linear_schedule(ppo.rate, 0.0, ppo.updates * ppo.epochs * ppo.minibatches)
+    return optax.chain(optax.clip_by_global_norm(0.5), optax.adam(rate, eps=1e-5))
+
+
+@partial(jax.jit, static_argnames=("environment", "network", "ppo"))
+def _begin(key: jax.Array, params: Any, environment: Environment, network: Any, ppo: Ppo) -> _Driver:
+    starting, weighing = jax.random.split(key)
+    seen, states = jax.vmap(environment.reset, (0, None))(jax.random.split(starting, ppo.envs), params)
+    first, memory = jnp.ones(ppo.envs, bool), jnp.zeros((ppo.envs, network.memory))
+    weights = network.init(weighing, memory, *_row((seen, first)))
+    return _Driver(weights, _optimizer(ppo).init(weights), states, seen, first, memory)
+
+
+@partial(jax.jit, static_argnames=("environment", "network", "ppo"), donate_argnames="driver")
+def _update(
+    key: jax.Array, driver: _Driver, params: Any, environment: Environment, network: Any, ppo: Ppo
+) -> tuple[_Driver, jax.Array]:
+    discrete, resetting = environment.actions is not None, auto_reset(environment)
+    driving, learning = jax.random.split(key)
+
+    def drive(driver: _Driver, key: jax.Array) -> tuple[_Driver, _Driven]:
+        choosing, going = jax.random.split(key)
+        memory, head, value = network.apply(driver.weights, driver.memory, *_row((driver.seen, driver.first)))
+        draw, chance_of, _ = distribution(head[0], discrete)
+        action = draw(choosing)
+        done = jax.vmap(resetting.step, (0, 0, 0, None))(
+            jax.random.split(going, ppo.envs), driver.states, action, params
+        )
+        _, _, after = network.apply(driver.weights, memory, *_row((done.reached, jnp.zeros_like(driver.first))))
+        ended = done.terminated | done.truncated
+        step = _Driven(
+            *(driver.seen, driver.first, action, chance_of(action), value[0], after[0]),
+            *(done.reward, done.terminated, ended),
+        )
+        return driver._replace(states=done.state, seen=done.observation, first=ended, memory=memory), step
+
+    memory = driver.memory
+    driver, driven = jax.lax.scan(drive, driver, jax.random.split(driving, ppo.steps))
+    outcome = driven.reward, driven.value, driven.after, driven.terminated, driven.ended
+    advantage = advantages(*outcome, ppo.discount, ppo.trace)
+    target = advantage + driven.value
+    share = 1 - driver.optimizer[1][0].count / (ppo.updates * ppo.epochs * ppo.minibatches)
+
+    def loss(weights: Any, memory: jax.Array, driven: _Driven, advantage: jax.Array, target: jax.Array) -> jax.Array:
+        _, head, value = network.apply(weights, memory, driven.seen, driven.first)
+        _, chance_of, entropy = distribution(head, discrete)
+        ratio = jnp.exp(chance_of(driven.action) - driven.chance)
+        scaled = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        gain = jnp.minimum(ratio * scaled, jnp.clip(ratio, 1 - ppo.clip, 1 + ppo.clip) * scaled).mean()
+        return 0.5 * ((value - target) ** 2).mean() - gain - ppo.entropy * share * entropy().mean()
+
+    def learn(carry: tuple[Any, Any], chosen: jax.Array) -> tuple[tuple[Any, Any], None]:
+        weights, optimizer = carry
+        part = jax.tree.map(lambda x: x[:, chosen], (driven, advantage, target))
+        gradient = jax.grad(loss)(weights, memory[chosen], *part)
+        updates, optimizer = _optimizer(ppo).update(gradient, optimizer)
+        return (optax.apply_updates(weights, updates), optimizer), None
+
+    orders = jax.vmap(lambda key: jax.random.permutation(key, ppo.envs))(jax.random.split(learning, ppo.epochs))
+    parts = orders.reshape(ppo.epochs * ppo.minibatches, -1)
+    (weights, optimizer), _ = jax.lax.scan(learn, (driver.weights, driver.optimizer), parts)
+    return driver._replace(weights=weights, optimizer=optimizer), driven.reward.mean()
+
+
+def _row(tree: Any) -> Any:
+    """Puts an axis of one step in front."""
+    return jax.tree.map(lambda x: x[None], tree)
+
+
+@partial(jax.jit, static_argnames=("environment", "network", "steps", "likeliest"))
+def drive_levels(
+    key: jax.Array,
+    weights: Any,
+    levels: Any,
+    params: Any,
+    environment: Environment,
+    network: Any,
+    *,
+    steps: int,
+    likeliest: bool = False,
+) -> tuple[Any, jax.Array]:
+    """Drives one episode on each level.
+
+    Args:
+      key: consumed.
+      weights: of the network.
+      levels: a batch of N.
+      params: of the environment.
+      environment: without automatic resets.
+      network: as in `train`.
+      steps: the most that are driven.
+      likeliest: take the policy's likeliest actions; else they are drawn from it.
+
+    Returns:
+      The info ``[N]`` of each episode's last step, and its reward, float32 ``[N]``.
+    """
+    count = levels.grid.shape[0]
+    starting, driving = jax.random.split(key)
+    seen, states = jax.vmap(environment.reset_to_level, (0, 0, None))(jax.random.split(starting, count), levels, params)
+
+    discrete = environment.actions is not None
+
+    def go(carry: Any) -> Any:
+        step, seen, states, memory, first, over, info, reward = carry
+        choosing, going = jax.random.split(jax.random.fold_in(driving, step))
+        memory, head, _ = network.apply(weights, memory, *_row((seen, first)))
+        action = distribution(head[0], discrete)[0](choosing)
+        if likeliest:
+            action = head[0].argmax(axis=-1) if discrete else head[0][:, : environment.action_size]
+        done = jax.vmap(environment.step, (0, 0, 0, None))(jax.random.split(going, count), states, action, params)
+
+        def stay(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), old, new)
+
+        info, states, seen = jax.tree.map(stay, (done.info, done.state, done.observation), (info, states, seen))
+        reward += done.reward * ~over
+        over |= done.terminated | done.truncated
+        return step + 1, seen, states, memory, jnp.zeros_like(first), over, info, reward
+
+    shape = jax.eval_shape(
+        jax.vmap(environment.step, (0, 0, None, None)),
+        *(jax.random.split(key, count), states, _any_action(environment), params),
+    )
+    info = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shape.info)
+    over, first = jnp.zeros(count, bool), jnp.ones(count, bool)
+    carry = 0, seen, states, jnp.zeros((count, network.memory)), first, over, info, jnp.zeros(count)
+    *_, info, reward = jax.lax.while_loop(lambda carry: (carry[0] < steps) & ~carry[5].all(), go, carry)
+    return info, reward
+
+
+def _any_action(environment: Environment) -> jax.Array:
+    return jnp.int32(0) if environment.actions is not None else jnp.zeros(environment.action_size)

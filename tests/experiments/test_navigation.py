@@ -1,0 +1,163 @@
+"""The study of navigation: its statistics against slow ones, its maps, and that it runs."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from scipy import stats
+
+navigation = pytest.importorskip("navigation", reason="matplotlib is not here", exc_type=ImportError)
+pytest.importorskip("flax", reason="flax and optax are not here")
+import hard_maps  # noqa: E402
+import navigation_maps  # noqa: E402
+import navigation_report  # noqa: E402
+import navigation_tasks  # noqa: E402
+
+from elitelanes_jax.formats.duckietown import to_duckietown  # noqa: E402
+from elitelanes_jax.network.symmetry import canonical_form  # noqa: E402
+
+
+def made_up_runs():
+    rng = np.random.default_rng(0)
+    runs = {}
+    for condition, seeds in (("maps-1", range(8)), ("maps-1000", range(2, 12)), ("ea", range(2))):
+        for seed in seeds:
+            judged = navigation_tasks.judge(*(rng.random((4, 20)) < 0.5 for _ in range(3)))
+            runs["map", condition, seed] = {"seen": judged, "held out": judged} if seed != 5 else {"seen": judged}
+    return runs
+
+
+def test_differences_pair_the_seeds_that_both_have():
+    runs = made_up_runs()
+    found = navigation_report.difference(runs, "map", ("maps-1", "held out"), ("maps-1000", "seen"))
+    apart = [
+        runs["map", "maps-1", seed]["held out"]["success"] - runs["map", "maps-1000", seed]["seen"]["success"]
+        for seed in (2, 3, 4, 6, 7)
+    ]
+    assert found.seeds == 5 and found.mean == pytest.approx(np.mean(apart))
+    every = [np.mean([apart[i] for i in picked]) for picked in np.ndindex(5, 5, 5, 5, 5)]
+    low, high = np.percentile(every, [2.5, 97.5])  # of all resamples there are
+    spread = max(apart) - min(apart)
+    assert found.low == pytest.approx(low, abs=spread / 8) and found.high == pytest.approx(high, abs=spread / 8)
+    nobody = navigation_report.difference(runs, "map", ("ea", "seen"), ("maps-1000", "seen"))
+    assert nobody.seeds == 0 and np.isnan(nobody.mean)
+
+
+def test_the_worst_tenth_is_chosen_by_one_half_and_measured_by_the_other():
+    success = np.random.default_rng(1).random((6, 30)) < np.linspace(0, 1, 30)
+    means = []
+    for choosing, measuring in (((0, 2, 4), (1, 3, 5)), ((1, 3, 5), (0, 2, 4))):
+        of_map = [sum(success[level, number] for level in choosing) for number in range(30)]
+        worst = sorted(range(30), key=lambda number: (of_map[number], number))[:3]
+        means += [success[level, number] for level in measuring for number in worst]
+    assert navigation_tasks.worst_tenth(success) == pytest.approx(np.mean(means))
+    # Without differences between maps chance alone does not make some of them worse.
+    even = np.random.default_rng(2).random((14, 100, 200)) < 0.8
+    chance = [navigation_tasks.worst_tenth(even[..., number]) for number in range(200)]
+    assert np.mean(chance) == pytest.approx(0.8, abs=0.01)
+
+
+def test_success_by_niche_and_correlations_are_those_of_a_slow_count(tmp_path):
+    rng, runs, expected = np.random.default_rng(3), made_up_runs(), {}
+    (tmp_path / "maps").mkdir()
+    for _, condition, seed in runs:
+        if condition != "maps-1000" or seed == 5:
+            continue
+        niches = {test: rng.integers(0, 10, (20, 2)).tolist() for test in ("seen", "held out")}
+        (tmp_path / "maps" / f"{seed}.json").write_text(json.dumps({"niches": niches}))
+        for test, bins in niches.items():
+            for place, niche in enumerate(bins):
+                expected.setdefault(tuple(niche), []).append(runs["map", condition, seed][test]["by_map"][place])
+    del runs["map", "maps-1000", 5]
+    means, count = navigation_report.success_by_niche(runs, tmp_path, "map", "maps-1000")
+    for niche in np.ndindex(10, 10):
+        assert count[niche] == len(expected.get(niche, []))
+        assert (
+            np.isnan(means[niche]) if niche not in expected else means[niche] == pytest.approx(np.mean(expected[niche]))
+        )
+    one, other = rng.integers(0, 9, (2, 50))
+    ranks = [
+        [(values < value).sum() + ((values == value).sum() + 1) / 2 for value in values] for values in (one, other)
+    ]
+    assert navigation_report.correlation(one, other) == pytest.approx(stats.pearsonr(*ranks).statistic)
+    assert np.isnan(navigation_report.correlation([1, 1, 1], [1, 2, 3]))
+
+
+def test_maps_made_by_hand_are_cut_to_their_roads(tmp_path):
+    ring = np.array([[6, 5, 5, 5, 3], [10, 0, 0, 0, 10], [10, 0, 0, 0, 10], [12, 5, 5, 5, 9]], np.int8)
+    for name, grid in {"a": np.pad(ring, [(2, 5), (6, 0)]), "b": ring, "c": ring[[0, 3]], "d": ring[[0, 1, 3]]}.items():
+        (tmp_path / f"{name}.yaml").write_text(to_duckietown(grid))
+    (tmp_path / "e.yaml").write_text("tiles: [[lava]]")
+    (found,) = navigation_maps.human_maps(tmp_path)  # on the smaller rings no place is 12 tiles away
+    assert found.shape == (8, 8) and (found[:4, :5] == ring).all()
+
+
+def test_the_places_of_small_runs_are_measured_and_the_report_is_the_same_again(tmp_path, capsys):
+    arguments = ["--quick", "--tasks", "where", "--seeds", "1", "--cores", "1", "--out", str(tmp_path / "out")]
+    assert navigation.main(arguments) == 0
+    maps = json.loads((tmp_path / "out" / "maps" / "0.json").read_text())
+    niches = {name: {tuple(niche) for niche in bins} for name, bins in maps.pop("niches").items()}
+    assert not niches["held out"] & (niches["seen"] | niches["map-elites"])
+    forms = {name: {canonical_form(np.array(grid, np.int8)) for grid in grids} for name, grids in maps.items()}
+    trained = set().union(*(forms[name] for name in ("map-elites", "ea", "wfc", "random")))
+    assert not trained & set().union(*(forms[name] for name in ("seen", "held out", "test ea", "test wfc")))
+    levels = navigation_maps.draw_levels(0, maps["map-elites"], 2 * 7 * len(maps["map-elites"]))
+    wanted = np.arange(levels.shortest.size) // len(maps["map-elites"]) % 7 + 6
+    assert (np.asarray(levels.shortest) == wanted).mean() > 0.95
+    report = (tmp_path / "out" / "navigation.md").read_bytes()
+    assert b"places never known" in report
+    assert navigation.main(arguments) == 0
+    assert (tmp_path / "out" / "navigation.md").read_bytes() == report
+    assert navigation.main([*arguments, "--tasks", "luck"]) == 2
+    assert "tasks: expected some of map, window, where, lane, got 'luck'" in capsys.readouterr().err
+
+
+def test_without_flax_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "flax", None)
+    assert navigation.main(["--out", str(tmp_path / "out")]) == 2
+    assert "training needs flax and optax: pip install flax optax" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_it_runs_goes_on_and_comes_out_the_same(tmp_path):
+    arguments = ["--quick", "--seeds", "1", "--out", str(tmp_path / "out")]
+    assert navigation.main(arguments) == 0
+    files = [tmp_path / "out" / "navigation.md", *sorted((tmp_path / "out" / "runs").iterdir())]
+    assert len(files) == 2 + sum(len(task.conditions) for task in navigation_tasks.TASKS.values())
+    before = [file.read_bytes() for file in files]
+    for file in (files[3], files[-2]):
+        file.unlink()
+    assert navigation.main(arguments) == 0
+    assert [file.read_bytes() for file in files] == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "least"), [("lane", 0.95), ("map", 0.9)])
+def test_drivers_learn_to_drive_on_maps_that_they_have_not_seen(name, least):
+    maps = navigation_maps.make_maps(0, navigation_maps.MapBudget())
+    grids = {part: np.array(maps[part], np.int8) for part in ("map-elites", "seen", "held out")}
+    condition = navigation_tasks.CONDITIONS["maps-1000"]
+    task, budget = navigation_tasks.TASKS[name], navigation_tasks.TrainBudget(each=5)
+    weights = navigation_tasks.train_driver(task, condition, 0, grids.pop("map-elites"), budget)
+    for judged in navigation_tasks.test_driver(task, weights, grids, budget).values():
+        assert judged["success"] >= least
+
+
+@pytest.mark.slow
+def test_hard_maps_are_drawn_for_a_driver_and_other_files_are_refused(tmp_path, capsys):
+    from flax.serialization import to_bytes
+
+    file, picture = tmp_path / "driver", tmp_path / "hard.png"
+    crossings = np.full((1, 8, 8), 15, np.int8)
+    untrained, budget = navigation_tasks.CONDITIONS["untrained"], navigation_tasks.TrainBudget(levels=2)
+    file.write_bytes(
+        to_bytes(navigation_tasks.train_driver(navigation_tasks.TASKS["map"], untrained, 0, crossings, budget))
+    )
+    assert hard_maps.main([str(file), "--quick", "--out", str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
+    assert hard_maps.main([str(file), "--task", "window", "--quick", "--out", str(picture)]) == 2
+    file.write_bytes(b"none")
+    assert hard_maps.main([str(file), "--quick", "--out", str(picture)]) == 2
+    assert capsys.readouterr().err.count("expected a driver") == 2
