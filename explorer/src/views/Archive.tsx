@@ -177,8 +177,8 @@ interface HeatMapProps {
   readonly elites: Int32Array;
 }
 
-const HEAD = 34; // pixels above the cells, for the names of the bands
-const FOOT = 38; // pixels below, for the axis
+const FOOT = 38; // pixels below the cells, for the axis
+const MOST_HIGH = 12_000; // pixels that the cells may take
 
 function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapProps) {
   const { show, view, dark, say } = useShared();
@@ -195,8 +195,13 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
   const narrow = width < 560;
   const band = layout.down.length === 0 ? 0 : narrow ? 34 : 76;
   const gutter = layout.down.length * band;
+  const head = layout.down.length ? 34 : 4; // pixels above the cells, for the names of the bands
   const cellWidth = Math.max(3, (width - gutter - 2) / layout.columns);
-  const cellHeight = layout.rows > 60 ? Math.max(6, Math.min(14, 900 / layout.rows)) : Math.max(14, Math.min(28, 460 / layout.rows, narrow ? 22 : 28));
+  const cellHeight = Math.min(
+    layout.rows > 60 ? Math.max(6, Math.min(14, 900 / layout.rows)) : Math.max(14, Math.min(28, 460 / layout.rows, narrow ? 22 : 28)),
+    MOST_HIGH / layout.rows,
+  );
+  const whole = Math.max(width, gutter + cellWidth * layout.columns);
   const high = cellHeight * layout.rows;
   const scale = useMemo(() => scaleOf(values, quantity, view.scale), [values, quantity, view.scale]);
 
@@ -211,10 +216,12 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
     const style = getComputedStyle(element);
     const gap = cellWidth > 8 ? 1 : 0;
     const hatch = hatchOf(context, style.getPropertyValue("--vacant"), style.getPropertyValue("--hatch"));
+    const unknown = style.getPropertyValue("--unknown");
     for (let row = 0; row < layout.rows; row++) {
       for (let column = 0; column < layout.columns; column++) {
-        const value = values[nicheIn(run, layout, row, column)];
-        context.fillStyle = Number.isNaN(value) ? hatch : css(viridis(scale.place(value)));
+        const niche = nicheIn(run, layout, row, column);
+        const value = values[niche];
+        context.fillStyle = !Number.isNaN(value) ? css(viridis(scale.place(value))) : elites[niche] >= 0 ? unknown : hatch;
         const x = Math.round(column * cellWidth), y = Math.round(row * cellHeight);
         context.fillRect(x, y, Math.round((column + 1) * cellWidth) - x - gap, Math.round((row + 1) * cellHeight) - y - gap);
       }
@@ -245,11 +252,16 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
   const targeted = targetRows(run, layout);
   return (
     <>
-      <Legend quantity={quantity} empty={values.every(Number.isNaN)} scale={scale} />
-      <div class="heat" ref={frame} style={{ height: `${high + HEAD + FOOT}px` }}>
-        <svg class="axes" width={width} height={high + HEAD + FOOT} aria-hidden="true">
-          <Bands run={run} layout={layout} band={band} cellHeight={cellHeight} narrow={narrow} />
-          <g transform={`translate(${gutter} ${HEAD + high})`}>
+      <Legend
+        quantity={quantity}
+        empty={elites.every((elite) => elite < 0)}
+        unknown={elites.some((elite, place) => elite >= 0 && Number.isNaN(values[place]))}
+        scale={scale}
+      />
+      <div class="heat" ref={frame} style={{ height: `${high + head + FOOT}px` }}>
+        <svg class="axes" width={whole} height={high + head + FOOT} aria-hidden="true">
+          <Bands run={run} layout={layout} band={band} cellHeight={cellHeight} head={head} narrow={narrow} />
+          <g transform={`translate(${gutter} ${head + high})`}>
             <Ticks axis={run.axes[layout.across]} cellWidth={cellWidth} />
             <text class="title" x={(cellWidth * layout.columns) / 2} y={34} text-anchor="middle">
               {nameOf(run.axes[layout.across].metric)}
@@ -259,7 +271,7 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
         <canvas
           ref={canvas}
           class="cells"
-          style={{ left: `${gutter}px`, top: `${HEAD}px`, width: `${cellWidth * layout.columns}px`, height: `${high}px` }}
+          style={{ left: `${gutter}px`, top: `${head}px`, width: `${cellWidth * layout.columns}px`, height: `${high}px` }}
           tabIndex={0}
           role="application"
           aria-roledescription="heat map"
@@ -272,8 +284,8 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
           }}
           onMouseLeave={() => setHover(null)}
         />
-        <svg class="marks" width={width} height={high + HEAD + FOOT} aria-hidden="true">
-          <g transform={`translate(${gutter} ${HEAD})`}>
+        <svg class="marks" width={whole} height={high + head + FOOT} aria-hidden="true">
+          <g transform={`translate(${gutter} ${head})`}>
             {targeted && (
               <rect class="target" x={-1} y={targeted[0] * cellHeight - 1.5} width={cellWidth * layout.columns + 1} height={(targeted[1] - targeted[0]) * cellHeight + 2} />
             )}
@@ -282,7 +294,7 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
         </svg>
         {hover && (
           <div class="tip" style={{ left: `${Math.min(hover.x + 14, width - 190)}px`, top: `${hover.y + 16}px` }}>
-            <b>{Number.isNaN(values[hover.niche]) ? "vacant" : `${nameOf(quantity)} ${valueText(quantity, values[hover.niche])}`}</b>
+            <b>{Number.isNaN(values[hover.niche]) ? (elites[hover.niche] >= 0 ? "not known here" : "vacant") : `${nameOf(quantity)} ${valueText(quantity, values[hover.niche])}`}</b>
             {run.axes.map((axis, place) => (
               <span key={axis.metric}>
                 {nameOf(axis.metric)} {binName(axis, binsOf(run.axes, hover.niche)[place])}
@@ -345,7 +357,14 @@ function hatchOf(context: CanvasRenderingContext2D, ground: string, line: string
   return context.createPattern(tile, "repeat")!;
 }
 
-function Legend({ quantity, empty, scale }: { readonly quantity: string; readonly empty: boolean; readonly scale: Scale }) {
+interface LegendProps {
+  readonly quantity: string;
+  readonly empty: boolean;
+  readonly unknown: boolean;
+  readonly scale: Scale;
+}
+
+function Legend({ quantity, empty, unknown, scale }: LegendProps) {
   if (empty) return <p class="note">All niches are vacant.</p>;
   const { low, high, place, at } = scale;
   const stops = Array.from({ length: 17 }, (_, stop) => css(viridis(place(low) + ((place(high) - place(low)) * stop) / 16)));
@@ -363,12 +382,22 @@ function Legend({ quantity, empty, scale }: { readonly quantity: string; readonl
       </div>
       {lowIsGood(quantity) && <em>lower is better</em>}
       <span class="vacant"><i />vacant</span>
+      {unknown && <span class="vacant unknown"><i />not known</span>}
     </div>
   );
 }
 
+interface BandsProps {
+  readonly run: Run;
+  readonly layout: Layout;
+  readonly band: number;
+  readonly cellHeight: number;
+  readonly head: number;
+  readonly narrow: boolean;
+}
+
 /** Draws the axes that go down: of each a column of bands, the first outermost. */
-function Bands({ run, layout, band, cellHeight, narrow }: { readonly run: Run; readonly layout: Layout; readonly band: number; readonly cellHeight: number; readonly narrow: boolean }) {
+function Bands({ run, layout, band, cellHeight, head, narrow }: BandsProps) {
   let repeats = 1;
   let rows = layout.rows;
   return (
@@ -390,7 +419,7 @@ function Bands({ run, layout, band, cellHeight, narrow }: { readonly run: Run; r
             </text>
             {Array.from({ length: groups * axis.bins }, (_, group) => {
               const bin = group % axis.bins;
-              const y = HEAD + group * height;
+              const y = head + group * height;
               const text = (!narrow && flagWords(axis, bin)) || binName(axis, bin);
               return (
                 <g key={group}>
