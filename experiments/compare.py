@@ -23,6 +23,8 @@ from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.explorer.collect import collect_maps
+from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.table import table_to_csv
 from elitelanes_jax.network.counts import Metrics
@@ -46,6 +48,7 @@ def _compare(options: argparse.Namespace) -> int:
     use_compile_cache()
     began = time.perf_counter()
     rows: list[dict[str, Any]] = []
+    best: dict[str, list[RoadMap]] = {}
     texts, times = [], []
     for shape in options.sizes:
         name = f"{shape[0]}x{shape[1]}"
@@ -54,6 +57,7 @@ def _compare(options: argparse.Namespace) -> int:
             file = options.out / "runs" / f"{method}-{name}.json"
             found = kept_runs(file, method, shape, options, READINGS[options.reading], alone=True)
             here += found["rows"]
+            best[f"{method} {name}"] = _best_maps(found, options.seed)
             timings[method] = found["timing"]
             succeeded = sum(row["elite"] == "best" for row in found["rows"])
             say(f"{method} {name}: {succeeded} of {options.seeds} runs succeeded, {found['timing']['all seeds']:.2f} s")
@@ -69,8 +73,23 @@ def _compare(options: argparse.Namespace) -> int:
     write_atomic(options.out / "timing.md", "\n".join(times).encode())
     if not options.no_maps:
         _draw_maps(options)
-    say(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
+    page = options.out / "explore.html"
+    write_atomic(page, page_of(collect_maps(best)).encode())
+    say(
+        f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s; {page} shows the best maps"
+    )
     return 0
+
+
+def _best_maps(found: dict[str, Any], seed: int) -> list[RoadMap]:
+    """Returns the best map of each run of a method that succeeded, with its metrics."""
+    maps = []
+    for row in found["rows"]:
+        if row["elite"] == "best":
+            codes = np.array(found["best"][row["seed"]], np.int8)
+            figures = {name: value for name, value in row.items() if name in Metrics._fields}
+            maps.append(RoadMap(codes, figures, round(row["fitness"]), seed=(seed, row["seed"])))
+    return maps
 
 
 def _draw_maps(options: argparse.Namespace) -> None:
@@ -78,16 +97,13 @@ def _draw_maps(options: argparse.Namespace) -> None:
     tiles, reading = load_tiles(), READINGS[options.reading]._replace(fill=True)
     for method in options.methods:
         runs = kept_runs(options.out / "runs" / f"{method}-pictured.json", method, _PICTURED, options, reading)
-        best = [row for row in runs["rows"] if row["elite"] == "best"]
+        best = _best_maps(runs, options.seed)
         if not best:
             continue
-        row = min(best, key=lambda row: row["fitness"])
-        codes = np.array(runs["best"][row["seed"]], np.int8)
-        figures = {name: value for name, value in row.items() if name in Metrics._fields}
+        road_map = min(best, key=lambda one: one.fitness or 0)
         place = options.out / f"maps_{_PICTURED[0]}x{_PICTURED[1]}" / method
         place.mkdir(parents=True, exist_ok=True)
-        write_picture(place, render(codes, tiles, tile_px=64, seed=options.seed))
-        road_map = RoadMap(codes, figures, round(row["fitness"]), seed=(options.seed, row["seed"]))
+        write_picture(place, render(road_map, tiles, tile_px=64, seed=options.seed))
         write_atomic(place / "map.json", map_to_json(road_map).encode())
 
 

@@ -125,16 +125,27 @@ def collect_result(
     return _pack([_from_result(result, name)], tiles or load_tiles(), tile_px, name)
 
 
-def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64) -> Payload:
+def collect_maps(
+    maps: Iterable[RoadMap] | Mapping[str, Iterable[RoadMap]], *, tiles: TileSet | None = None, tile_px: int = 64
+) -> Payload:
     """Collects maps in memory; see `collect_result`.
+
+    Args:
+      maps: at least one, or groups of them by name, to be shown side by side as runs are.
+      tiles: the tile pictures; by default the package's own.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Raises:
       InputError: for no map.
     """
-    named = [(f"map {number}", road_map) for number, road_map in enumerate(maps)]
-    if not named:
+    runs: list[_Finds] = []
+    for group, listed in maps.items() if isinstance(maps, Mapping) else [("", maps)]:
+        found = _by_size([(f"map {number}", road_map) for number, road_map in enumerate(listed)])
+        names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
+        runs += [run._replace(name=name) for run, name in zip(found, names, strict=True)]
+    if not runs:
         raise InputError("maps: expected at least one, got none")
-    return _pack(_by_size(named), tiles or load_tiles(), tile_px, "")
+    return _pack(runs, tiles or load_tiles(), tile_px, "")
 
 
 def _run_folders(folder: Path) -> list[Path]:

@@ -114,7 +114,7 @@ def test_every_reading_has_valid_settings_and_differs():
 def test_a_study_writes_tables_plots_and_its_runs(compared):
     assert set(contents(compared)) == {
         "settings.json", SEARCHED, COLLAPSED,
-        "results.csv", "tables.md", "timing.md", "comparison.png", "comparison.pdf",
+        "results.csv", "tables.md", "timing.md", "comparison.png", "comparison.pdf", "explore.html",
     }  # fmt: skip
     text = (compared / "tables.md").read_text()
     for words in ("5 x 5 tiles, 3 seeds, 4 generations of 40", "| MAP-Elites, random elite over WFC |", "QD score"):

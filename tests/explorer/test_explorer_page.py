@@ -180,6 +180,8 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         ("maps of 2 x 2", [2, 2], 2),
         ("maps of 2 x 3", [2, 3], 1),
     ]
+    groups = collect_maps({"one": maps[:1], "both": maps}).values["runs"]
+    assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
     with pytest.raises(InputError, match="maps: expected at least one"):
         collect_maps([])
     with pytest.raises(InputError, match="sources: expected a folder"):
