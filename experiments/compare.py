@@ -73,11 +73,11 @@ def _compare(options: argparse.Namespace) -> int:
     write_atomic(options.out / "timing.md", "\n".join(times).encode())
     if not options.no_maps:
         _draw_maps(options)
-    page = options.out / "explore.html"
-    write_atomic(page, page_of(collect_maps(best)).encode())
-    say(
-        f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s; {page} shows the best maps"
-    )
+    say(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
+    if any(best.values()):
+        page = options.out / "explore.html"
+        write_atomic(page, page_of(collect_maps(best)).encode())
+        say(f"{page} shows the best maps")
     return 0
 
 
