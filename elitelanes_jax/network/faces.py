@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Shaped, UInt
 from elitelanes_jax.network.materialize import batch_all
 from elitelanes_jax.network.padded_layout import Links, PaddedLayout
 
-__all__ = ["Faces", "find_faces"]
+__all__ = ["Faces", "find_faces", "label_faces"]
 
 # Sweeps after which long corridors get the costlier method. Random grids need fewer, 64 x 64 ones about 50.
 _PATIENCE = 60
@@ -57,7 +57,7 @@ class Faces(NamedTuple):
 
 def find_faces(layout: PaddedLayout, links: Links) -> Faces:
     """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
-    labels = _labeller(layout)(links.east, links.south)
+    labels = label_faces(layout, links)
     corner = layout.here(labels)
     own = layout.here(jnp.asarray(_own_labels(layout)))
     return Faces(
@@ -65,6 +65,14 @@ def find_faces(layout: PaddedLayout, links: Links) -> Faces:
         east_bridge=links.east & (corner == layout.north(labels)),
         south_bridge=links.south & (corner == layout.west(labels)),
     )
+
+
+def label_faces(layout: PaddedLayout, links: Links) -> UInt[Array, " padded"]:
+    """Labels the corners between one grid's tiles by their face: 0 for the outer one, else one number a face.
+
+    Numbers are below the length of the padded vector.
+    """
+    return _labeller(layout)(links.east, links.south)
 
 
 @cache

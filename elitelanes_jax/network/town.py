@@ -1,0 +1,193 @@
+"""The features of a town: blocks, streets, outline, symmetry, repetition, detours; one grid in, whole numbers out."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Int, Int8, Int32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.faces import label_faces
+from elitelanes_jax.network.padded_layout import Links, PaddedLayout
+from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
+
+__all__ = ["measure_town"]
+
+
+def measure_town(grid: Any, *, detour: bool = True) -> TownFeatures:
+    """Measures the features of one town; `jax.vmap` it for many.
+
+    Within `jax.jit` only those features cost time that are used.
+
+    Args:
+      grid: integer codes ``[H, W]``, repaired or not; connections that the neighbour does not return are no links.
+      detour: whether to measure the mean detour too, which takes longest; else it is 0.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or one with a side over 128, over 32 with detours.
+    """
+    grid = check_grid(grid)
+    most = LONGEST_DETOUR if detour else LONGEST_TOWN
+    if max(grid.shape) > most:
+        what = "the mean detour" if detour else "the features of a town"
+        raise InputError(f"grid: expected sides of at most {most} for {what}, got {grid.shape}")
+    return _measure_town(grid, detour)
+
+
+@partial(jax.jit, static_argnames="detour")
+def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
+    east = (grid[:, :-1] & EAST > 0) & (grid[:, 1:] & WEST > 0)
+    south = (grid[:-1] & SOUTH > 0) & (grid[1:] & NORTH > 0)
+    tile = grid > 0
+    tiles = _count(tile)
+    areas, blocks = _block_areas(east, south)
+    area = areas.sum(dtype=jnp.int32)
+    lengths, streets = _street_lengths(east, south)
+    box, height, width = _box(tile)
+    rows, columns = np.arange(grid.shape[0])[:, None], np.arange(grid.shape[1])
+    along = (rows == box[0]) | (rows == box[1]) | (columns == box[2]) | (columns == box[3])
+    turn = jnp.isin(grid, np.array([3, 6, 9, 12], np.int8))
+    return TownFeatures(
+        largest_block=areas.max(initial=0),
+        smallest_block=_least(areas),
+        mean_block=_thousandths(area, blocks),
+        block_spread=_thousandths(jnp.where(areas > 0, jnp.abs(areas * blocks - area), 0).sum(), blocks * area),
+        small_blocks=_thousandths(_count((areas > 0) & (areas <= 4)), blocks),
+        loops_per_tile=_thousandths(blocks, tiles),
+        longest_street=lengths.max(initial=0),
+        shortest_street=_least(lengths),
+        mean_street=_thousandths(lengths.sum(dtype=jnp.int32), streets),
+        border_share=_thousandths(_count(tile & along), tiles),
+        box_fill=_thousandths(tiles, height * width),
+        box_length=_thousandths(jnp.maximum(height, width), jnp.minimum(height, width)),
+        symmetry=_thousandths(_most_alike(tile, box), height * width),
+        repetition=_thousandths(_repeated(grid), tiles),
+        adjacent_turns_per_tile=_thousandths(_count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles),
+        mean_detour=_detour(east, south) if detour else jnp.int32(0),
+    )
+
+
+def _count(cells: Bool[Array, "..."]) -> Int32[Array, ""]:
+    return cells.sum(dtype=jnp.int32)
+
+
+def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:
+    """Returns the least number over 0, or 0."""
+    least = jnp.where(numbers > 0, numbers, 2**30).min(initial=2**30)
+    return jnp.where(least == 2**30, 0, least)
+
+
+def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""]:
+    """Returns floor(1000 · part / whole), 0 of nothing: digit by digit, as the product might not fit 32 bits."""
+    rest, whole = part.astype(jnp.uint32), jnp.maximum(whole, 1).astype(jnp.uint32)
+    result = rest // whole
+    for _ in range(3):
+        rest = rest % whole * 10
+        result = result * 10 + rest // whole
+    return result.astype(jnp.int32)
+
+
+def _lay_out(layout: PaddedLayout, cells: Bool[Array, "h w"]) -> Bool[Array, " size"]:
+    missing = [(0, side - length) for side, length in zip((layout.height, layout.stride), cells.shape, strict=True)]
+    return jnp.pad(cells, missing).reshape(-1)
+
+
+def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
+    """Returns the area of each inner face, 0 in places that are none, and how many there are."""
+    layout = PaddedLayout(east.shape[0], south.shape[1])
+    labels = label_faces(layout, Links(_lay_out(layout, east), _lay_out(layout, south)))
+    areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]  # without the outer face
+    return areas, _count(areas > 0)
+
+
+def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
+    """Returns the links of each street, 0 in places that are none, and how many there are."""
+    height, width = east.shape[0], south.shape[1]
+    links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(east).at[:, 1:].add(east)
+    links = links.at[:-1].add(south).at[1:].add(south)
+    passed = links == 2
+    # Tiles that a road passes through are corners of a larger grid, with walls where no road leads on: a street is a
+    # face of it.
+    layout = PaddedLayout(height + 1, width + 1)
+    across = jnp.pad(~(south & passed[:-1] & passed[1:]), ((1, 1), (0, 1)), constant_values=True)
+    upright = jnp.pad(~(east & passed[:, :-1] & passed[:, 1:]), ((0, 1), (1, 1)), constant_values=True)
+    labels = label_faces(layout, Links(_lay_out(layout, across), _lay_out(layout, upright)))
+    street = layout.unpad(layout.here(labels))[:height, :width]
+    # Every link is counted at its two ends: halves of a link, in the street of a tile that it passes or in one of its
+    # own, where it joins two other tiles.
+    halves = jnp.zeros(labels.size, jnp.int32).at[street.reshape(-1)].add(jnp.where(passed, 2, 0).reshape(-1))
+    for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:]))):
+        first, second = passed[one], passed[other]
+        place = jnp.where(first, street[one], street[other]).reshape(-1)
+        halves = halves.at[place].add((link & (first ^ second)).astype(jnp.int32).reshape(-1))
+    direct = [
+        (link & ~passed[one] & ~passed[other]).astype(jnp.int32).reshape(-1)
+        for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:])))
+    ]
+    lengths = jnp.concatenate([halves // 2, *direct])
+    return lengths, _count(lengths > 0)
+
+
+def _box(tile: Bool[Array, "H W"]) -> tuple[tuple[Array, Array, Array, Array], Int32[Array, ""], Int32[Array, ""]]:
+    """Returns the first and last row and column with tiles, and the box's height and width, 0 where there are none."""
+    ends = []
+    for cells in (tile.any(axis=1), tile.any(axis=0)):
+        ends += [cells.argmax().astype(jnp.int32), (cells.size - 1 - cells[::-1].argmax()).astype(jnp.int32)]
+    some = tile.any()
+    north, south, west, east = ends
+    return (north, south, west, east), jnp.where(some, south - north + 1, 0), jnp.where(some, east - west + 1, 0)
+
+
+def _most_alike(tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]) -> Int32[Array, ""]:
+    """Returns how many cells of the box are as in its mirror image or half turn, whichever is most alike."""
+    north, south, west, east = box
+    rows, columns = np.arange(tile.shape[0]), np.arange(tile.shape[1])
+    inside = ((rows >= north) & (rows <= south))[:, None] & (columns >= west) & (columns <= east)
+    back_rows = jnp.clip(north + south - rows, 0, tile.shape[0] - 1)
+    back_columns = jnp.clip(west + east - columns, 0, tile.shape[1] - 1)
+    flipped, mirrored = tile[back_rows], tile[:, back_columns]
+    images = (flipped, mirrored, flipped[:, back_columns])
+    most = jnp.stack([_count(inside & (tile == image)) for image in images]).max()
+    return jnp.where(tile.any(), most, 0)
+
+
+def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
+    """Counts the tiles whose neighbourhood of 3 x 3 cells some other tile has too; beyond the grid cells are empty."""
+    height, width = grid.shape
+    padded = jnp.pad(grid, 1).astype(jnp.uint32)
+    around = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
+    first = sum(cells << 4 * place for place, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
+    last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
+    same = (first[:, None] == first) & (last[:, None] == last) & tile
+    return _count(tile & (same.sum(axis=1) > 1))
+
+
+def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
+    """Grows the tiles within reach of each tile link by link; the last round adds none."""
+    height, width = east.shape[0], south.shape[1]
+    cells = height * width
+    start = jnp.eye(cells, dtype=bool).reshape(cells, height, width)
+
+    def grow(reached: Bool[Array, "N H W"]) -> Bool[Array, "N H W"]:
+        to_east = jnp.pad(reached[:, :, :-1] & east, ((0, 0), (0, 0), (1, 0)))
+        to_west = jnp.pad(reached[:, :, 1:] & east, ((0, 0), (0, 0), (0, 1)))
+        to_south = jnp.pad(reached[:, :-1] & south, ((0, 0), (1, 0), (0, 0)))
+        to_north = jnp.pad(reached[:, 1:] & south, ((0, 0), (0, 1), (0, 0)))
+        return reached | to_east | to_west | to_south | to_north
+
+    def once(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+        reached, ways, length, _ = carry
+        further = grow(reached)
+        new = _count(further) - _count(reached)
+        return further, ways + new * length, length + 1, new > 0
+
+    carry = (start, jnp.int32(0), jnp.int32(1), jnp.array(True))
+    reached, ways, *_ = lax.while_loop(lambda carry: carry[3], once, carry)
+    rows, columns = np.divmod(np.arange(cells), width)
+    straight = np.abs(rows[:, None] - rows) + np.abs(columns[:, None] - columns)
+    return _thousandths(ways, jnp.where(reached.reshape(cells, cells), straight, 0).sum(dtype=jnp.int32))

@@ -1,0 +1,183 @@
+"""Features of towns against a slow oracle: faces by flooding, streets and ways with NetworkX, the rest cell by cell."""
+
+import jax
+import networkx as nx
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.symmetry import mirror, rotate
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.network.town_features import TOWN_PARTS, TownFeatures, largest_town_feature
+from elitelanes_jax.problem.features import FEATURES
+
+measure_all = jax.jit(jax.vmap(measure_town))
+
+
+def thousandths(part, whole):
+    return 1000 * int(part) // int(whole) if whole else 0
+
+
+def graph_of(grid):
+    graph = nx.Graph()
+    height, width = grid.shape
+    graph.add_nodes_from((row, column) for row, column in np.ndindex(height, width) if grid[row, column])
+    for row, column in np.ndindex(height, width):
+        if column + 1 < width and grid[row, column] & 4 and grid[row, column + 1] & 1:
+            graph.add_edge((row, column), (row, column + 1))
+        if row + 1 < height and grid[row, column] & 2 and grid[row + 1, column] & 8:
+            graph.add_edge((row, column), (row + 1, column))
+    return graph
+
+
+def block_areas(graph, shape):
+    """Squares between four tiles, joined where no link parts them; those joined to the outside are no blocks."""
+    squares = nx.Graph()
+    for row, column in np.ndindex(shape[0] + 1, shape[1] + 1):  # square (r, c) has tile (r, c) to its south-east
+        squares.add_node((row, column))
+        if column and not graph.has_edge((row - 1, column - 1), (row, column - 1)):  # to the west
+            squares.add_edge((row, column), (row, column - 1))
+        if row and not graph.has_edge((row - 1, column - 1), (row - 1, column)):
+            squares.add_edge((row, column), (row - 1, column))
+    for column in range(shape[1] + 1):
+        squares.add_edges_from([((0, column), "outside"), ((shape[0], column), "outside")])
+    for row in range(shape[0] + 1):
+        squares.add_edges_from([((row, 0), "outside"), ((row, shape[1]), "outside")])
+    return sorted(len(part) for part in nx.connected_components(squares) if "outside" not in part)
+
+
+def street_lengths(graph):
+    """Splits every tile that is no mere passage into one end for each link; what hangs together is a street."""
+    split = nx.Graph()
+    for one, other in graph.edges:
+        ends = [tile if graph.degree(tile) == 2 else (tile, one, other) for tile in (one, other)]
+        split.add_edge(*ends)
+    return sorted(split.subgraph(part).number_of_edges() for part in nx.connected_components(split))
+
+
+def oracle(grid):
+    graph, road = graph_of(grid), grid > 0
+    areas, streets = block_areas(graph, grid.shape), street_lengths(graph)
+    tiles, mean = int(road.sum()), sum(areas) / len(areas) if areas else 0
+    rows, columns = np.flatnonzero(road.any(axis=1)), np.flatnonzero(road.any(axis=0))
+    box = road[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if tiles else road[:0, :0]
+    inner = box[1:-1, 1:-1].sum()
+    padded = np.pad(grid, 1)
+    around = [padded[r : r + 3, c : c + 3].tobytes() for r, c in np.argwhere(road)]
+    turn = np.isin(grid, KINDS["turn"])
+    ways = [
+        (length, abs(one[0] - other[0]) + abs(one[1] - other[1]))
+        for one, lengths in nx.all_pairs_shortest_path_length(graph)
+        for other, length in lengths.items()
+    ]
+    spread = sum(abs(len(areas) * area - sum(areas)) for area in areas)
+    assert not areas or spread == pytest.approx(len(areas) * sum(abs(area - mean) for area in areas))
+    return TownFeatures(
+        largest_block=max(areas, default=0),
+        smallest_block=min(areas, default=0),
+        mean_block=thousandths(sum(areas), len(areas)),
+        block_spread=thousandths(spread, len(areas) * sum(areas)),
+        small_blocks=thousandths(sum(area <= 4 for area in areas), len(areas)),
+        loops_per_tile=thousandths(len(nx.cycle_basis(graph)), tiles),
+        longest_street=max(streets, default=0),
+        shortest_street=min(streets, default=0),
+        mean_street=thousandths(sum(streets), len(streets)),
+        border_share=thousandths(tiles - inner, tiles),
+        box_fill=thousandths(tiles, box.size),
+        box_length=thousandths(max(box.shape), min(box.shape)),
+        symmetry=thousandths(
+            max((box == other).sum() for other in (box[::-1], box[:, ::-1], box[::-1, ::-1])), box.size
+        ),
+        repetition=thousandths(sum(around.count(one) > 1 for one in around), tiles),
+        adjacent_turns_per_tile=thousandths((turn[1:] & turn[:-1]).sum() + (turn[:, 1:] & turn[:, :-1]).sum(), tiles),
+        mean_detour=thousandths(sum(way for way, _ in ways), sum(straight for _, straight in ways)),
+    )
+
+
+def as_ints(features):
+    return {name: int(value) for name, value in features._asdict().items()}
+
+
+@given(grids(thin=True))
+def test_features_of_any_grid_are_the_oracles(grid):
+    assert as_ints(measure_town(grid)) == as_ints(oracle(grid))
+
+
+def test_features_of_made_towns(towns):
+    found = measure_all(towns)
+    for place, grid in enumerate(towns):
+        assert as_ints(jax.tree.map(lambda values, place=place: values[place], found)) == as_ints(oracle(grid))
+
+
+@pytest.fixture(scope="module")
+def towns():
+    """Sparse networks without dead ends: outlines of rectangles, one over another."""
+    rng = np.random.default_rng(0)
+    made = np.zeros((60, 9, 9), np.int8)
+    for grid in made:
+        for _ in range(rng.integers(1, 6)):
+            rows, columns = np.sort(rng.choice(9, 2, replace=False)), np.sort(rng.choice(9, 2, replace=False))
+            for row in rows:
+                grid[row, columns[0] : columns[1]] |= 4
+                grid[row, columns[0] + 1 : columns[1] + 1] |= 1
+            for column in columns:
+                grid[rows[0] : rows[1], column] |= 2
+                grid[rows[0] + 1 : rows[1] + 1, column] |= 8
+    return made
+
+
+def test_a_known_town():
+    """A ring round one cell beside a ring of 3 x 5 tiles."""
+    grid = np.array([[6, 5, 7, 5, 5, 5, 3], [10, 0, 10, 0, 0, 0, 10], [12, 5, 13, 5, 5, 5, 9]])
+    found = {name: value for name, value in as_ints(measure_town(grid)).items() if name in KNOWN}
+    assert found == KNOWN
+
+
+KNOWN = {
+    "largest_block": 8,
+    "smallest_block": 4,
+    "mean_block": 6000,
+    "block_spread": 333,
+    "small_blocks": 500,
+    "longest_street": 10,
+    "shortest_street": 2,
+    "mean_street": 6000,
+    "border_share": 941,
+    "box_fill": 809,
+    "box_length": 2333,
+    "symmetry": 1000,
+    "adjacent_turns_per_tile": 0,
+}
+
+
+def test_the_grid_around_a_town_changes_nothing(towns):
+    padded = np.pad(towns[:20], [(0, 0), (2, 1), (3, 0)])
+    jax.tree.map(np.testing.assert_array_equal, measure_all(padded), measure_all(towns[:20]))
+
+
+def test_rotating_and_mirroring_change_nothing(towns):
+    for grid in towns[:5]:
+        assert as_ints(measure_town(mirror(grid))) == as_ints(measure_town(rotate(grid))) == as_ints(measure_town(grid))
+
+
+def test_values_are_within_their_bounds(towns):
+    full = np.array(jax.random.randint(jax.random.key(0), (60, 9, 9), 0, 16), np.int8)
+    for found in (measure_all(towns), measure_all(full)):
+        for name, values in found._asdict().items():
+            assert values.min() >= 0 and values.max() <= largest_town_feature(name, (9, 9))
+
+
+def test_names_are_no_metrics():
+    assert not set(TownFeatures._fields) & set(FEATURES)
+    assert set(TOWN_PARTS) <= set(TownFeatures._fields)
+
+
+def test_large_grids_are_refused():
+    with pytest.raises(InputError, match="sides of at most 32 for the mean detour"):
+        measure_town(np.zeros((33, 2), np.int8))
+    with pytest.raises(InputError, match="sides of at most 128"):
+        measure_town(np.zeros((2, 129), np.int8), detour=False)
+    assert int(measure_town(np.full((40, 3), 15, np.int8), detour=False).largest_block) == 1
