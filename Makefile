@@ -13,7 +13,8 @@ BUILT := explorer/node_modules/.built
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
-	$(BIN)/elitelanes generate --size 12 12 --method map-elites --seeds 16 --maps 16 --out $(DEMO)
+	$(BIN)/elitelanes generate --style town --size 9 9 --evaluations 50000 --maps 16 --out $(DEMO)/towns
+	$(BIN)/elitelanes generate --style paper --size 12 12 --seeds 16 --maps 16 --out $(DEMO)/paper
 
 test: $(READY)
 	$(BIN)/python -m pytest -n auto --dist loadfile --durations 20

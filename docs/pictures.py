@@ -1,4 +1,4 @@
-"""Draws the pictures of the README, of docs/render.md and of docs/drive.md.
+"""Draws the pictures of the README, of docs/styles.md, docs/render.md and docs/drive.md.
 
 python docs/pictures.py
 """
@@ -21,18 +21,20 @@ FOLDER = Path(__file__).parent
 
 
 def main() -> None:
-    towns()
+    styles()
     village()
     map_and_labels()
     drive_trails()
 
 
-def towns() -> None:
-    result = evolve(0, (6, 8), rules="duckietown", axes="cyclomatic:10 turns:10 coverage:6", evaluations=100_000)
-    chosen = result.maps(8, where="cyclomatic=2..5 turns=6..12 coverage=0.5..")
-    drawn = [render(road_map, tile_px=32, seed=number).image for number, road_map in enumerate(chosen)]
-    framed = [np.pad(image, [(6, 6), (6, 6), (0, 0)], constant_values=255) for image in drawn]
-    write("towns.jpg", np.vstack([np.hstack(framed[:4]), np.hstack(framed[4:])]))
+def styles() -> None:
+    """Draws a sheet of 24 maps of each style."""
+    sheets = {"towns.jpg": ("town", "loops_per_tile=0.06.."), "paper-style.jpg": ("paper", ())}
+    for name, (style, where) in sheets.items():
+        chosen = evolve(0, (7, 7), style=style, evaluations=100_000).maps(24, where=where)
+        drawn = [render(road_map, tile_px=24, seed=number).image for number, road_map in enumerate(chosen)]
+        framed = [np.pad(image, [(5, 5), (5, 5), (0, 0)], constant_values=255) for image in drawn]
+        write(name, np.vstack([np.hstack(framed[first : first + 8]) for first in range(0, 24, 8)]))
 
 
 def village() -> None:

@@ -13,7 +13,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.settings import record
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
@@ -26,9 +26,13 @@ from elitelanes_jax.result import History
 from elitelanes_jax.search import evolve
 from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, remedy
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
+from elitelanes_jax.styles.like import difference_from
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
-__all__ = ["check_drawable", "drawable", "generate", "merge", "write_joined"]
+__all__ = ["NEAREST", "check_drawable", "drawable", "generate", "merge", "write_joined"]
+
+NEAREST = "difference_from_given"
+"""The name of the figure that maps like given ones have: the share of cells in which they differ from the nearest."""
 
 # The seconds between two checkpoints, and those of a search that is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
@@ -111,7 +115,7 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     choice, maps, chosen = None, [], began
     if spec.part is None:
         with Progress("choosing maps"):
-            choice = choose_maps(run.result, spec.maps, spec.seed)
+            choice = choose_maps(run.result, spec.maps, spec.seed, known=_of_size(spec.search.like, spec.size))
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             words = remedy(choice, spec.search.method, spec.size)
@@ -121,6 +125,8 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
             f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {spec.search.method}, "
             f"{many(spec.seeds, 'seed')}, {_budget(spec.search)}, seed {spec.seed}"
         )
+        if spec.search.like:
+            choice = choice._replace(maps=[_with_difference(one, spec.search.like) for one in choice.maps])
         maps = write_maps(folder, choice.maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
     run.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
     seconds = {"evolve": run.seconds + chosen - began, "draw": time.perf_counter() - chosen}
@@ -138,6 +144,16 @@ def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
     search = drawable(spec.search, tiles)
     search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
     return search, tiles
+
+
+def _of_size(given: Sequence[AnyArray], size: tuple[int, int]) -> list[NDArray[np.int8]]:
+    grids = [np.array(grid, np.int8) for grid in given]
+    return [grid for grid in grids if sorted(grid.shape) == sorted(size)]
+
+
+def _with_difference(road_map: RoadMap, given: Sequence[AnyArray]) -> RoadMap:
+    difference = round(difference_from(road_map.codes, given), 3)
+    return road_map._replace(metrics={**(road_map.metrics or {}), NEAREST: difference})
 
 
 def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:

@@ -18,6 +18,7 @@ from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
+from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.problem.features import extra_names, join_counts
 from elitelanes_jax.result import MeasuredElites, Result, load_with_seed
 from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
@@ -123,9 +124,7 @@ def _together(found: Sequence[Result], axes: tuple[Axis, ...], wanted: Sequence[
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
     extras = extra_names((axis.metric for axis in axes), wanted)
-    for name in extras:
-        if any(name not in one.elites.features for one in found):
-            raise InputError(f"{name}: expected a feature that all the searches measured, got archives without it")
-    features = {name: join([one.elites.features[name] for one in found]) for name in extras}
+    each = [measure_missing(one.elites.features, extras, one.elites.grids) for one in found]
+    features = {name: join([values[name] for values in each]) for name in extras}
     descriptor = compute_descriptor(join_counts(metrics | features, extras), axes)
     return MeasuredElites(grids, fitness, descriptor, valid, Metrics(**metrics), features)

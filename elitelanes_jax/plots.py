@@ -285,12 +285,14 @@ def _in_words(name: str) -> str:
 
 def _bin_name(axis: "Axis", place: int) -> str:
     """Names the values in a bin, shares in per cent."""
-    from elitelanes_jax.problem.features import SHARE_UNIT, SHARES
+    from elitelanes_jax.problem.features import SHARE_UNIT, feature_unit, is_share
 
     first, last = axis.start + place * axis.width, axis.start + (place + 1) * axis.width - 1
-    if axis.metric in SHARES:
+    if is_share(axis.metric):
         more = "+" if place == axis.bins - 1 and last < SHARE_UNIT - 1 else ""
         return f"{100 * first / SHARE_UNIT:g}%{more}"
+    if feature_unit(axis.metric) != 1:
+        return f"{first / SHARE_UNIT:g}" + ("+" if place == axis.bins - 1 else "")
     if place == axis.bins - 1:
         return f"{first}+"
     return f"{first}" if first == last else f"{first}–{last}"

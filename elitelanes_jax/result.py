@@ -15,7 +15,7 @@ from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax._util.types import Plain, Pytree, UserValue
+from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
@@ -23,6 +23,7 @@ from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import parse_ranges, satisfies
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
+from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.spec import SearchSpec
 
@@ -167,6 +168,8 @@ class Result:
         elites = self.elites
         if elites.valid.ndim == 1:
             elites = jax.tree.map(lambda array: array[None], elites)
+        features: dict[str, AnyArray] = dict(measure_missing(elites.features, ranges, elites.grids))
+        elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
         return choose_maps(result, check_named("count", whole(1), count), seed).maps
 

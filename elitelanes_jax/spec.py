@@ -1,25 +1,39 @@
 """The specifications of a search and of a generated folder: all settings with their defaults, without JAX."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.checks import check_unique, flag, name, none_or, one_of, path, split_settings, switch, whole
+from elitelanes_jax._util.checks import (
+    check_named,
+    check_unique,
+    flag,
+    name,
+    none_or,
+    one_of,
+    path,
+    split_settings,
+    switch,
+    whole,
+)
 from elitelanes_jax._util.errors import InputError, likely, many, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid, check_shape
 from elitelanes_jax.network.codes import check_alphabet
+from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
 from elitelanes_jax.network.weights import Weights, check_weights, largest_side
 from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
-from elitelanes_jax.problem.features import FEATURES, extra_names, largest_feature
+from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, extra_names, largest_feature
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.template import Template, parse_template
+from elitelanes_jax.styles.like import settings_like
+from elitelanes_jax.styles.read import read_style
 
 __all__ = [
     "METHODS",
@@ -34,7 +48,7 @@ __all__ = [
 ]
 
 METHODS = {
-    "map-elites": ("tuned", "paper", "standard"),
+    "map-elites": ("tuned", "paper", "standard", "irregular"),
     "ea": ("tuned", "paper"),
     "pso": ("tuned", "paper"),
     "gwo": ("tuned", "paper"),
@@ -52,7 +66,7 @@ def check_names(features: UserValue) -> tuple[str, ...]:
         raise InputError(f"features: expected names, got {short(repr(features))}")
     names = check_unique("features", "name", map(name, features))
     for one in names:
-        if not one.isidentifier() or one in (*FEATURES, *Weights._fields):
+        if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
             raise InputError(f"features: expected names that no other feature has, got {short(repr(one), 40)}")
     return tuple(names)
 
@@ -86,7 +100,7 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
     except (TypeError, ValueError):
         raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
     metric = metric.strip() if isinstance(metric, str) else metric
-    known = (*Weights._fields, *own)
+    known = (*Weights._fields, *TOWN_FEATURES, *own)
     if metric not in known:
         raise InputError(
             f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
@@ -148,8 +162,10 @@ class SearchSpec(Settings):
     """A search: the method, its budget, and what is searched for.
 
     Attributes:
+      style: a set of settings, town or paper, or a file .toml; other settings take the place of its own
+      like: maps whose features others are to have, map.json or Duckietown's .yaml; none is written again
       method: the method: map-elites, ea, pso or gwo
-      preset: settings of the method: tuned, paper, or for map-elites standard
+      preset: settings of the method: tuned, paper, or for map-elites standard or irregular
       evaluations: grids that each run evaluates, rounded up to whole generations
       generations: generations of each run, in place of evaluations
       features: names of features of one's own, whose kernels `evolve` takes
@@ -163,6 +179,8 @@ class SearchSpec(Settings):
       alphabet: tile codes to draw from; by default all with two or more connections
     """
 
+    style: str | Path | None = option(None, lambda value: value, "NAME")
+    like: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     method: str = option("map-elites", one_of(*METHODS), "NAME")
     preset: str = option("tuned", name, "NAME")
     evaluations: int = option(200_000, whole(0), "N")
@@ -176,6 +194,45 @@ class SearchSpec(Settings):
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
+
+    def __post_init__(self) -> None:
+        """Takes the settings of a style and those of maps like given ones in place of defaults, then checks all.
+
+        What was taken stays, and the style goes: the record is the same again when it is made of its own fields.
+        """
+        object.__setattr__(self, "like", check_named("like", parse_initial, self.like))
+        defaults = {one.name: one.default for one in fields(self)}
+        given = {field: value for field, value in vars(self).items() if value != defaults[field]}
+        for field, value in self._with_taken(given, self.features).items():
+            object.__setattr__(self, field, value)
+        object.__setattr__(self, "style", None)
+        super().__post_init__()
+
+    def but(self, given: Mapping[str, UserValue]) -> "SearchSpec":
+        """Returns the record with other values in some fields; those given stand before those of a style.
+
+        Raises:
+          InputError: as that of `Settings`, and for a style that is none (see `read_style`).
+        """
+        taken = self._with_taken(given, given.get("features", self.features))
+        return super().but({field: value for field, value in taken.items() if field != "style"})
+
+    @classmethod
+    def _with_taken(cls, given: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
+        """Returns given settings with those of the style and of the maps in `like` that are among them.
+
+        Ranges and weights are joined feature by feature, other settings are taken where they are not given.
+        """
+        style, like = given.get("style"), check_named("like", parse_initial, given.get("like", ()))
+        known = [field for field in cls.options() if field not in ("style", "like", "features")]
+        taken = {} if style is None else read_style(style, known)
+        for more in (settings_like(like) if like else {}, given):
+            for field, parse in (("where", parse_ranges), ("weights", parse_weights)):
+                if field in taken and field in more:
+                    joined = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
+                    more = {**more, field: tuple(joined.values())}
+            taken = {**taken, **more}
+        return taken
 
     def check_together(self) -> None:
         """Checks the preset against the method, and filling against the rules."""
@@ -203,6 +260,10 @@ class SearchSpec(Settings):
         if self.fix is not None and self.fix.shape != shape:
             rows, columns = self.fix.shape
             raise InputError(f"fix: expected cells of a map of {size}, got {rows} x {columns}")
+        most = LONGEST_DETOUR if "mean_detour" in self.extras else LONGEST_TOWN
+        if set(self.extras) & set(TOWN_FEATURES) and max(shape) > most:
+            what = "the mean detour" if most == LONGEST_DETOUR else "the features of a town"
+            raise InputError(f"{name}: expected sides of at most {most} for {what}, got {size}")
         for grid in self.initial:
             if (len(grid), len(grid[0])) != shape:
                 raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
@@ -265,7 +326,7 @@ class SearchSpec(Settings):
         """Returns the axes of the niches of grids ``(height, width)``: the given ones, or the preset's."""
         if self.axes:
             return resolve_axes(self.axes, shape, self.features)
-        return tuned_axes(shape) if self.preset == "tuned" else paper_axes(shape)
+        return tuned_axes(shape) if self.preset in ("tuned", "irregular") else paper_axes(shape)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON, of which `SearchSpec` makes the same record again."""

@@ -66,22 +66,24 @@ def _values() -> dict[str, list[str]]:
     from elitelanes_jax.cli.export import FORMATS, TABLES
     from elitelanes_jax.dataset.spec import LAYOUTS
     from elitelanes_jax.network.weights import Weights
-    from elitelanes_jax.problem.features import FEATURES
+    from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
     from elitelanes_jax.problem.rules import RULES
     from elitelanes_jax.spec import METHODS
+    from elitelanes_jax.styles.read import STYLES
 
     return {
+        "--style": list(STYLES),
         "--method": list(METHODS),
         "--preset": list(dict.fromkeys(preset for presets in METHODS.values() for preset in presets)),
         "--rules": list(RULES),
         "--format": list(LAYOUTS),
         "--blend": ["on", "off"],
         "--to": [*FORMATS, *TABLES],
-        "--where": [f"{name}=" for name in FEATURES],
-        "--axes": [f"{name}:" for name in FEATURES],
-        "--weights": [f"{name}=" for name in Weights._fields],
+        "--where": [f"{name}=" for name in (*FEATURES, *TOWN_FEATURES)],
+        "--axes": [f"{name}:" for name in (*FEATURES, *TOWN_FEATURES)],
+        "--weights": [f"{name}=" for name in (*Weights._fields, *TOWN_FEATURES)],
         "completion": list(_SHELLS),
-        "metrics": list(FEATURES),
+        "metrics": [*FEATURES, *TOWN_FEATURES],
     }
 
 

@@ -45,6 +45,7 @@ _EXAMPLES = """examples:
   elitelanes generate --size 12 12 --maps 16 --out maps
   elitelanes generate --where crossings=6..10 straight_share=0.3..0.6 --out in-range
   elitelanes generate --rules duckietown --size 9 9 --maps 4 --out floor-plans
+  elitelanes generate --style town --size 9 9 --maps 24 --out towns
 
 'elitelanes metrics' lists the metrics that --where, --axes and --weights name.
 """
@@ -120,4 +121,8 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{many(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
+    differences = [(road_map.metrics or {}).get("difference_from_given") for road_map in maps]
+    known = [number for number in differences if number is not None]
+    if known:
+        lines.append(f"they differ from the nearest given map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)

@@ -28,17 +28,24 @@ def add_metrics(commands: Commands) -> None:
 def meanings() -> dict[str, str]:
     """Returns what each metric and each share means, by name: metrics from the docstring of their record."""
     from elitelanes_jax.network.counts import Metrics
-    from elitelanes_jax.problem.features import FEATURES, SHARES
+    from elitelanes_jax.network.town_features import TownFeatures
+    from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
-    known = shares | descriptions(Metrics)
-    return {name: known[name] for name in FEATURES}
+    known = shares | descriptions(Metrics) | descriptions(TownFeatures)
+    return {name: known[name] for name in (*FEATURES, *TOWN_FEATURES)}
 
 
 def range_text(name: str) -> str:
-    """Returns the range of a metric or share at 12 x 12 in words, with a limit that lies beyond it in parentheses."""
-    from elitelanes_jax.problem.extremes import feature_limits, feature_range
+    """Returns the range of a metric or share at 12 x 12 in words, with a limit that lies beyond it in parentheses.
 
+    Of a feature of a town the unit.
+    """
+    from elitelanes_jax.problem.extremes import feature_limits, feature_range
+    from elitelanes_jax.problem.features import TOWN_FEATURES, feature_unit, is_share
+
+    if name in TOWN_FEATURES:
+        return "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
     low, high = feature_range(name)
     if low == high:
         return number(low)
@@ -74,12 +81,16 @@ _NOTE = (
     "Maps of these ranges were\nfound; none can go beyond, or beyond the number in parentheses. With --rules cells may "
     "stay empty."
 )
+_MEASURED = "measured only in searches that name it, as it costs time"
 
 
 def _show(feature: str, meaning: str) -> str:
     from elitelanes_jax.formats.text import draw_text
     from elitelanes_jax.problem.extremes import extreme_maps, feature_range
+    from elitelanes_jax.problem.features import TOWN_FEATURES
 
+    if feature in TOWN_FEATURES:
+        return "\n".join([*wrap(f"{feature}: {meaning}", _WIDTH), "", f"{range_text(feature)}; {_MEASURED}"])
     low, high = feature_range(feature)
     lines = [*wrap(f"{feature}: {meaning}", _WIDTH), "", f"{range_text(feature)} on maps of 12 x 12 tiles"]
     if low == high:

@@ -1,7 +1,6 @@
 """The features of a town: blocks, streets, outline, symmetry, repetition, detours; one grid in, whole numbers out."""
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +9,7 @@ from jax import lax
 from jaxtyping import Array, Bool, Int, Int8, Int32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.faces import label_faces
@@ -19,7 +19,7 @@ from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, T
 __all__ = ["measure_town"]
 
 
-def measure_town(grid: Any, *, detour: bool = True) -> TownFeatures:
+def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.
 
     Within `jax.jit` only those features cost time that are used.
@@ -72,8 +72,8 @@ def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
     )
 
 
-def _count(cells: Bool[Array, "..."]) -> Int32[Array, ""]:
-    return cells.sum(dtype=jnp.int32)
+def _count(cells: Bool[Array | np.ndarray, "..."]) -> Int32[Array, ""]:
+    return jnp.sum(cells, dtype=jnp.int32)
 
 
 def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:

@@ -17,16 +17,21 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.ea import ea
 from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
 from elitelanes_jax.optimizers.map_elites import MapElitesConfig, map_elites
+from elitelanes_jax.optimizers.moves import Mix
 from elitelanes_jax.optimizers.population import EvolutionConfig
 from elitelanes_jax.optimizers.pso import PsoConfig, pso
 from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["PRESETS", "find_preset", "make_optimizer"]
 
+# Moves without those that mirror or copy parts of a map, so that its parts differ.
+_IRREGULAR = AnnealingConfig(chains=1, hottest=40, coldest=12, moves=Mix(mirror=0, slide=1, transplant=4, displaced=1))
+
 PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
+    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, annealing=_IRREGULAR),
     ("ea", "tuned"): AnnealingConfig(),
     ("ea", "paper"): EvolutionConfig(),
     ("pso", "tuned"): AnnealedPsoConfig(),

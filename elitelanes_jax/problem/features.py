@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
 
 __all__ = [
     "FEATURES",
     "LARGEST_FEATURE",
     "SHARES",
     "SHARE_UNIT",
+    "TOWN_FEATURES",
     "check_feature",
     "compute_features",
     "default_width",
@@ -45,23 +47,37 @@ FEATURES = (*COUNT_NAMES, *SHARES)
 SHARE_UNIT = 1000
 """The whole number that stands for a share of 1."""
 
+TOWN_FEATURES = TownFeatures._fields
+"""The names of the extra features that the package has."""
+
+# The values over which bins of a ratio are spread, in thousandths.
+_USUAL = {
+    "mean_block": 20_000,
+    "block_spread": 1000,
+    "loops_per_tile": 200,
+    "mean_street": 20_000,
+    "box_length": 4000,
+    "adjacent_turns_per_tile": 500,
+    "mean_detour": 4000,
+}
+
 LARGEST_FEATURE = 1_000_000
-"""The largest value of an extra feature; larger ones are taken for it, negative ones for 0."""
+"""The largest value of a feature of one's own; larger ones are taken for it, negative ones for 0."""
 
 
 def is_share(name: str) -> bool:
-    """Tells whether a feature is a part of 1, kept in thousandths; features of one's own are whole numbers."""
-    return name in SHARES
+    """Tells whether a feature is a part of 1, kept in thousandths."""
+    return name in SHARES or name in TOWN_PARTS
 
 
 def feature_unit(name: str) -> int:
-    """Returns the whole number that stands for 1 of a feature."""
-    return SHARE_UNIT if is_share(name) else 1
+    """Returns the whole number that stands for 1 of a feature; those of one's own are whole numbers."""
+    return SHARE_UNIT if is_share(name) or name in TOWN_RATIOS else 1
 
 
 def largest_feature(name: str, shape: tuple[int, int]) -> int:
     """Returns an upper bound of an extra feature on grids ``(height, width)``."""
-    return LARGEST_FEATURE
+    return largest_town_feature(name, shape) if name in TOWN_FEATURES else LARGEST_FEATURE
 
 
 def extra_names(*groups: Iterable[str]) -> tuple[str, ...]:
@@ -123,7 +139,7 @@ def check_feature(source: str, name: UserValue, own: Collection[str] | None = ()
     """
     if own is None and isinstance(name, str):
         return name
-    known = (*FEATURES, *(own or ()))
+    known = (*FEATURES, *TOWN_FEATURES, *(own or ()))
     if name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
@@ -139,8 +155,8 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
     of other metrics cover the range that networks reach, half as many as there are cells.
     """
     area = shape[0] * shape[1]
-    if is_share(name):
-        return max(1, -(-SHARE_UNIT // bins))
+    if is_share(name) or name in _USUAL:
+        return max(1, -(-_USUAL.get(name, SHARE_UNIT) // bins))
     if name == "cyclomatic":
         return max(1, int(np.rint(area / 144)))
     most = max(shape) * area // 2 if name == "straight_score" else area // 2

@@ -8,7 +8,7 @@ import pytest
 
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.features import FEATURES
+from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
 from elitelanes_jax.spec import METHODS
 
 COMMANDS = set(next(action.choices for action in make_parser()._actions if action.choices))
@@ -22,9 +22,9 @@ COMPLETED = {
     "generate --method ": set(METHODS),
     "generate --quiet --method m": {"map-elites"},
     "generate --where cyc": {"cyclomatic="},
-    "pick --axes ": {f"{name}:" for name in FEATURES},
-    "dataset --weights ": {f"{name}=" for name in Weights._fields},
-    "metrics ": set(FEATURES),
+    "pick --axes ": {f"{name}:" for name in (*FEATURES, *TOWN_FEATURES)},
+    "dataset --weights ": {f"{name}=" for name in (*Weights._fields, *TOWN_FEATURES)},
+    "metrics ": {*FEATURES, *TOWN_FEATURES},
     "completion ": {"bash", "zsh", "fish"},
     "export --to j": {"json"},
 }

@@ -10,7 +10,7 @@ from elitelanes_jax.cli.metrics import meanings, range_text
 from elitelanes_jax.formats.text import draw_text
 from elitelanes_jax.network.counts import largest_counts
 from elitelanes_jax.problem.extremes import extreme_maps, feature_limits, feature_range, features_of
-from elitelanes_jax.problem.features import FEATURES, SHARES
+from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 
 PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
 
@@ -18,7 +18,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
 def test_the_page_lists_what_the_code_has():
     rows = [line for line in PAGE.read_text().splitlines() if line.startswith("| `")]
     assert rows == [f"| `{name}` | {meaning} | {range_text(name)} |" for name, meaning in meanings().items()]
-    assert len(rows) == len(FEATURES)
+    assert len(rows) == len(FEATURES) + len(TOWN_FEATURES)
 
 
 @pytest.mark.parametrize("name", FEATURES)
@@ -53,7 +53,7 @@ def test_ranges_that_are_known():
 def test_all_are_listed_and_one_is_shown(capsys):
     assert main(["metrics"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    for name in FEATURES:
+    for name in (*FEATURES, *TOWN_FEATURES):
         assert [line for line in lines if line.split("  ")[0] == name and f"  {range_text(name)}  " in line], name
     assert max(map(len, lines)) <= 110
     assert main(["metrics", "bridges"]) == 0
@@ -61,6 +61,8 @@ def test_all_are_listed_and_one_is_shown(capsys):
     assert shown.startswith("bridges: cut-edges, ")
     for grid in extreme_maps("bridges"):
         assert all(line in shown for line in draw_text(grid).splitlines())
+    assert main(["metrics", "mean_street"]) == 0
+    assert "a ratio; measured only in searches that name it" in capsys.readouterr().out
     assert main(["metrics", "components"]) == 0
     assert "all maps that are written have this value" in capsys.readouterr().out
     assert main(["metrics", "bridge"]) == 2

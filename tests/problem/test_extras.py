@@ -8,6 +8,7 @@ import pytest
 from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import LARGEST_FEATURE
 from elitelanes_jax.result import Result
 from elitelanes_jax.search import SearchSpec
@@ -41,7 +42,7 @@ def result():
 def test_values_are_those_of_the_kernels(result):
     valid = np.asarray(result.elites.valid)
     grids = np.asarray(result.elites.grids)[valid]
-    assert list(result.elites.features) == ["middle", "row_sum"]
+    assert set(result.elites.features) == {"middle", "row_sum"}
     np.testing.assert_array_equal(np.asarray(result.elites.features["row_sum"])[valid], grids[:, 0].sum(axis=1))
     np.testing.assert_array_equal(np.asarray(result.elites.features["middle"])[valid], grids[:, 2, 2])
     np.testing.assert_array_equal(np.asarray(result.elites.descriptor)[valid][:, 1], grids[:, 2, 2])
@@ -129,3 +130,20 @@ def test_own_features_come_after_the_metrics():
     spec = SearchSpec(features=["a", "b", "c"], axes=["turns:3", "c:4:1"], weights={"b": 1})
     assert spec.extras == ("c", "b", "a") and spec.extra_weights == (0, 1, 0)
     assert not set(spec.extras) & set(COUNT_NAMES)
+
+
+def test_features_of_a_town_are_measured_where_they_are_named():
+    options = {"axes": ["symmetry:4", "turns:4"], "where": "box_fill=0.5.. repetition=..0.9", "rules": "duckietown"}
+    found = evolve(jax.random.split(jax.random.key(0), 2), (5, 6), generations=30, **options, **PAPER)
+    assert set(found.elites.features) == {"symmetry", "box_fill", "repetition"}
+    valid = np.asarray(found.elites.valid)
+    towns = jax.vmap(measure_town)(found.elites.grids[valid])
+    for name, values in found.elites.features.items():
+        np.testing.assert_array_equal(np.asarray(values)[valid], getattr(towns, name))
+    np.testing.assert_array_equal(np.asarray(found.elites.descriptor)[valid][:, 0], towns.symmetry)
+    inside = (np.asarray(towns.box_fill) >= 500) & (np.asarray(towns.repetition) <= 900)
+    np.testing.assert_array_equal(found.satisfies()[valid], inside)
+    for road_map in found.maps(9, where="mean_street=2.."):  # measured for the choice
+        assert measure_town(road_map.codes).mean_street == 1000 * road_map.metrics["mean_street"] >= 2000
+    with pytest.raises(InputError, match="sides of at most 32 for the mean detour, got 33 x 4"):
+        evolve(0, (33, 4), where="mean_detour=1..2")

@@ -1,0 +1,40 @@
+"""The simpler features of a town with NumPy alone, for settings that are made before JAX is loaded."""
+
+import numpy as np
+
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.plain_metrics import plain_measure
+
+__all__ = ["cut_to_roads", "plain_town"]
+
+
+def cut_to_roads(grid: AnyArray) -> AnyArray:
+    """Returns the smallest box of a grid of NumPy that has all its tiles; of a grid without tiles, all of it."""
+    rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
+    return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if rows.size else grid
+
+
+def plain_town(grid: AnyArray) -> dict[str, int]:
+    """Measures some features of one town as `measure_town` does: those of `TownFeatures` without blocks and streets.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    codes = cut_to_roads(np.asarray(check_grid(grid)))
+    metrics, road = plain_measure(codes), codes > 0
+    tiles = max(metrics["tiles"], 1)
+    height, width = codes.shape
+    alike = max(int((road == other).sum()) for other in (road[::-1], road[:, ::-1], road[::-1, ::-1]))
+    some = bool(road.any())
+    return {
+        "loops_per_tile": 1000 * metrics["cyclomatic"] // tiles,
+        "border_share": 1000 * (metrics["tiles"] - int(road[1:-1, 1:-1].sum())) // tiles,
+        "box_fill": 1000 * metrics["tiles"] // codes.size,
+        "box_length": some * 1000 * max(height, width) // min(height, width),
+        "symmetry": some * 1000 * alike // codes.size,
+        "adjacent_turns_per_tile": 1000 * metrics["adjacent_turns"] // tiles,
+    }

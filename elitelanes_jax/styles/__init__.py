@@ -1,0 +1,1 @@
+"""Styles of maps, each a TOML file with the settings of a search."""

@@ -1,0 +1,125 @@
+"""Styles: settings as data, of the package and of one's own; and maps like given ones."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import evolve
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.plain_town import plain_town
+from elitelanes_jax.network.symmetry import mirror, rotate
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.problem.features import feature_unit
+from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.styles.like import difference_from, settings_like
+from elitelanes_jax.styles.read import STYLES
+
+RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
+EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_a_style_is_a_specification(style):
+    spec = SearchSpec(style=style)
+    assert spec == SearchSpec().but({"style": style}) == SearchSpec(**json.loads(json.dumps(spec.to_plain())))
+
+
+def test_the_papers_style_changes_nothing():
+    assert SearchSpec(style="paper") == SearchSpec()
+
+
+def test_given_settings_stand_before_those_of_a_style():
+    spec = SearchSpec().but({"style": "town", "rules": None, "axes": "turns:5", "preset": "tuned"})
+    town = SearchSpec(style="town")
+    assert (spec.rules, spec.preset, [axis.metric for axis in spec.axes]) == (None, "tuned", ["turns"])
+    assert town.rules == "duckietown" and spec.weights == town.weights != ()
+
+
+def test_ranges_and_weights_are_joined(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('where = ["crossings=4..", "turns=9"]\n[weights]\nturns = 3\nedges = 1\n')
+    given = {"style": file, "where": "turns=..5 bridges=0", "weights": {"edges": -1}}
+    expected = SearchSpec(where="crossings=4.. turns=..5 bridges=0", weights={"turns": 3, "edges": -1})
+    assert SearchSpec().but(given) == SearchSpec(**given) == expected
+    like = SearchSpec(like=[RING], where="symmetry=0.1..")
+    assert [str(item) for item in like.where if item.name == "symmetry"] == ["symmetry=0.1.."] and len(like.where) > 4
+
+
+def test_a_style_of_ones_own(tmp_path):
+    file = tmp_path / "grid.toml"
+    file.write_text('method = "ea"\nwhere = ["crossings=4.."]\nevaluations = 500\n[weights]\nturns = 3\n')
+    expected = SearchSpec(method="ea", where="crossings=4..", evaluations=500, weights={"turns": 3})
+    assert SearchSpec(style=str(file)) == SearchSpec(style=file) == expected
+
+
+@pytest.mark.parametrize(
+    ("style", "message"),
+    [
+        ("towns", "style: expected one of paper, town, or a file that ends in .toml, got 'towns'; is it town?"),
+        (3, "style: expected one of paper, town"),
+        ("no.toml", "style 'no.toml': no such file"),
+        ("broken.toml", "style 'broken.toml': expected TOML"),
+        ("unknown.toml", "got 'rule'; is it rules?"),
+        ("wrong.toml", "rules: expected one of duckietown, got 'chess'"),
+    ],
+)
+def test_wrong_styles_are_named(style, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "broken.toml").write_text("rules =")
+    (tmp_path / "unknown.toml").write_text('rule = "duckietown"')
+    (tmp_path / "wrong.toml").write_text('rules = "chess"')
+    with pytest.raises(InputError) as caught:
+        SearchSpec(style=style)
+    assert message in str(caught.value)
+
+
+def test_towns_keep_the_rules_and_lie_in_the_styles_niches(any_types):
+    found = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=8_000)
+    maps = found.maps(30)
+    assert len(maps) > 10
+    for road_map in maps:
+        metrics, town = plain_measure(road_map.codes), plain_town(road_map.codes)
+        assert not any(
+            metrics[name] for name in ("crowded_crossings", "unlinked_neighbours", "dead_ends", "mismatches")
+        )
+        assert metrics["components"] == 1
+        assert road_map.descriptor["symmetry"] == town["symmetry"]
+        assert road_map.descriptor["box_fill"] == town["box_fill"]
+
+
+def test_plain_features_are_those_of_the_kernel():
+    rng = np.random.default_rng(0)
+    grids = [*rng.integers(0, 16, (20, 4, 5), np.int8), np.zeros((4, 5), np.int8)]
+    grids += [np.where(rng.random((4, 5)) < 0.3, grid, 0) for grid in grids]
+    for grid in grids:
+        measured = measure_town(np.asarray(grid, np.int8))
+        assert plain_town(grid) == {name: int(getattr(measured, name)) for name in plain_town(grid)}
+
+
+def test_what_is_like_given_maps():
+    spec = SearchSpec(like=[RING, EIGHT])
+    assert spec.rules == "duckietown" and spec.preset == "irregular"
+    for grid in (RING, EIGHT):
+        values = plain_town(grid) | plain_measure(grid)
+        for item in spec.where:
+            part = {"turn_share": "turns", "crossing_share": "crossings"}.get(item.name)
+            value = values[part] / values["tiles"] if part else values[item.name] / feature_unit(item.name)
+            assert item.low <= value <= item.high, item
+    again = SearchSpec(**json.loads(json.dumps(spec.to_plain())))
+    assert again == spec
+    assert SearchSpec(like=[np.full((3, 3), 15)]).rules is None
+    assert settings_like([RING])["where"] == settings_like([np.pad(RING, 2)])["where"]
+    with pytest.raises(InputError, match="like: expected maps with roads"):
+        SearchSpec(like=[np.zeros((3, 3), int)])
+
+
+def test_the_difference_is_that_from_the_nearest():
+    assert difference_from(rotate(mirror(RING)), [EIGHT, RING]) == 0
+    assert difference_from(np.pad(RING, 1), [RING]) == 0
+    changed = RING.copy()
+    changed[1, 1] = 5
+    assert difference_from(changed, [EIGHT, RING]) == 1 / 16
+    assert difference_from(RING, [EIGHT]) > 0.3
