@@ -23,7 +23,7 @@ class Option(NamedTuple):
       check: of its value.
       metavar: the words for its values in the command's help; None for no option on the command line.
       flag: the option's name, where it is not the field's.
-      many: whether the option takes several values.
+      many: whether the option takes several values; "*" if it may also stand without any.
       replaces: the name of a field that may not be given beside this one.
       after: the name of a field declared before this one, whose value the check takes as a second argument.
     """
@@ -31,7 +31,7 @@ class Option(NamedTuple):
     check: Callable[..., UserValue]
     metavar: str | tuple[str, ...] | None = None
     flag: str | None = None
-    many: bool = False
+    many: bool | str = False
     replaces: str | None = None
     after: str | None = None
 

@@ -209,7 +209,7 @@ def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
     kind: dict[str, Untyped] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
-    return kind | {"nargs": "+", "action": "extend"} if option.many else kind
+    return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"} if option.many else kind
 
 
 def _help(description: str, default: UserValue) -> str:

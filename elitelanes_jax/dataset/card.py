@@ -22,6 +22,14 @@ _SHEET_PX, _GROUND = 240, 236
 _LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
 
 
+_POSES = """
+`d` is the robot's distance to the left of its lane's centre in tiles, `phi` the angle in radians by which it is turned
+to the left of the lane, and `curvature` the lane's there in 1 / tiles, to the left. `pose` has its place on the map,
+`x` east and `y` south in tiles, and `theta`, counter-clockwise from east; `camera` the camera's height and its place
+ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps what lies behind the camera to
+a third coordinate of 0 or less."""
+
+
 def write_card(about: dict[str, Plain], loading: str) -> str:
     """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
@@ -45,6 +53,11 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
     search = asked["search"]
     (low, wide), (high, widest) = ((asked["size"][0][end], asked["size"][-1][end]) for end in (0, 1))
     sides = f"{low} x {wide}" if (low, wide) == (high, widest) else f"{low} x {wide} to {high} x {widest}"
+    if asked["camera"] is not None:
+        seen = f"what a robot on their lanes sees, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
+        seen += f", of maps drawn with {asked['tile_px']} pixels a tile"
+    else:
+        seen = f"of {asked['tile_px']} pixels a tile"
     changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
     whose = (
         "They were given, not evolved."
@@ -75,7 +88,7 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
             "",
             "# Road maps of a miniature city, with labels",
             "",
-            f"{total:,} pictures of {asked['maps']:,} road networks, {sides} tiles of {asked['tile_px']} pixels.",
+            f"{total:,} pictures of {asked['maps']:,} road networks, {sides} tiles: {seen}.",
             f"{whose} Each pixel has a label. Made by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
             "",
             "![Some of them](contact-sheet.png)",
@@ -85,7 +98,7 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
             *rows,
             "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
             "",
-            "Lines lie over the road. Pixels beyond a map in a rotated view are background.",
+            "Lines lie over the road. Pixels beyond a map, and above the horizon, are background.",
             "",
             "## Loading it",
             "",
@@ -96,6 +109,7 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
             "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
             "each cell, and `transform.matrix`, which maps places (x, y) of the plain map, in pixels from its top left "
             "corner, to places of the picture.",
+            *([_POSES] if asked["camera"] is not None else []),
             "",
             "## How it was made",
             "",
@@ -111,30 +125,33 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
     )
 
 
-def sample_sheet(out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str) -> NDArray[np.uint8]:
+def sample_sheet(
+    out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str, shape: float = 1
+) -> NDArray[np.uint8]:
     """Draws pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
 
     Args:
       out: folder of the dataset.
       samples: of each, the files of its image and its labels within the folder, and lines of text.
       title: of the sheet.
+      shape: height of the shown pictures over their width.
     """
-    pictures = []
+    pictures, height = [], round(_SHEET_PX * shape)
     for image, labels, _ in samples:
-        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, cv2.INTER_NEAREST)]
-        shown = _fit(out / image, cv2.INTER_AREA)
-        gap = np.full((_SHEET_PX, 4, 3), _GROUND, np.uint8)
+        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, height, cv2.INTER_NEAREST)]
+        shown = _fit(out / image, height, cv2.INTER_AREA)
+        gap = np.full((height, 4, 3), _GROUND, np.uint8)
         pictures.append(np.concatenate([shown, gap, colours], axis=1))
     return contact_sheet(title, pictures, [lines for *_, lines in samples])
 
 
-def _fit(file: Path, interpolation: int) -> NDArray[np.uint8]:
-    """Reads a picture and scales it to the sheet's square, RGB or grey."""
+def _fit(file: Path, height: int, interpolation: int) -> NDArray[np.uint8]:
+    """Reads a picture and scales it to the sheet's width and a height, RGB or grey."""
     problems: list[str] = []
     picture = read_picture(file, problems)
     if picture is None:
         raise InputError("; ".join(problems) or f"{file}: expected a picture, got none")
-    return np.asarray(cv2.resize(picture, (_SHEET_PX, _SHEET_PX), interpolation=interpolation), np.uint8)
+    return np.asarray(cv2.resize(picture, (_SHEET_PX, height), interpolation=interpolation), np.uint8)
 
 
 def _share(pixels: Sequence[int], label: int) -> str:

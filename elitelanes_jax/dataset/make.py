@@ -97,7 +97,7 @@ def _sizes(spec: DatasetSpec) -> str:
 
 def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
-    plain = spec.to_plain()
+    plain = spec.to_plain() | {"tile_px": spec.pixels}
     del plain["tiles"]  # the pictures count, not their place
     given = None if maps is None else sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16]
     about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
@@ -130,8 +130,9 @@ def _draw_samples(
             tiles[split],
             number,
             seed=spec.seed,
-            tile_px=spec.tile_px,
+            tile_px=spec.pixels,
             transforms=spec.transforms,
+            camera=spec.camera,
             layers=layout.layers,
         )
         write_sample(sample, layout, split, place)
@@ -222,7 +223,9 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     count = min(_ON_SHEET, len(splits))
     shown = [read(place * len(splits) // count) for place in range(count)]
     title = f"{count} of {len(splits)} pictures"
-    sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title)
+    camera = identity["settings"]["camera"]
+    shape = camera["rows"] / camera["columns"] if camera else 1
+    sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title, shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     write_json(out / LAST, about)
 

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.formats import Format
+from elitelanes_jax.dataset.robot_views import draw_viewpoint, see, see_labels
 from elitelanes_jax.dataset.transforms import Transforms
+from elitelanes_jax.dataset.viewpoints import Viewpoints
 from elitelanes_jax.dataset.views import View, draw_view, map_points, photograph, warp
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.render import LABELS, choose_tiles, png_of, render
@@ -39,6 +41,7 @@ def draw_sample(
     seed: int = 0,
     tile_px: int = 64,
     transforms: Transforms = Transforms(),
+    camera: Viewpoints | None = None,
     layers: Sequence[str] = MASKS,
 ) -> Sample:
     """Draws a map with tiles of a set in one view; all choices follow from the seed and the number.
@@ -50,16 +53,27 @@ def draw_sample(
       seed: of the dataset.
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
+      camera: the ranges of views from a robot on the lanes; by default views are from above.
       layers: the masks beside labels and the tile set's own.
+
+    Raises:
+      InputError: for a camera on a map without a lane.
     """
     chosen = choose_tiles(road_map.codes, tiles, [seed, number])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])
-    view = draw_view(np.random.default_rng([seed, number, 1]), transforms, size)
-    ground = tiles.pictures[-1].image[0, 0]
+    rng = np.random.default_rng([seed, number, 1])
+    view = draw_view(rng, transforms, size)
+    ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
     masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
-    seen = {"image": photograph(warp(picture.image, view, ground), view)}
-    seen |= {name: warp(mask, view) for name, mask in masks.items()}
+    if camera is None:
+        about, seen = {}, {"image": photograph(warp(picture.image, view, ground), view)}
+        seen |= {name: warp(mask, view) for name, mask in masks.items()}
+    else:
+        viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
+        view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
+        about, seen = viewpoint.about, {"image": photograph(see(picture.image, viewpoint, ground), view)}
+        seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
     record = {
         "number": number,
         "size": list(road_map.codes.shape),
@@ -72,6 +86,7 @@ def draw_sample(
         "tiles": [[tiles.pictures[tile].name for tile, _ in row] for row in chosen],
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": _plain(view),
+        **about,
         "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],

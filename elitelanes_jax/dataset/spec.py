@@ -10,7 +10,8 @@ from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, r
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.dataset.transforms import STANDARD, Transforms, parse_transforms
+from elitelanes_jax.dataset.transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
+from elitelanes_jax.dataset.viewpoints import Viewpoints, parse_viewpoints
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.spec import SearchSpec
 
@@ -21,6 +22,8 @@ SPLITS = ("train", "validation", "test")
 
 LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
 """The layouts of a dataset's folder."""
+
+_LARGEST_SEEN = 32_766  # pixels: larger pictures OpenCV does not warp
 
 Sides = tuple[tuple[int, int], ...]
 """The smallest and the largest side: once for squares, or for rows and for columns."""
@@ -76,12 +79,14 @@ class DatasetSpec(Settings):
       format: layout: imagefolder, mmseg, coco or plain
       transforms: how views of the maps vary: standard or none, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
         perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS; by default standard
+      camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
+        offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE
       seed: seed of everything random
       search: the search
       tiles: folder of the tile pictures; by default the package's own
       blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
         photographs are
-      tile_px: side of a tile in pixels
+      tile_px: side of a tile in pixels; by default 64, with a camera 256
     """
 
     maps: int = option(1000, whole(1), "N")
@@ -91,11 +96,12 @@ class DatasetSpec(Settings):
     hold_out_tiles: bool = option(False, flag, "")
     format: str = option("imagefolder", one_of(*LAYOUTS), "NAME")
     transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
+    camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
-    tile_px: int = option(64, whole(16, 512), "N")
+    tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
@@ -109,19 +115,41 @@ class DatasetSpec(Settings):
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
                 raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
+        if self.camera is not None:
+            self._check_camera()
         low = min(map(min, shapes))
-        smallest = low * self.tile_px * min(1.0, self.transforms.scale[0])
+        smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
             raise InputError(
-                f"transforms: expected a crop within the smallest maps, {low} tiles of {self.tile_px} pixels at the "
+                f"transforms: expected a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
                 f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
             )
+
+    def _check_camera(self) -> None:
+        """Checks that the views' geometry is left to the camera, and that it can look at maps so large."""
+        still, usual = ({name: getattr(one, name) for name in GEOMETRY} for one in (Transforms(), STANDARD))
+        asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
+        if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
+            raise InputError(
+                "transforms: expected light, contrast, colour, blur and noise with a camera, which sees maps from its "
+                f"own places, got {changed[0].replace('_', '-')}"
+            )
+        object.__setattr__(self, "transforms", self.transforms.but(still))
+        side = max(map(max, self.shapes)) * self.pixels
+        if side > _LARGEST_SEEN:
+            limit = f"maps of at most {_LARGEST_SEEN} pixels a side with a camera"
+            raise InputError(f"tile_px: expected {limit}, got {side}")
 
     def check_search(self) -> None:
         """Checks the search on maps of each size, and their number; raises `InputError`."""
         for shape, count in maps_by_shape(self).items():
             self.search.check_on(shape)
             self.search.check_maps(shape, count)
+
+    @property
+    def pixels(self) -> int:
+        """The side of a tile in pixels: the given one, or 64, and 256 where a camera comes close to it."""
+        return self.tile_px or (64 if self.camera is None else 256)
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
@@ -133,6 +161,7 @@ class DatasetSpec(Settings):
         """Returns plain values for JSON."""
         return vars(self) | {
             "transforms": vars(self.transforms),
+            "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
         }

@@ -8,7 +8,7 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.settings import Settings, option
 from elitelanes_jax._util.types import UserValue
 
-__all__ = ["STANDARD", "Transforms", "parse_transforms"]
+__all__ = ["GEOMETRY", "STANDARD", "Transforms", "parse_transforms"]
 
 
 def _parse_scale(scale: UserValue) -> tuple[float, float]:
@@ -54,6 +54,10 @@ class Transforms(Settings):
 
 STANDARD = Transforms(True, 5, (0.9, 1.1), 0.04, light=0.2, contrast=0.2, colour=0.06, blur=0.8, noise=2)
 """Roughly the views of a camera over a real floor."""
+
+
+GEOMETRY = ("quarter_turns", "rotation", "scale", "perspective", "crop")
+"""The fields of `Transforms` that say where the camera is; the others are of light and of the camera itself."""
 
 
 def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:

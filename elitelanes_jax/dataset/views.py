@@ -144,10 +144,11 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
 
 
 def map_points(points: ArrayLike, matrix: ArrayLike) -> NDArray[np.float64]:
-    """Maps places ``[N, 2]`` of the plain map to places ``[N, 2]`` of the view with this matrix."""
+    """Maps places ``[N, 2]`` of the plain map to places ``[N, 2]`` of the view with this matrix; NaN behind it."""
     points = np.asarray(points, np.float64).reshape(-1, 2)
     across = np.column_stack([points, np.ones(len(points))]) @ np.asarray(matrix, np.float64).T
-    return np.asarray(across[:, :2] / across[:, 2:])
+    depth = across[:, 2:]
+    return np.asarray(np.where(depth > 0, across[:, :2] / np.where(depth > 0, depth, 1), np.nan))
 
 
 def _shift(x: float, y: float) -> NDArray[np.float64]:

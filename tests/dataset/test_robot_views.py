@@ -1,0 +1,164 @@
+"""Views from a robot: the lanes' own figures, the camera of the environments, and datasets to the same bytes."""
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError
+from elitelanes_jax.dataset.make import make_dataset
+from elitelanes_jax.dataset.robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset.samples import draw_sample
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.dataset.transforms import parse_transforms
+from elitelanes_jax.dataset.viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.dataset.views import map_points
+from elitelanes_jax.drive.camera import Camera, look, make_atlas
+from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, lane_pose
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.render import choose_tiles, render, scale_tiles
+
+TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
+SMALL = Viewpoints(rows=48, columns=64)
+PX = 64
+
+
+def viewpoints(count, settings=SMALL, codes=TOWN):
+    return [draw_viewpoint(np.random.default_rng(number), settings, codes, PX) for number in range(count)]
+
+
+def test_offset_heading_and_curvature_are_those_of_the_lane():
+    drawn = viewpoints(300)
+    abouts = [viewpoint.about for viewpoint in drawn]
+    pose = Pose(*(jnp.array([about["pose"][name] for about in abouts], jnp.float32) for name in Pose._fields))
+    names = Movement._fields
+    movement = Movement(*(jnp.array([about["movement"][name] for about in abouts]) for name in names))
+    d, phi, _ = lane_errors(pose, movement)
+    np.testing.assert_allclose(d, [about["d"] for about in abouts], atol=1e-5)
+    np.testing.assert_allclose(phi, [about["phi"] for about in abouts], atol=1e-5)
+    np.testing.assert_allclose(lane_curvature(movement.turn), [about["curvature"] for about in abouts], rtol=1e-6)
+    where = jax.vmap(lambda pose, movement: lane_pose(TOWN, pose, movement))(pose, movement)
+    assert where.found.all() and where.own_lane.all()
+    assert np.abs(d).max() < 0.1001 and np.abs(phi).max() < np.radians(30.01)
+    turns, counts = np.unique(movement.turn, return_counts=True)
+    assert turns.tolist() == [0, 1, 2] and counts.min() > 50
+
+
+def test_labels_and_pictures_are_those_of_the_environments_camera(drawn_tiles):
+    chosen = choose_tiles(TOWN, drawn_tiles, 3)
+    picture = render(TOWN, drawn_tiles, tile_px=PX, chosen=chosen)
+    scaled = scale_tiles(drawn_tiles, PX)
+    atlas = make_atlas(scaled["image"], scaled["labels"])
+    place = jnp.asarray(chosen[..., 0] * 4 + chosen[..., 1], jnp.int32)
+    looking = jax.jit(lambda pose, camera: look(jax.random.key(0), pose, place, atlas, camera))
+    ground = tuple(drawn_tiles.pictures[-1].image[0, 0].tolist())
+    same, away = [], []
+    for viewpoint in viewpoints(30):
+        seen = dict(viewpoint.about["camera"])
+        sky, forward = tuple(map(float, seen.pop("sky"))), seen.pop("forward")
+        camera = Camera(**{name: jnp.float32(value) for name, value in seen.items()}, forward=forward, sky=sky)
+        pose = Pose(*(jnp.float32(part) for part in viewpoint.about["pose"].values()))
+        view = looking(pose, camera)
+        labels = see_labels(picture.labels, viewpoint)
+        same.append((labels == np.asarray(view.labels)).mean())
+        away.append(np.abs(see(picture.image, viewpoint, ground).astype(int) - np.asarray(view.image)).mean())
+    assert np.mean(same) >= 0.995
+    assert np.mean(away) < 6  # one averages, the other takes the nearest pixel
+
+
+def test_a_place_of_the_map_is_where_its_pixel_is(drawn_tiles):
+    """The matrix against a marked pixel of the map, warped as labels are."""
+    settings = Viewpoints(rows=240, columns=320)
+    for viewpoint in viewpoints(12, settings):
+        pose = viewpoint.about["pose"]
+        ahead, left = 0.45, 0.1
+        x = (pose["x"] + ahead * np.cos(pose["theta"]) - left * np.sin(pose["theta"])) * PX
+        y = (pose["y"] - ahead * np.sin(pose["theta"]) - left * np.cos(pose["theta"])) * PX
+        if not (0 <= x < 4 * PX and 0 <= y < 4 * PX):
+            continue
+        marked = np.zeros((4 * PX, 4 * PX), np.uint8)
+        marked[int(y), int(x)] = 1
+        found = np.argwhere(see_labels(marked, viewpoint))
+        (across, down), *_ = map_points([[int(x) + 0.5, int(y) + 0.5]], viewpoint.matrix)
+        assert len(found)
+        assert np.abs(found.mean(axis=0) + 0.5 - (down, across)).max() < 1.5
+
+
+def test_points_behind_the_camera_are_not_in_the_picture(drawn_tiles):
+    middle = {"middle": np.array([[192.0, 192.0]])}
+    tiles = replace(drawn_tiles, tiles=tuple(tile._replace(points=middle) for tile in drawn_tiles.tiles))
+    seen = 0
+    for number in range(8):
+        sample = draw_sample(RoadMap(TOWN), tiles, number, tile_px=PX, camera=SMALL)
+        for x, y in sample.record["points"]["middle"]:
+            assert 0 <= x <= 64 and 0 <= y <= 48
+            seen += 1
+        pose, matrix = sample.record["pose"], np.array(sample.record["transform"]["matrix"])
+        behind = [(pose["x"] - np.cos(pose["theta"])) * PX, (pose["y"] + np.sin(pose["theta"])) * PX]
+        assert np.isnan(map_points([behind], matrix)).all()
+    assert seen
+
+
+def make(out, workers=1, **more):
+    camera, split = ["rows=24", "columns=32"], (0.5, 0.25, 0.25)
+    spec = DatasetSpec(maps=4, size=4, views=2, split=split, camera=camera, tile_px=32, **more)
+    return make_dataset(spec, out, workers=workers, maps=[RoadMap(TOWN)] * 4)
+
+
+def contents(folder):
+    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
+
+
+@pytest.mark.parametrize("layout", ["imagefolder", "coco", "mmseg", "plain"])
+def test_datasets_of_all_layouts_have_poses_in_their_metadata(layout, tmp_path):
+    about = make(tmp_path / "one", format=layout)
+    assert about["pictures"] == {"train": 4, "validation": 2, "test": 2}
+    assert about["settings"]["camera"]["rows"] == 24
+    assert about["settings"]["transforms"]["rotation"] == 0
+    (listed,) = [file for file in (tmp_path / "one").rglob("*.jsonl") if "train" in str(file)]
+    rows = [json.loads(line) for line in listed.read_text().splitlines()]
+    assert len(rows) == 4
+    for row in rows:
+        assert {"d", "phi", "curvature", "pose", "movement", "camera", "transform"} <= set(row)
+        assert row["pixels"] == [24, 32]
+    poses = [tuple(row["pose"].values()) for row in rows]
+    assert all(one != other for one, other in pairwise(poses))
+
+
+def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, monkeypatch):
+    make(tmp_path / "whole")
+    from elitelanes_jax.dataset import make as module
+
+    calls = []
+
+    def fails(*given, **named):
+        calls.append(1)
+        if len(calls) > 3:
+            raise OSError(28, "No space left on device", "somewhere")
+        return draw_sample(*given, **named)
+
+    with monkeypatch.context() as context:
+        context.setattr(module, "draw_sample", fails)
+        with pytest.raises(OSError, match="No space"):
+            make(tmp_path / "parts")
+    make(tmp_path / "parts", 2)
+    assert contents(tmp_path / "whole") == contents(tmp_path / "parts")
+
+
+def test_what_is_wrong_with_a_camera_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom='"):
+        parse_viewpoints(["zoom=3"])
+    with pytest.raises(InputError, match="rows: expected a whole number, 16 to 4096, got '0'"):
+        parse_viewpoints("rows=0")
+    with pytest.raises(InputError, match="transforms: expected light, .* with a camera, .* got rotation"):
+        DatasetSpec(camera=(), transforms=parse_transforms("rotation=20"))
+    with pytest.raises(InputError, match="tile_px: expected maps of at most 32766 pixels a side with a camera"):
+        DatasetSpec(camera=(), size=128, maps=1, split=(1, 0, 0))
+    with pytest.raises(InputError, match="expected lanes to look from"):
+        draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
+    assert DatasetSpec().pixels == 64
+    assert DatasetSpec().but({"camera": []}).pixels == 256
