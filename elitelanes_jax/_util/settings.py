@@ -79,7 +79,7 @@ class Settings:
             other = known[name].replaces
             if other is not None and other in given and given[name] is not None:
                 raise InputError(f"{name}: expected it or {other}, got both, {given[name]} and {given[other]}")
-        return replace(self, **given)  # type: ignore[type-var]
+        return replace(self, **given) if given else self  # type: ignore[type-var]
 
 
 def record(kind: type[Settings]) -> Check:

@@ -2,6 +2,7 @@
 
 import importlib.util
 import shutil
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -44,43 +45,47 @@ def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_
     assert not list(folder.iterdir())
 
 
-def killed(*_):
-    raise KeyboardInterrupt
+@contextmanager
+def killed_before(monkeypatch, owner, name, dies):
+    """Within the block a function of the standard library raises `KeyboardInterrupt` when its arguments say so."""
+    usual = getattr(owner, name)
+
+    def function(*arguments, **options):
+        if dies(*arguments):
+            raise KeyboardInterrupt
+        return usual(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(owner, name, function)
+        with pytest.raises(KeyboardInterrupt):
+            yield
 
 
 def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, monkeypatch):
     """Killed while it draws, or at any step of the change of places: nothing is lost, and the same call ends it."""
     written, spec = files(folder), small(seed=1)
     make_dataset(spec, tmp_path / "expected", maps=OTHERS)
-    monkeypatch.setattr("elitelanes_jax.dataset.make.write_card", killed)
-    with pytest.raises(KeyboardInterrupt):
+    with killed_before(monkeypatch, Path, "replace", lambda _, target: target.name == "README.md"):
         make_dataset(spec, folder, maps=OTHERS, force=True)
-    monkeypatch.undo()
     assert files(folder) == written
     drawn = min((tmp_path / ".out.new").rglob("*000000.png"))
-    for steps in (0, 1, 2):
-        place = tmp_path / str(steps)
-        for name in ("out", ".out.new"):
-            shutil.copytree(tmp_path / name, place / name)
-        usual, done = Path.rename, []
-
-        def rename(file, target, steps=steps, usual=usual, done=done):
-            done.append(target)
-            return killed() if len(done) > steps else usual(file, target)
-
-        monkeypatch.setattr(Path, "rename", rename)
-        monkeypatch.setattr("elitelanes_jax.dataset.remove._remove", killed)
-        with pytest.raises(KeyboardInterrupt):
+    for number, (owner, name, dies, left) in enumerate(
+        [
+            (Path, "rename", lambda _, target: target.name == ".out.old", {"out", ".out.new"}),
+            (Path, "rename", lambda _, target: target.name == "out", {".out.new", ".out.old"}),
+            (shutil, "rmtree", lambda place: place.parent.name == ".out.old", {"out", ".out.old"}),
+        ]
+    ):
+        place = tmp_path / str(number)
+        for entry in ("out", ".out.new"):
+            shutil.copytree(tmp_path / entry, place / entry)
+        with killed_before(monkeypatch, owner, name, dies):
             make_dataset(spec, place / "out", maps=OTHERS, force=True)
-        monkeypatch.undo()
-        assert {entry.name for entry in place.iterdir()} == [
-            {"out", ".out.new"},
-            {".out.new", ".out.old"},
-            {"out", ".out.old"},
-        ][steps]
+        assert {entry.name for entry in place.iterdir()} == left
         make_dataset(spec, place / "out", maps=OTHERS, force=True)
         assert files(place) == {f"out/{name}": content for name, content in files(tmp_path / "expected").items()}
-        assert (place / "out" / drawn.relative_to(tmp_path / ".out.new")).stat().st_mtime_ns == drawn.stat().st_mtime_ns
+        again = place / "out" / drawn.relative_to(tmp_path / ".out.new")
+        assert again.stat().st_mtime_ns == drawn.stat().st_mtime_ns, "it was not drawn again"
 
 
 def test_an_unfinished_dataset_is_removed_too(folder):
