@@ -264,6 +264,9 @@ async function strokes(page, tiles, row) {
     await page.getByLabel("Rows").fill("64");
     await page.getByLabel("Columns").fill("64");
     await page.keyboard.press("Tab");
+    await button(page, "Fill"); // from the first stroke on every tile has a road
+    await button(page, "Tile");
+    await page.getByLabel("code 15, four-way crossing").click();
     await settle(page);
     const large = await strokes(page, 64, 30);
     seen.times = {
