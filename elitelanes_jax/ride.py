@@ -1,5 +1,6 @@
 """Rides to look at: the way of a robot across a map, as a film of its camera beside the map, or as trails on one."""
 
+import json
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -19,10 +20,11 @@ from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.levels import Level, make_levels
 from elitelanes_jax.drive.pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.formats.rides import RIDES
 from elitelanes_jax.tiles.render import check_tile_px, choose_tiles, render, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet
 
-__all__ = ["POLICIES", "Rides", "film", "make_rides", "trails", "write_film"]
+__all__ = ["POLICIES", "Rides", "film", "make_rides", "rides_to_json", "trails", "write_film"]
 
 POLICIES = ("route", "random")
 """Drivers: one that follows the route to the goal, and one whose wheels turn at random."""
@@ -174,6 +176,17 @@ def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     finally:
         aside.unlink(missing_ok=True)
     return count
+
+
+def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
+    """Writes rides as `read_rides` reads them: the map, and of each ride its poses, 30 a second, to its end."""
+    listed = []
+    for number, steps in enumerate(rides.steps.tolist()):
+        poses = {name: getattr(rides, name)[number, : steps + 1] for name in ("x", "y", "theta")}
+        goal = [int(part[number]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
+        ride = {"goal": goal, "success": bool(rides.success[number])}
+        listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in poses.items()})
+    return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
 
 
 def _draw_trail(picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, size: int) -> None:

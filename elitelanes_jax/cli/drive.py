@@ -24,7 +24,7 @@ def add_drive(commands: Commands) -> None:
         type=_film_or_picture,
         required=True,
         metavar="FILE",
-        help="new file: an .mp4 film of one ride, or a .png with the trails of all",
+        help="new file: an .mp4 film of one ride, a .png with the trails of all, or a .json that explore plays",
     )
     command.add_argument(
         "--policy",
@@ -34,7 +34,11 @@ def add_drive(commands: Commands) -> None:
         help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; by default route",
     )
     command.add_argument(
-        "--rides", type=checked_by(whole(1, 1000)), default=6, metavar="N", help="trails in a picture; by default 6"
+        "--rides",
+        type=checked_by(whole(1, 1000)),
+        default=6,
+        metavar="N",
+        help="trails in a picture, rides in a .json; by default 6",
     )
     command.add_argument(
         "--seconds",
@@ -57,8 +61,8 @@ def add_drive(commands: Commands) -> None:
 
 def _film_or_picture(text: str) -> Path:
     file = path(text)
-    if file.suffix.lower() not in (".mp4", ".png"):
-        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4 or .png, got {text[:40]!r}")
+    if file.suffix.lower() not in (".mp4", ".png", ".json"):
+        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4, .png or .json, got {text[:40]!r}")
     return file
 
 
@@ -66,7 +70,7 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import check_new, write_atomic
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.formats.road_map import read_map
-    from elitelanes_jax.ride import film, make_rides, trails, write_film
+    from elitelanes_jax.ride import film, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.tiles.render import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
@@ -81,14 +85,16 @@ def _drive(options: argparse.Namespace) -> int:
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
         rides = make_rides(
             road_map.codes,
-            options.rides if picture else 1,
+            1 if options.out.suffix.lower() == ".mp4" else options.rides,
             policy=options.policy,
             seconds=options.seconds,
             seed=options.seed,
         )
     except InputError as error:
         raise InputError(f"{options.map}: {error}") from None
-    if picture:
+    if options.out.suffix.lower() == ".json":
+        write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
+    elif picture:
         image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
         write_atomic(options.out, png_of(image))
     else:

@@ -34,7 +34,8 @@ def add_explore(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="RUN_DIR|MAP",
-        help="a folder of generate or pick, or one of such folders; an archive.npz; a map.json or a Duckietown .yaml",
+        help="a folder of generate or pick, or one of such folders; an archive.npz; a map.json or a Duckietown .yaml; "
+        "rides of drive, .json",
     )
     command.add_argument(
         "--out",

@@ -17,6 +17,7 @@ from elitelanes_jax._util.unfinished import is_kept
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer.payload import Blob, Payload
+from elitelanes_jax.formats.rides import RecordedRide, read_rides
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.weights import Weights
@@ -56,6 +57,7 @@ class _Finds(NamedTuple):
       extras: int ``[E]`` by name, the features that the search measured beside the metrics.
       labels: a name for each grid, or none.
       maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
+      rides: on maps, each with the place of its map.
       history: of the run.
       floors: the lowest fitness that is possible, by cyclomatic number, where it is proven.
       record: of the run, to be shown.
@@ -72,6 +74,7 @@ class _Finds(NamedTuple):
     extras: Mapping[str, NDArray[np.int32]] = {}
     labels: tuple[str, ...] | None = None
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
+    rides: tuple[tuple[int, RecordedRide], ...] = ()
     history: "History | None" = None
     floors: Mapping[int, int] | None = None
     record: Mapping[str, Plain] = {}
@@ -83,8 +86,8 @@ def collect(
     """Collects runs and maps from files.
 
     Args:
-      sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders; and
-        files of maps.
+      sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders;
+        files of maps; files of rides, which `drive` wrote.
       tiles: folder of the tile pictures; by default those of the first run, if they are there, else the package's own.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
@@ -97,18 +100,23 @@ def collect(
         raise InputError("sources: expected a folder of a run, or maps, got nothing")
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
+    driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
     for source in sources:
         if source.is_dir():
             runs += [_read_run(folder) for folder in _run_folders(source)]
         elif source.suffix == ".npz":
             runs.append(_read_archive(source, source.stem))
+        elif (rides := read_rides(source)) is not None:
+            driven.append((str(source), *rides))
         else:
             maps.append((str(source), read_map(source)))
+    grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
+    maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     tile_set = load_tiles(tiles if tiles is not None else next(filter(None, map(_own_tiles, runs)), None))
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
-    return _pack([*runs, *_by_size(maps)], tile_set, tile_px, heading)
+    return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
 
 
 def collect_result(
@@ -255,6 +263,18 @@ def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
     return run._replace(maps=tuple(maps))
 
 
+def _with_rides(run: _Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> _Finds:
+    """Gives each grid of a run the rides that were driven on it."""
+    found = [
+        (int(place), ride)
+        for _, grid, rides in driven
+        if grid.shape == run.grids.shape[1:]
+        for place in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
+        for ride in rides
+    ]
+    return run._replace(rides=tuple(found))
+
+
 def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
     """Makes a run of the maps of each size."""
     sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
@@ -326,6 +346,10 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
         "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],
+        "rides": [
+            {"place": place, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
+            for place, ride in run.rides
+        ],
         "history": None if run.history is None else _history_values(run.history, blob),
         "floors": None if run.floors is None else list(run.floors.items()),
         "record": run.record,

@@ -34,6 +34,7 @@ interface RunValues {
     readonly best_fitness: ArrayRef;
     readonly elite_count: ArrayRef;
   } | null;
+  readonly rides: readonly { readonly place: number; readonly goal: readonly [number, number]; readonly success: boolean; readonly poses: ArrayRef }[];
   readonly floors: readonly (readonly [number, number])[] | null;
   readonly record: Readonly<Record<string, unknown>>;
 }
@@ -53,6 +54,16 @@ export interface ChosenMap {
   readonly pictures: readonly number[] | null;
 }
 
+/** A ride on a map, 30 poses a second: tiles east and south, radians counter-clockwise from east. */
+export interface Ride {
+  readonly place: number;
+  readonly goal: readonly [row: number, column: number];
+  readonly success: boolean;
+  readonly x: Float32Array;
+  readonly y: Float32Array;
+  readonly theta: Float32Array;
+}
+
 export interface History {
   readonly evaluations: Float64Array;
   /** Of each seed a row. */
@@ -68,7 +79,7 @@ export interface Data {
   readonly runs: readonly Run[];
 }
 
-const TYPES = { uint8: Uint8Array, int32: Int32Array, float64: Float64Array } as const;
+const TYPES = { uint8: Uint8Array, int32: Int32Array, float32: Float32Array, float64: Float64Array } as const;
 type Typed<T extends keyof typeof TYPES> = InstanceType<(typeof TYPES)[T]>;
 
 /** Unpacks what Python made. */
@@ -90,7 +101,13 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
     const extras = new Map(Object.entries(run.extras).map(([name, ref]) => [name, read("int32", ref)]));
-    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), extras, history);
+    const rides = run.rides.map(({ place, goal, success, poses }) => {
+      const track = read("float32", poses);
+      const steps = track.length / 3;
+      const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
+      return { place, goal, success, x, y, theta };
+    });
+    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), extras, history, rides);
   });
   return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
 }
@@ -133,6 +150,7 @@ export class Run {
     /** Features that the search measured beside the metrics. */
     readonly extras: ReadonlyMap<string, Int32Array>,
     readonly history: History | null,
+    readonly rides: readonly Ride[],
   ) {
     [this.height, this.width] = values.shape;
     ({ name: this.name, seeds: this.seeds, axes: this.axes, weights: this.weights } = values);

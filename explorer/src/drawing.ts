@@ -2,6 +2,7 @@
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
 import { DISTINCT } from "./colours";
+import type { Ride } from "./data";
 
 export interface Shape {
   readonly d: string;
@@ -130,7 +131,7 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
     const ends = new Set([...d.matchAll(/[ML]([^ML]+)/g)].map((found) => found[1]));
     return [...ends].map((end) => {
       const [x, y] = end.split(" ").map(Number);
-      return `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
+      return circle(x, y, radius);
     }).join("");
   };
   if (shown.has("adjacent_crossings")) {
@@ -155,6 +156,27 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
   }
   return { shapes: shapes.filter((shape) => shape.d), texts };
 }
+
+const TRAIL = "#ff3f8e", ROBOT_LENGTH = 0.18 / 0.585, ROBOT_WIDTH = 0.15 / 0.585;
+
+/** Draws a ride until a step: its trail, the robot, a ring about the goal. */
+export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] {
+  const step = Math.min(until, x.length - 1);
+  const trail = Array.from(x.subarray(0, step + 1), (east, at_) => `${at_ ? "L" : "M"}${at(east)} ${at(y[at_])}`).join("");
+  const corner = (along: number, left: number): string => {
+    const [cosine, sine] = [Math.cos(theta[step]), Math.sin(theta[step])];
+    return `${at(x[step] + along * cosine - left * sine)} ${at(y[step] - along * sine - left * cosine)}`;
+  };
+  const back = -ROBOT_LENGTH / 2, half = ROBOT_WIDTH / 2;
+  return [
+    { d: trail, stroke: TRAIL, width: 0.06, cap: "round" },
+    { d: circle(goal[1] + 0.5, goal[0] + 0.5, 0.25), stroke: TRAIL, width: 0.07 },
+    { d: `M${corner(back, half)}L${corner(back, -half)}L${corner(-back, 0)}Z`, fill: "#fff", stroke: "#14181f", width: 0.035 },
+  ];
+}
+
+const circle = (x: number, y: number, radius: number): string =>
+  `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
 
 /** Turns the circles of a path into squares that stand on a corner. */
 function squares(circles: string): string {

@@ -1,4 +1,5 @@
 /** One map: its picture and layers, what is laid over it, its metrics, and files of it. */
+import { useEffect, useMemo, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { OVERLAY_COLOURS, OVERLAYS, sceneOf, toSvg, type Overlay } from "../drawing";
 import { save, savePng } from "../files";
@@ -10,6 +11,7 @@ import type { Data, Run } from "../data";
 import { Segments, Switch, toggled } from "./Controls";
 import { MapPicture } from "./MapPicture";
 import { Metrics } from "./Metrics";
+import { Rides, ridingShapes, type Playing } from "./Rides";
 import type { View } from "../state";
 
 const LAYER_NAMES: Readonly<Record<Layer, string>> = {
@@ -140,6 +142,10 @@ function mapFields(run: Run, elite: number, data: Data): Record<string, unknown>
 /** The panel of one map of a run. */
 export function Detail({ elite }: { readonly elite: number }) {
   const { data, run, view, tiles, show, draw, say } = useShared();
+  const [playing, setPlaying] = useState<Playing>({ ride: 0, step: 0 });
+  useEffect(() => setPlaying({ ride: 0, step: 0 }), [run, elite]);
+  const rides = useMemo(() => run.rides.filter((ride) => ride.place === elite), [run, elite]);
+  const above = useMemo(() => ridingShapes(rides, playing), [rides, playing]);
   const grid = run.grid(elite);
   const counts = run.countsOf(elite);
   const pictures = picturesOf(run, elite);
@@ -173,7 +179,8 @@ export function Detail({ elite }: { readonly elite: number }) {
           {floor !== undefined && (run.fitness[elite] === floor ? " · the proven optimum" : ` · ${number(run.fitness[elite] - floor)} above the proven floor`)}
         </p>
       </header>
-      <MapPicture grid={grid} label={label} pictures={pictures} look={view.look} blend={blendOf(view)} overlays={view.overlays} />
+      <MapPicture grid={grid} label={label} pictures={pictures} look={view.look} blend={blendOf(view)} overlays={view.overlays} above={above} />
+      {rides.length > 0 && <Rides rides={rides} playing={playing} onPlay={setPlaying} />}
       <LookSwitches />
       <OverlaySwitches counts={counts} />
       <div class="buttons">

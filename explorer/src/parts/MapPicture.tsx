@@ -1,7 +1,7 @@
 /** A map as vectors, or with tile pictures and their layers, with what is laid over it. */
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, overlayShapes, paint, type Overlay } from "../drawing";
+import { mapShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
 import type { Grid } from "../network/codes";
 import { paintTiles, type Blend } from "../tiles";
 
@@ -12,12 +12,14 @@ interface Props {
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
+  /** What else lies over the map. */
+  readonly above?: readonly Shape[];
 }
 
 const NO_OVERLAYS: readonly Overlay[] = [];
 
 /** Draws a map as wide as its place. */
-export function MapPicture({ grid, label, pictures = null, look = "lines", blend, overlays = NO_OVERLAYS }: Props) {
+export function MapPicture({ grid, label, pictures = null, look = "lines", blend, overlays = NO_OVERLAYS, above }: Props) {
   const { data, tiles } = useShared();
   const canvas = useRef<HTMLCanvasElement>(null);
   const [width, setWidth] = useState(0);
@@ -41,7 +43,8 @@ export function MapPicture({ grid, label, pictures = null, look = "lines", blend
       paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
-  }, [grid, width, look, tiles, pictures, JSON.stringify(blend), overlays.join()]);
+    if (above) paint(context, { shapes: above, texts: [] }, scale);
+  }, [grid, width, look, tiles, pictures, JSON.stringify(blend), overlays.join(), above]);
   return (
     <canvas
       ref={canvas}

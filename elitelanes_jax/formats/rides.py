@@ -1,0 +1,70 @@
+"""Rides on a map, in a JSON file: poses that `elitelanes drive` records and `elitelanes explore` plays."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.network.checks import check_grid
+
+__all__ = ["RIDES", "RecordedRide", "read_rides"]
+
+RIDES = "elitelanes rides, version 1"
+"""The format of the file, which it says itself."""
+
+_MOST_BYTES = 64 * MIB
+
+
+class RecordedRide(NamedTuple):
+    """A ride, 30 poses a second.
+
+    Attributes:
+      goal: row and column.
+      success: whether it was reached.
+      poses: float32 ``[3, T]``, tiles east, tiles south, radians counter-clockwise from east.
+    """
+
+    goal: tuple[int, int]
+    success: bool
+    poses: NDArray[np.float32]
+
+
+def read_rides(file: str | Path) -> tuple[NDArray[np.int8], list[RecordedRide]] | None:
+    """Reads the map and the rides of a file; None for a file that is none of rides.
+
+    Raises:
+      InputError: for a file of rides that does not hold; the message names the file.
+    """
+    try:
+        text = read_text(file, _MOST_BYTES)
+        values = parse_json(text) if RIDES in text else None
+    except (OSError, ValueError, RecursionError):
+        return None  # no file of rides: whoever reads it next says what it should be
+    if not isinstance(values, dict) or values.get("format") != RIDES:
+        return None
+    try:
+        grid = np.array(check_grid(values.get("codes")))
+        rides = values.get("rides")
+        if not isinstance(rides, list):
+            raise InputError("rides: expected a list")
+        return grid, [_ride(ride) for ride in rides]
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def _ride(values: Plain) -> RecordedRide:
+    if not isinstance(values, dict):
+        raise InputError("rides: expected tables of goal, success, x, y and theta")
+    goal, tracks = values.get("goal"), [values.get(name) for name in ("x", "y", "theta")]
+    lists = [track for track in tracks if isinstance(track, list) and track and all(map(is_real, track))]
+    if len(lists) < 3 or len({len(track) for track in lists}) > 1:
+        raise InputError("rides: expected numbers x, y and theta, as many of each")
+    if not isinstance(goal, list) or len(goal) != 2 or not all(map(is_whole, goal)):
+        raise InputError("rides: expected a goal of two whole numbers, row and column")
+    return RecordedRide((goal[0], goal[1]), values.get("success") is True, np.array(lists, np.float32))
