@@ -3,11 +3,13 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from types import SimpleNamespace
 
 import certify
 import jax
 import numpy as np
 import pytest
+from certified import better_than_certified
 from check_archive import check, main, rescore
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -128,6 +130,19 @@ def test_integer_programming_proves_the_same(side, fill):
         assert value in (None, certified.get(cyclomatic, np.inf))
         proven |= {cyclomatic} if value is not None else set()
     assert proven & set(certified)
+
+
+def test_a_search_that_beats_a_certificate_is_noticed():
+    """`better_than_certified` watches all searches of the tests, see conftest.py."""
+    grids = witnesses(5, 5, False)
+    metrics = jax.vmap(elitelanes_jax.measure)(grids)
+    elites = SimpleNamespace(grids=grids, valid=np.ones(len(grids), bool), metrics=metrics)
+    assert not better_than_certified(elites)
+    better = metrics.straight_score + np.array([0, 1, 0, 0, 0])
+    elites.metrics = metrics._replace(straight_score=better)
+    assert better_than_certified(elites) == [(2, -80)]
+    elites.metrics = elites.metrics._replace(cyclomatic=metrics.cyclomatic + np.array([0, 0, 0, 0, 1]))
+    assert better_than_certified(elites) == [(2, -80), (6, -28)]
 
 
 @pytest.mark.slow

@@ -1,0 +1,37 @@
+"""Elites compared with the certificates."""
+
+import json
+from functools import cache
+
+import numpy as np
+from oracle import CERTIFICATES
+
+from elitelanes_jax import Weights
+
+_FLAWS = ("dead_ends", "boundary_violations", "mismatches", "adjacent_crossings", "adjacent_turns")
+
+
+@cache
+def _certificates():
+    records = json.loads(CERTIFICATES.read_text())["certificates"]
+    return {
+        (*sides, record["fill"]): {niche["cyclomatic"]: niche["optimum"] for niche in record["niches"]}
+        for record in records
+        for sides in {(record["height"], record["width"]), (record["width"], record["height"])}
+    }
+
+
+def better_than_certified(elites):
+    """The (cyclomatic number, fitness) of flawless networks that are better than certified, or certified not to be."""
+    metrics = {name: np.asarray(values) for name, values in elites.metrics._asdict().items()}
+    flawless = np.asarray(elites.valid) & (metrics["components"] == 1) & (sum(metrics[name] for name in _FLAWS) == 0)
+    filled = metrics["empty_cells"] == 0
+    counts = metrics | {"components": metrics["components"] - 1}
+    fitness = sum(weight * counts[name] for name, weight in Weights()._asdict().items() if name != "constant")
+    found = set()
+    for fill, there in ((False, flawless), (True, flawless & filled)):
+        certified = _certificates().get((*elites.grids.shape[-2:], fill))
+        if certified is not None:
+            pairs = zip(metrics["cyclomatic"][there].tolist(), fitness[there].tolist(), strict=True)
+            found |= {pair for pair in pairs if pair[1] < certified.get(pair[0], np.inf)}
+    return sorted(found)
