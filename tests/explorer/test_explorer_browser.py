@@ -19,6 +19,7 @@ from elitelanes_jax import Result, Weights, read_map
 from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.rides import RIDES
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -55,9 +56,16 @@ def drawn(run):
     return read_map(run / "maps" / shown["name"] / "map.json"), shown["place"]
 
 
+def a_ride(codes):
+    """A ride of five seconds across a map, as `drive` would record it."""
+    track = {"x": np.linspace(0.5, 4.5, 151).tolist(), "y": [0.5] * 151, "theta": [0.0] * 151}
+    return {"format": RIDES, "codes": codes.tolist(), "rides": [{"goal": [0, 4], "success": True, **track}]}
+
+
 @pytest.fixture(scope="module")
 def seen(place, run, drawn):
-    (place / "run.html").write_text(page_of(collect([run])))
+    (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
+    (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
     (place / "big.html").write_text(page_of(collect_result(big_result())))
     hostile = collect_maps([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
     hostile.values["runs"][0]["labels"] = [HOSTILE]
@@ -96,6 +104,11 @@ def test_every_layer_and_overlay_changes_the_picture(seen, drawn):
     )
     assert seen["niche"]["different"] == seen["niche"]["looks"] - empty
     assert "look=tiles" in seen["niche"]["hash"] and "overlays=bridges,adjacent_crossings" in seen["niche"]["hash"]
+
+
+def test_a_recorded_ride_is_played(seen):
+    assert seen["ride"]["moved"]
+    assert re.fullmatch(r"[0-5]\.\d s", seen["ride"]["time"]) and seen["ride"]["time"] != "0.0 s"
 
 
 def test_saved_files_are_those_of_python(seen, drawn, place):
