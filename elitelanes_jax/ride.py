@@ -1,35 +1,52 @@
 """Rides to look at: the way of a robot across a map, as a film of its camera beside the map, or as trails on one."""
 
 import json
-from collections.abc import Iterator
+import runpy
+from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive.camera import Camera, look, make_atlas
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.levels import Level, make_levels
 from elitelanes_jax.drive.pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.tiles.render import check_tile_px, choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.render import check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
 
-__all__ = ["POLICIES", "Rides", "film", "make_rides", "rides_to_json", "trails", "write_film"]
+__all__ = [
+    "POLICIES",
+    "Policy",
+    "Rides",
+    "film",
+    "load_policy",
+    "make_rides",
+    "rides_to_json",
+    "trails",
+    "write_film",
+]
 
 POLICIES = ("route", "random")
 """Drivers: one that follows the route to the goal, and one whose wheels turn at random."""
 
+Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
+"""A driver of one's own: from an observation, in NumPy, to the commands of the left and the right wheel, -1 to 1."""
+
 _RATE = 30
+_GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: it is ten times the size of a film
 _COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
 _BATCH = 32  # frames that are rendered at once
 
@@ -54,25 +71,28 @@ class Rides(NamedTuple):
     success: NDArray[np.bool_]
 
 
-def make_rides(grid: ArrayLike, count: int = 1, *, policy: str = "route", seconds: float = 60, seed: int = 0) -> Rides:
+def make_rides(
+    grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
+) -> Rides:
     """Drives on a map, from starts and to goals drawn at random.
 
     Args:
       grid: codes ``[H, W]``.
       count: N, how many rides.
-      policy: one of `POLICIES`.
+      policy: one of `POLICIES`, or a driver of one's own.
       seconds: after which a ride ends.
       seed: of starts, goals and all that is random.
 
     Raises:
-      InputError: for a bad grid, one without a lane, or another policy.
+      InputError: for a bad grid, one without a lane, another policy, or one that fails or returns no two numbers.
     """
-    if policy not in POLICIES:
+    if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     drawing, driving = jax.random.split(jax.random.key(seed))
     levels = make_levels(drawing, np.asarray(grid)[None], count, least=4)
     steps = max(round(seconds * _RATE), 1)
-    poses, lengths, success = jax.device_get(_drive(driving, LaneDriveParams(levels), policy, steps))
+    drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
+    poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))
     return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
 
 
@@ -98,9 +118,73 @@ def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, 
     return poses, length, success
 
 
-def _drive(key: Pytree, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
+def _drive(policy: str, key: Array, params: LaneDriveParams, steps: int) -> Pytree:
     keys = jax.random.split(key, params.levels.grid.shape[0])
     return _drive_one(keys, params.levels, params, policy, steps)
+
+
+def _drive_by(
+    policy: Policy, key: Array, params: LaneDriveParams, steps: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
+    """Drives as `_drive` does, asking a function of Python at each step."""
+    keys = jax.random.split(key, params.levels.grid.shape[0])
+    seen, states = _begin(keys, params.levels, params)
+    poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
+    over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
+    for number in range(1, steps + 1):
+        if over.all():
+            break
+        listed = jax.device_get(seen)
+        actions = np.zeros((len(keys), 2), np.float32)
+        for one in np.flatnonzero(~over):
+            actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
+        done = _go(keys, number, states, actions, params)
+        seen, states = done.observation, done.state
+        pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
+        poses[~over, :, number:] = np.stack(pose, axis=1)[~over, :, None]
+        success |= reached & ~over
+        lengths += ~over
+        over |= ended
+    return poses, lengths, success
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, None))
+def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
+    return LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, None, 0, 0, None))
+def _go(key: Array, number: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
+    return LaneDrive.step(jax.random.fold_in(key, number), state, action, params)
+
+
+def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
+    try:
+        action = np.asarray(policy(observation), np.float32)
+    except Exception as error:
+        raise InputError(f"policy: expected an action, got {type(error).__name__}: {error}") from error
+    if action.shape != (2,):
+        raise InputError(f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}")
+    return action
+
+
+def load_policy(file: Path) -> Policy:
+    """Loads a driver from a file of Python, which is run: its function ``act(observation)``, see `Policy`.
+
+    Raises:
+      InputError: that names the file, if it cannot be read or run, or has no such function.
+    """
+    try:
+        act = runpy.run_path(str(file)).get("act")
+    except OSError as error:
+        raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
+    except Exception as error:
+        raise InputError(f"{file}: expected a program that runs, got {type(error).__name__}: {error}") from error
+    if not callable(act):
+        raise InputError(f"{file}: expected a function act(observation), got none")
+    return act
 
 
 def trails(
@@ -130,11 +214,11 @@ def film(
     """
     grid, size = np.asarray(grid), check_tile_px(tile_px)
     chosen = choose_tiles(grid, tiles) if chosen is None else chosen
-    scaled = scale_tiles(tiles, size)
-    atlas = make_atlas(scaled["image"], scaled["labels"])
-    place = jnp.asarray(chosen[..., 0] * 4 + chosen[..., 1], jnp.int32)
+    picture = render(grid, tiles, tile_px=size, chosen=chosen)
+    # Each cell has a picture of its own: where tiles are blended no two are alike.
+    atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
+    place, background = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape), picture.image
     camera = Camera(rows=480, columns=640)
-    background = render(grid, tiles, tile_px=size, chosen=chosen).image
     width = round(480 * grid.shape[1] / grid.shape[0]) // 2 * 2  # films have even sides
     last = int(rides.steps[number])
     for start in range(0, last + 1, _BATCH):
@@ -149,33 +233,64 @@ def film(
             yield np.concatenate([view, shrunk], axis=1)
 
 
+def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """Cuts a layer ``[H·P, W·P, ...]`` of a map into the pictures of its cells, ``[H·W, P, P, ...]``."""
+    height, width = layer.shape[0] // size, layer.shape[1] // size
+    cells = layer.reshape(height, size, width, size, *layer.shape[2:]).swapaxes(1, 2)
+    return cells.reshape(height * width, size, size, *layer.shape[2:])
+
+
 @jax.jit
 def _look(poses: Pose, place: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
     return jax.vmap(lambda pose: look(jax.random.key(0), pose, place, atlas, camera).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
-    """Writes frames as an MP4 film, whole or not at all; returns how many there were.
+    """Writes frames as an MP4 film or, where the name ends so, as a GIF, whole or not at all; returns how many.
+
+    A GIF has every third frame, half as large.
 
     Raises:
+      InputError: for a GIF with an OpenCV that writes none.
       OSError: that names the file, if it cannot be written.
     """
-    aside = file.with_name(f".{file.stem}.part.mp4")
-    count, writer = 0, None
+    gif = file.suffix.lower() == ".gif"
+    if gif and not hasattr(cv2, "imwriteanimation"):
+        raise InputError(f"{file}: expected an OpenCV that writes GIF, 4.11 or later, got {cv2.__version__}")
+    aside = file.with_name(f".{file.stem}.part{file.suffix.lower()}")
     try:
-        for frame in frames:
-            if writer is None:
-                writer = cv2.VideoWriter(str(aside), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
-                if not writer.isOpened():
-                    raise OSError(0, "cannot be written as a film", str(file))
-            writer.write(np.ascontiguousarray(frame[..., ::-1]))
-            count += 1
-        if writer is not None:
-            writer.release()
+        count = (_write_gif if gif else _write_mp4)(aside, frames, file)
         aside.replace(file)
     finally:
         aside.unlink(missing_ok=True)
     return count
+
+
+def _write_mp4(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+    count, writer = 0, None
+    for frame in frames:
+        if writer is None:
+            writer = cv2.VideoWriter(str(aside), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
+            if not writer.isOpened():
+                raise OSError(0, "cannot be written as a film", str(file))
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        count += 1
+    if writer is not None:
+        writer.release()
+    return count
+
+
+def _write_gif(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+    def halved(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        small = cv2.resize(frame, None, fx=_GIF_SCALE, fy=_GIF_SCALE, interpolation=cv2.INTER_AREA)
+        return np.ascontiguousarray(small[..., ::-1])
+
+    animation = cv2.Animation()
+    animation.frames = [halved(frame) for frame in islice(frames, 0, None, _GIF_STEP)]
+    animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
+    if not cv2.imwriteanimation(str(aside), animation):
+        raise OSError(0, "cannot be written as a GIF", str(file))
+    return len(animation.frames)
 
 
 def rides_to_json(grid: ArrayLike, rides: Rides) -> str:

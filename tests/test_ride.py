@@ -1,6 +1,7 @@
 """Rides to look at: trails lie on the lanes, a film has a frame for each step, the command writes whole files."""
 
 import json
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -11,7 +12,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive.lanes import on_road
 from elitelanes_jax.explorer.collect import collect
 from elitelanes_jax.formats.rides import RIDES, read_rides
-from elitelanes_jax.ride import film, make_rides, rides_to_json, trails
+from elitelanes_jax.ride import film, load_policy, make_rides, rides_to_json, trails
 
 GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
 
@@ -85,13 +86,54 @@ def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     assert "0 of 1 goals reached, 0.1 s driven" in capsys.readouterr().out
     reader = cv2.VideoCapture(str(tmp_path / "ride.mp4"))
     assert reader.get(cv2.CAP_PROP_FRAME_COUNT) == 4 and reader.get(cv2.CAP_PROP_FPS) == 30
+    assert main([*command, str(tmp_path / "ride.gif")]) == 0
+    frames = cv2.imreadanimation(str(tmp_path / "ride.gif"))[1].frames
+    assert [frame.shape[:2] for frame in frames] == [(240, 680)] * 2
     assert main([*command, str(tmp_path / "ride.mp4")]) == 2
     assert "expected a file that is new" in capsys.readouterr().err
     (tmp_path / "park.json").write_text('{"codes": [[0, 0], [0, 0]]}')
     command[1] = str(tmp_path / "park.json")
     assert main([*command, str(tmp_path / "none.png")]) == 2
     assert "park.json: grids[0]: expected a map with a lane" in capsys.readouterr().err
-    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "park.json", "ride.mp4"}
+    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "park.json", "ride.gif", "ride.mp4"}
     with pytest.raises(SystemExit):
-        main([*command, str(tmp_path / "none.gif")])
-    assert "expected a name that ends in .mp4, .png or .json" in capsys.readouterr().err
+        main([*command, str(tmp_path / "none.avi")])
+    assert "expected a name that ends in .mp4, .gif, .png or .json" in capsys.readouterr().err
+
+
+POLICY = Path(__file__).parents[1] / "docs" / "examples" / "follow_lane.py"
+
+
+def test_a_policy_of_ones_own_drives(rides):
+    asked = []
+
+    def stands_still(observation):
+        asked.append(observation)
+        return 0, 0
+
+    still = make_rides(GRID, 2, policy=stands_still, seconds=0.2)
+    assert len(asked) == 12 and (still.steps == 6).all() and not still.success.any()
+    assert np.ptp(still.x, axis=1).max() == 0
+    assert isinstance(asked[0].d, np.ndarray | np.float32) and asked[0].curvature.shape == (3,)
+    own = make_rides(GRID, 1, policy=load_policy(POLICY), seconds=20)
+    assert own.success.all()
+    np.testing.assert_array_equal([own.x[0, 0], own.y[0, 0]], [rides.x[0, 0], rides.y[0, 0]])
+    assert (own.x[0, own.steps[0] :] == own.x[0, -1]).all()
+
+
+def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
+    (tmp_path / "city.json").write_text(f'{{"codes": {GRID.tolist()}}}')
+    for text, message in (
+        ("x = 1", "policy.py: expected a function act(observation), got none"),
+        ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
+        ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
+        ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
+    ):
+        (tmp_path / "policy.py").write_text(text)
+        command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]
+        assert main([*command, "--out", str(tmp_path / "ride.png"), "--rides", "1"]) == 2
+        assert message in capsys.readouterr().err
+    command[3] = str(tmp_path / "none.py")
+    assert main([*command, "--out", str(tmp_path / "ride.png")]) == 2
+    assert "none.py: expected a readable file" in capsys.readouterr().err
+    assert {file.name for file in tmp_path.iterdir()} == {"city.json", "policy.py"}

@@ -24,14 +24,15 @@ def add_drive(commands: Commands) -> None:
         type=_film_or_picture,
         required=True,
         metavar="FILE",
-        help="new file: an .mp4 film of one ride, a .png with the trails of all, or a .json that explore plays",
+        help="new file: a film of one ride, .mp4 or .gif, a .png with the trails of all, or a .json that explore plays",
     )
     command.add_argument(
         "--policy",
-        type=checked_by(one_of("route", "random")),
+        type=checked_by(_policy),
         default="route",
-        metavar="NAME",
-        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; by default route",
+        metavar="NAME|FILE.py",
+        help="route: pure pursuit along a shortest way to a goal; random: wheels that turn at random; or a file of "
+        "Python with a function act(observation) that returns the commands of both wheels; by default route",
     )
     command.add_argument(
         "--rides",
@@ -61,21 +62,26 @@ def add_drive(commands: Commands) -> None:
 
 def _film_or_picture(text: str) -> Path:
     file = path(text)
-    if file.suffix.lower() not in (".mp4", ".png", ".json"):
-        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4, .png or .json, got {text[:40]!r}")
+    if file.suffix.lower() not in (".mp4", ".gif", ".png", ".json"):
+        raise argparse.ArgumentTypeError(f"expected a name that ends in .mp4, .gif, .png or .json, got {text[:40]!r}")
     return file
+
+
+def _policy(text: str) -> str | Path:
+    return Path(text) if text.endswith(".py") else one_of("route", "random", "FILE.py")(text)
 
 
 def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import check_new, write_atomic
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.formats.road_map import read_map
-    from elitelanes_jax.ride import film, make_rides, rides_to_json, trails, write_film
+    from elitelanes_jax.ride import film, load_policy, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.tiles.render import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
     check_new(options.out)
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     picture = options.out.suffix.lower() == ".png"
     try:
@@ -85,8 +91,8 @@ def _drive(options: argparse.Namespace) -> int:
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
         rides = make_rides(
             road_map.codes,
-            1 if options.out.suffix.lower() == ".mp4" else options.rides,
-            policy=options.policy,
+            1 if options.out.suffix.lower() in (".mp4", ".gif") else options.rides,
+            policy=policy,
             seconds=options.seconds,
             seed=options.seed,
         )
