@@ -2,6 +2,8 @@
 
 python experiments/optimum.py [--out DIR] [--quick]
 
+What is done is kept in the folder, and a search goes on where it was: killed at any moment, the same command continues.
+
 Compares the presets with the proven optima, fills the niches of the cyclomatic number, searches under random
 constraints, and makes maps after Duckietown's rules. A search is given nothing that is known: optima, floors and the
 comb are only compared with its results.
@@ -10,6 +12,8 @@ comb are only compared with its results.
 import argparse
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +23,12 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from results_folder import kept, open_results
 
 from elitelanes_jax import evolve, fitness, measure
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.atomic_io import remove, write_atomic
 from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
@@ -60,6 +66,9 @@ COLUMNS = [
     "ms",
 ]
 
+# By method and preset: evaluations, and the median gap to the optimum.
+Curves = dict[str, tuple[list[int], list[float]]]
+
 LINES_OF = {"tuned": "-", "standard": "--", "paper": ":"}
 
 # The runs: side, whether every cell is filled, method, preset, evaluations.
@@ -85,69 +94,84 @@ def comb(side: int) -> NDArray[np.int8]:
     return np.array([[LINES.index(sign) for sign in line] for line in lines], np.int8)
 
 
-def timed(seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:
-    """Runs several seeds on a square; returns the result and the seconds without compilation."""
-    keys, shape = seed_keys(0, seeds), (side, side)
-    evolve(keys, shape, evaluations=1, **setting)
-    began = time.perf_counter()
-    result = evolve(keys, shape, evaluations=evaluations, **setting)
-    return result, time.perf_counter() - began
+def timed(place: Path, seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:
+    """Runs several seeds on a square, from where an earlier run was; returns the result and its seconds of search."""
+    result = evolve(seed_keys(0, seeds), (side, side), evaluations=evaluations, checkpoint=place, every=30, **setting)
+    history = result.history
+    evaluated = np.diff(history.evaluations, prepend=0) * seeds
+    return result, float((evaluated / history.evaluations_per_second).sum())
 
 
-def reach(quick: bool, curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]]) -> list[str]:
-    """Makes the rows of the table of optima, and adds the curves of the gap at 12 x 12 to `curves`."""
-    rows = []
+def step(folder: Path, name: str, make: Callable[[Path], Any]) -> Any:
+    """Returns what an earlier run has kept under a name, else what `make` returns; it has a place for checkpoints."""
+    place = folder / f"{name}-search"
+    made = kept(folder / f"{name}.json", lambda: make(place))
+    remove(place)
+    return made
+
+
+def reach(folder: Path, quick: bool) -> tuple[list[str], Curves]:
+    """Makes the rows of the table of optima, and the curves of the gap at 12 x 12."""
+    rows, curves = [], {}
     for side, fill, method, preset, budget in RUNS:
-        seeds = 2 if quick else 4 if side > 16 else 16
-        budget = budget // 50 if quick else budget
-        result, seconds = timed(seeds, side, budget, method=method, preset=preset, fill=fill)
-        best = result.history.best_fitness
-        goal = OPTIMA[fill].get(side, int(fitness(measure(comb(side)))) if side % 4 == 0 else None)
-        reached = best <= goal
-        first = np.where(reached.any(axis=1), result.history.evaluations[reached.argmax(axis=1)], -1)
-        last = best[:, -1]
-        per = 1e6 * seconds / (seeds * result.history.evaluations[-1])
-        soon = took = ""
-        if (first > 0).any():
-            median = np.median(first[first > 0])
-            soon, took = f"{int(median):,}, at most {first.max():,}", f"{median * per / 1000:,.2f}"
-        found = f"{int(last.min()):,} to {int(last.max()):,}" if last.min() < last.max() else f"{int(last.min()):,}"
-        mark = "" if side in OPTIMA[fill] else " (comb)"
-        rows.append(
-            f"| {side} {'A' if fill else 'B'} | {method} | {preset} | {budget:,} | {goal:,}{mark} | {found} "
-            f"| {(first > 0).sum()} of {seeds} | {soon} | {per:.1f} | {took} |"
-        )
-        print(rows[-1], flush=True)
+        name = f"{side}{'A' if fill else 'B'}-{method}-{preset}"
+        row, curve = step(folder, name, partial(reach_one, quick, side, fill, method, preset, budget))
+        rows.append(row)
+        print(row, flush=True)
         if (side, fill) == (12, True):
-            curves[f"{method}, {preset}"] = (result.history.evaluations, np.median(best - goal, axis=0))
-    return rows
+            curves[f"{method}, {preset}"] = curve
+    return rows, curves
 
 
-def niches(quick: bool) -> list[str]:
+def reach_one(
+    quick: bool, side: int, fill: bool, method: str, preset: str, budget: int, place: Path
+) -> tuple[str, tuple[list[int], list[float]]]:
+    """Makes one row of the table, and the curve of its gap: evaluations and the median over seeds."""
+    seeds = 2 if quick else 4 if side > 16 else 16
+    budget = budget // 50 if quick else budget
+    result, seconds = timed(place, seeds, side, budget, method=method, preset=preset, fill=fill)
+    best = result.history.best_fitness
+    goal = OPTIMA[fill].get(side, int(fitness(measure(comb(side)))) if side % 4 == 0 else None)
+    reached = best <= goal
+    first = np.where(reached.any(axis=1), result.history.evaluations[reached.argmax(axis=1)], -1)
+    last = best[:, -1]
+    per = 1e6 * seconds / (seeds * result.history.evaluations[-1])
+    soon = took = ""
+    if (first > 0).any():
+        median = np.median(first[first > 0])
+        soon, took = f"{int(median):,}, at most {first.max():,}", f"{median * per / 1000:,.2f}"
+    found = f"{int(last.min()):,} to {int(last.max()):,}" if last.min() < last.max() else f"{int(last.min()):,}"
+    mark = "" if side in OPTIMA[fill] else " (comb)"
+    row = (
+        f"| {side} {'A' if fill else 'B'} | {method} | {preset} | {budget:,} | {goal:,}{mark} | {found} "
+        f"| {(first > 0).sum()} of {seeds} | {soon} | {per:.1f} | {took} |"
+    )
+    return row, (result.history.evaluations.tolist(), np.median(best - goal, axis=0).tolist())
+
+
+def niches(quick: bool, fill: bool, place: Path) -> list[str]:
     """Measures how many of the feasible flawless niches of the cyclomatic number runs fill, and their fitness."""
-    rows = []
-    for fill, budget in ((True, 5_000_000), (False, 2_000_000)):
-        result, seconds = timed(1 if quick else 8, 12, budget // 100 if quick else budget, preset="tuned", fill=fill)
-        metrics = result.elites.metrics
-        flawless = np.array(result.elites.valid & (metrics.components == 1))
-        for name in FLAWS:
-            flawless &= np.asarray(getattr(metrics, name)) == 0
-        least, most = (3, 21) if fill else (1, 24)
-        best = np.full((len(flawless), 25), np.inf)
-        for seed, place in np.argwhere(flawless):
-            number = min(int(metrics.cyclomatic[seed, place]), 24)
-            best[seed, number] = min(best[seed, number], int(result.elites.fitness[seed, place]))
-        best = best[:, least : most + 1]
-        filled = np.isfinite(best)
-        row = f"{'A' if fill else 'B'}: filled {sorted(filled.sum(axis=1).tolist())} of {best.shape[1]} in "
-        row += f"{budget:,} evaluations, {coverage(filled).mean():.0%} in the mean; {seconds:.0f} s for all seeds. "
-        row += f"QD score {qd_score(best, filled, 0).mean():,.0f} in the mean (an elite of fitness 0 counts nothing)."
-        if fill:
-            as_good = (best <= np.array(FLOORS)).sum(axis=1)
-            row += f" At least as good as the best known: {sorted(as_good.tolist())}."
-        rows += [row, niche_table(best, least, FLOORS if fill else None)]
-        print(*rows[-2:], sep="\n", flush=True)
-    return rows
+    budget = 5_000_000 if fill else 2_000_000
+    seeds, evaluations = (1, budget // 100) if quick else (8, budget)
+    result, seconds = timed(place, seeds, 12, evaluations, preset="tuned", fill=fill)
+    metrics = result.elites.metrics
+    flawless = np.array(result.elites.valid & (metrics.components == 1))
+    for name in FLAWS:
+        flawless &= np.asarray(getattr(metrics, name)) == 0
+    least, most = (3, 21) if fill else (1, 24)
+    best = np.full((len(flawless), 25), np.inf)
+    for seed, place in np.argwhere(flawless):
+        number = min(int(metrics.cyclomatic[seed, place]), 24)
+        best[seed, number] = min(best[seed, number], int(result.elites.fitness[seed, place]))
+    best = best[:, least : most + 1]
+    filled = np.isfinite(best)
+    row = f"{'A' if fill else 'B'}: filled {sorted(filled.sum(axis=1).tolist())} of {best.shape[1]} in "
+    row += f"{budget:,} evaluations, {coverage(filled).mean():.0%} in the mean; {seconds:.0f} s for all seeds. "
+    row += f"QD score {qd_score(best, filled, 0).mean():,.0f} in the mean (an elite of fitness 0 counts nothing)."
+    if fill:
+        as_good = (best <= np.array(FLOORS)).sum(axis=1)
+        row += f" At least as good as the best known: {sorted(as_good.tolist())}."
+    return [row, niche_table(best, least, FLOORS if fill else None)]
 
 
 def niche_table(best: NDArray[np.float64], least: int, known: list[int] | None) -> str:
@@ -194,9 +218,7 @@ def constraints(quick: bool) -> str:
         met += done
         times.append(time.perf_counter() - began)
     text = f"{met} of {count} random sets of three ranges met; "
-    text += f"median {np.median(times):.1f} s, longest {max(times):.1f} s."
-    print(text, flush=True)
-    return text
+    return f"{text}median {np.median(times):.1f} s, longest {max(times):.1f} s."
 
 
 def duckietown(quick: bool) -> str:
@@ -213,20 +235,18 @@ def duckietown(quick: bool) -> str:
     maps = choose_maps(result, wanted).maps
     seconds = time.perf_counter() - began
     distinct = len({canonical_form(road_map.codes) for road_map in maps})
-    text = (
+    return (
         f"{distinct} distinct 9 x 9 maps after Duckietown's rules in {seconds:.0f} s, compilation and choice included."
     )
-    print(text, flush=True)
-    return text
 
 
-def draw(curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]], file: Path) -> None:
+def draw(curves: Curves, file: Path) -> None:
     """Plots the median gap to the optimum against evaluations."""
     figure, axes = plt.subplots(figsize=(7, 4.2), layout="constrained")
     colours = dict(zip(METHODS, ("#1b6ca8", "#66a182", "#edae49", "#d1495b"), strict=True))
     for name, (evaluations, gap) in curves.items():
         method, preset = name.split(", ")
-        axes.plot(evaluations, gap + 1, LINES_OF[preset], color=colours[method], label=name)
+        axes.plot(evaluations, np.array(gap) + 1, LINES_OF[preset], color=colours[method], label=name)
     axes.set(xscale="log", yscale="log", xlabel="evaluations of a seed", ylabel="fitness above the optimum + 1, median")
     axes.set_title("12 x 12, every cell filled")
     axes.grid(alpha=0.3)
@@ -241,25 +261,25 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
     add_cores(parser)
     options = parser.parse_args(arguments)
-    return guarded("optimum.py", lambda: _run(options), interrupted="nothing was written")
+    return guarded("optimum.py", lambda: _run(options), interrupted="what is done is kept; the same command continues")
 
 
 def _run(options: argparse.Namespace) -> int:
     use_compile_cache()
-    curves: dict[str, tuple[NDArray[np.int_], NDArray[np.float64]]] = {}
-    rows = reach(options.quick, curves)
-    text = "\n".join(
-        [
-            f"| {' | '.join(COLUMNS)} |",
-            f"|{'---|' * 3}{'---:|' * (len(COLUMNS) - 3)}",
-            *rows,
-            "",
-            *(line + "\n" for line in niches(options.quick)),
-            constraints(options.quick) + "\n",
-            duckietown(options.quick),
-        ]
-    )
-    write_atomic(options.out / "optimum.md", (text + "\n").encode())
+    parts = options.out / "parts"
+    open_results(parts, {"quick": options.quick, "versions": installed_versions()})
+    rows, curves = reach(parts, options.quick)
+    told = [
+        line for fill in (True, False) for line in step(parts, f"niches-{fill}", partial(niches, options.quick, fill))
+    ]
+    told += [
+        step(parts, "constraints", lambda _: constraints(options.quick)),
+        step(parts, "duckietown", lambda _: duckietown(options.quick)),
+    ]
+    print(*told, sep="\n", flush=True)
+    header = [f"| {' | '.join(COLUMNS)} |", f"|{'---|' * 3}{'---:|' * (len(COLUMNS) - 3)}"]
+    text = "\n".join([*header, *rows, "", *(f"{line}\n" for line in told)])
+    write_atomic(options.out / "optimum.md", text.encode())
     draw(curves, options.out / "optimum.png")
     say(f"written to {options.out}")
     return 0

@@ -19,8 +19,20 @@ def test_the_comb_is_the_proven_optimum_of_twelve_by_twelve():
 
 
 @pytest.mark.slow
-def test_it_runs(tmp_path):
-    assert optimum.main(["--quick", "--out", str(tmp_path)]) == 0
+def test_it_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
+    command, evolve = ["--quick", "--out", str(tmp_path)], optimum.evolve
+
+    def interrupted(*args, **setting):
+        if setting.get("method") == "gwo" and args[1] == (8, 8):
+            raise KeyboardInterrupt
+        return evolve(*args, **setting)
+
+    monkeypatch.setattr(optimum, "evolve", interrupted)
+    assert optimum.main(command) == 130
+    done = {file.name: file.read_bytes() for file in (tmp_path / "parts").iterdir()}
+    monkeypatch.setattr(optimum, "evolve", evolve)
+    assert optimum.main(command) == 0
+    assert done.items() <= {file.name: file.read_bytes() for file in (tmp_path / "parts").iterdir()}.items()
     assert (tmp_path / "optimum.png").stat().st_size > 1000
     lines = (tmp_path / "optimum.md").read_text().splitlines()
     tables = "\n".join(lines).split("\n\n")
