@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation throughput clean
+.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -98,6 +98,10 @@ certify: $(READY)
 
 segmentation: $(READY)
 	$(BIN)/python experiments/segmentation.py
+
+realism: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism]'
+	$(BIN)/python experiments/realism.py
 
 navigation: $(READY)
 	$(BIN)/python experiments/navigation.py

@@ -8,12 +8,14 @@ import pytest
 
 from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.generate import describe_maps
+from elitelanes_jax.generate import NEAREST, generate
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.styles.like import difference_from, settings_like
 from elitelanes_jax.styles.read import STYLES
 
@@ -123,3 +125,20 @@ def test_the_difference_is_that_from_the_nearest():
     changed[1, 1] = 5
     assert difference_from(changed, [EIGHT, RING]) == 1 / 16
     assert difference_from(RING, [EIGHT]) > 0.3
+
+
+def test_maps_like_given_ones_are_written_with_their_difference(tmp_path, any_types):
+    block = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 0, 10], [12, 5, 5, 9]])
+    where = "turn_share=0.2.. symmetry=0.5.. adjacent_turns_per_tile=0..1"
+    search = SearchSpec(like=[RING], preset="paper", generations=5, where=where, initial=[block, RING])
+    maps = generate(
+        GenerateSpec(size=(4, 4), maps=4, at_most=True, seeds=2, tile_px=16, search=search), tmp_path / "out"
+    )
+    assert maps
+    for number, road_map in enumerate(maps):
+        difference = json.loads((tmp_path / f"out/maps/{number:04}/map.json").read_text())["metrics"][NEAREST]
+        assert difference == pytest.approx(difference_from(road_map.codes, [RING]), abs=1e-3)
+        assert difference > 0
+        low = next(item.low for item in search.where if item.name == "box_fill")
+        assert int(measure_town(road_map.codes).box_fill) >= 1000 * low
+    assert describe_maps(maps, 4, tmp_path).endswith("of their cells")

@@ -34,6 +34,7 @@ def plain_town(grid: AnyArray) -> dict[str, int]:
         "loops_per_tile": 1000 * metrics["cyclomatic"] // tiles,
         "border_share": 1000 * (metrics["tiles"] - int(road[1:-1, 1:-1].sum())) // tiles,
         "box_fill": 1000 * metrics["tiles"] // codes.size,
+        "box_share": some * 1000 * codes.size // np.size(grid),
         "box_length": some * 1000 * max(height, width) // min(height, width),
         "symmetry": some * 1000 * alike // codes.size,
         "adjacent_turns_per_tile": 1000 * metrics["adjacent_turns"] // tiles,

@@ -64,6 +64,7 @@ def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
         mean_street=_thousandths(lengths.sum(dtype=jnp.int32), streets),
         border_share=_thousandths(_count(tile & along), tiles),
         box_fill=_thousandths(tiles, height * width),
+        box_share=_thousandths(height * width, jnp.int32(grid.size)),
         box_length=_thousandths(jnp.maximum(height, width), jnp.minimum(height, width)),
         symmetry=_thousandths(_most_alike(tile, box), height * width),
         repetition=_thousandths(_repeated(grid), tiles),

@@ -17,9 +17,10 @@ LONGEST_DETOUR = 32
 class TownFeatures(NamedTuple):
     """The features of one town, int32 scalars, or arrays ``[...]`` of many.
 
-    None depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths, rounded down; what
-    is measured of nothing is 0. Areas are in squares of a tile between the middles of roads, so that the block around
-    one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either is one street.
+    None but `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths,
+    rounded down; what is measured of nothing is 0. Areas are in squares of a tile between the middles of roads, so that
+    the block around one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either
+    is one street.
 
     Attributes:
       largest_block: area of the largest block, an inner face of the network.
@@ -33,6 +34,7 @@ class TownFeatures(NamedTuple):
       mean_street: mean of the streets' links, a ratio.
       border_share: part of the tiles that lie along the sides of the smallest box around the town.
       box_fill: part of that box that has tiles.
+      box_share: part of the grid that this box covers.
       box_length: longer side of that box to the shorter one, a ratio.
       symmetry: largest part of the box whose cells are tiles or empty as when it is mirrored either way or turned half.
       repetition: part of the tiles whose neighbourhood of 3 x 3 cells, codes and all, some other tile has too.
@@ -51,6 +53,7 @@ class TownFeatures(NamedTuple):
     mean_street: "Int32[Array, '...']"
     border_share: "Int32[Array, '...']"
     box_fill: "Int32[Array, '...']"
+    box_share: "Int32[Array, '...']"
     box_length: "Int32[Array, '...']"
     symmetry: "Int32[Array, '...']"
     repetition: "Int32[Array, '...']"
@@ -58,7 +61,7 @@ class TownFeatures(NamedTuple):
     mean_detour: "Int32[Array, '...']"
 
 
-TOWN_PARTS = ("small_blocks", "border_share", "box_fill", "symmetry", "repetition")
+TOWN_PARTS = ("small_blocks", "border_share", "box_fill", "box_share", "symmetry", "repetition")
 """The features that are parts of 1, in thousandths."""
 
 TOWN_RATIOS = (
