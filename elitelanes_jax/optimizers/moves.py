@@ -19,7 +19,7 @@ from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides
 from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.network.repair import repair
@@ -174,23 +174,46 @@ def with_filling(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArra
     return Move(move.bits + 1, apply)
 
 
-def with_opposite(probability: Real[ArrayLike, ""], move: Move) -> Move:
+def with_opposite(probability: Real[ArrayLike, ""], move: Move, *, mirrored: bool = False) -> Move:
     """Makes a move, and with the given probability the same change at the opposite place, rotated by half a turn.
 
     A grid that is symmetric under half a turn stays so, unless repair fills. One step then does what would take two,
     with a worse grid in between.
+
+    Args:
+      probability: of the second change.
+      move: the move.
+      mirrored: whether the second change may be mirrored in a diagonal instead: in each a third of the time, on square
+        grids.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        varied, dirty = move.apply(bits[:-1], grid, mate)
-        rows, columns = _places(grid.shape)
-        first = rows * grid.shape[1] + columns < (grid.size + 1) // 2
-        opposite = dirty[::-1, ::-1] & bernoulli(bits[-1], probability)
-        # Where the two places overlap the first half of the grid decides.
-        copied = opposite & ~(dirty & first)
-        return Variation(jnp.where(copied, rotate_codes(varied, 2)[::-1, ::-1], varied), dirty | opposite)
+        varied, dirty = move.apply(bits[: move.bits], grid, mate)
+        diagonal = jnp.int32(0)
+        if mirrored and grid.shape[0] == grid.shape[1]:
+            diagonal = randint(bits[move.bits + 1], 3)
+        # A tile, whether it is dirty, and its place in one number: what is at the opposite place comes from there.
+        places = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
+        packed = _opposite(diagonal, varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | places << 5)
+        opposite = (packed & 16 > 0) & bernoulli(bits[move.bits], probability)
+        # Where the two places overlap the first of them decides.
+        copied = opposite & ~(dirty & (places <= packed >> 5))
+        return Variation(jnp.where(copied, packed & 15, varied).astype(jnp.int8), dirty | opposite)
 
-    return Move(move.bits + 1, apply)
+    return Move(move.bits + 1 + mirrored, apply)
+
+
+def _opposite(diagonal: Int32[Array, ""], tiles: Int32[Array, "H W"]) -> Int32[Array, "H W"]:
+    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2; what is above their four bits goes along."""
+
+    def exchanged(tiles: Array, one: int, other: int, third: int, fourth: int) -> Array:
+        return tiles & ~15 | exchange_sides(exchange_sides(tiles, one, other), third, fourth)
+
+    turned = exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1]
+    if tiles.shape[0] != tiles.shape[1]:
+        return turned
+    once = jnp.where(diagonal == 1, tiles, turned)
+    return jnp.where(diagonal == 0, once, exchanged(once, NORTH, WEST, EAST, SOUTH).T)
 
 
 _Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array, ""]]

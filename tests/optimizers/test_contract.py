@@ -52,6 +52,7 @@ MAKERS = {
     "gwo": partial(gwo, config=GwoConfig(horizon=100)),
     "ea, tuned": partial(annealed_ea, config=TUNED),
     "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
+    "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, mirrored=True)),
     "pso, tuned": partial(annealed_pso, config=AnnealedPsoConfig(TUNED)),
     "gwo, tuned": partial(annealed_gwo, config=AnnealedGwoConfig(TUNED)),
     "gwo, the worst as omega": partial(gwo, config=GwoConfig(horizon=100, omega="worst")),
@@ -59,8 +60,14 @@ MAKERS = {
 KEYS = jax.random.split(jax.random.key(11), 3)
 GENERATIONS = 30
 
-# The tuned swarms are the tuned EA with other mates, and two others differ from theirs in a choice: slow proofs.
-SLOW = {"pso, tuned", "gwo, tuned", "map-elites, parents from the archive", "gwo, the worst as omega"}
+# The tuned swarms are the tuned EA with other mates, and the others differ from theirs in a choice: slow proofs.
+SLOW = {
+    "map-elites, tuned, mirrored",
+    "pso, tuned",
+    "gwo, tuned",
+    "map-elites, parents from the archive",
+    "gwo, the worst as omega",
+}
 
 
 def optimizers(*, slow=SLOW, without=()):

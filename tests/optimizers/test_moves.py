@@ -44,27 +44,25 @@ MOVES = CYCLES | {
 }
 SHAPES = [(6, 6), (4, 7)]
 
-# Each code after half a turn.
-TURNED = np.array([(code << 2 | code >> 2) & 15 for code in range(16)], np.int8)
-
 NONE = Mix(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, filling=0)
 
 
 @jax.jit
 @partial(jax.vmap, in_axes=(None, 0, 0, 0))
 def moved(mix, bits, grid, mate):
-    """A move of a mix, what it leaves after repair, and the same move with filling, and at the opposite place."""
+    """A move of a mix, what it leaves after repair, and the same move with filling, and elsewhere too."""
     move = random_move(mix, fill=True)
-    varied = move.apply(bits[:-1], grid, mate)
-    filled = with_filling(1.0, move).apply(bits, grid, mate)
-    both, never = (with_opposite(share, move).apply(bits, grid, mate) for share in (1.0, 0.0))
-    return varied, repair(*varied), repair(*varied, fill=True), repair(*filled), both, never
+    varied = move.apply(bits[:-2], grid, mate)
+    filled = with_filling(1.0, move).apply(bits[:-1], grid, mate)
+    both, never = (with_opposite(share, move).apply(bits[:-1], grid, mate) for share in (1.0, 0.0))
+    mirrored = with_opposite(1.0, move, mirrored=True).apply(bits, grid, mate)
+    return varied, repair(*varied), repair(*varied, fill=True), repair(*filled), both, never, mirrored
 
 
 def random_moves(shape, mix, count=60):
     """Random grids and mates of any codes, and what `moved` makes of them."""
     rng = np.random.default_rng([7, *shape])
-    bits = rng.integers(0, 2**32, (count, random_move(mix, fill=True).bits + 1), np.uint32)
+    bits = rng.integers(0, 2**32, (count, random_move(mix, fill=True).bits + 2), np.uint32)
     before, mates = (rng.integers(0, 16, (count, *shape)).astype(np.int8) for _ in range(2))
     found = moved(mix, *map(jnp.asarray, (bits, before, mates)))
     return before, jax.tree.map(np.asarray, found)
@@ -97,7 +95,7 @@ def different(varied):
 def test_of_any_grid_by_any_move(shape):
     """What is not dirty stays, all can be repaired, filling fills, and the opposite place changes too if it is to."""
     for mix in (Mix(), *(replace(NONE, **{name: 1}) for name in MOVES)):
-        before, (varied, settled, filled, filling, both, never) = random_moves(shape, mix)
+        before, (varied, settled, filled, filling, both, never, mirrored) = random_moves(shape, mix)
         assert varied.grid.dtype == np.int8
         assert varied.dirty.dtype == bool
         np.testing.assert_array_equal(np.where(varied.dirty, before, varied.grid), before)
@@ -108,20 +106,33 @@ def test_of_any_grid_by_any_move(shape):
         np.testing.assert_array_equal(filling, filled)
         np.testing.assert_array_equal(never.grid, varied.grid)
         np.testing.assert_array_equal(never.dirty, varied.dirty)
-        for plain, dirty, grid, both_dirty in zip(varied.grid, varied.dirty, both.grid, both.dirty, strict=True):
-            np.testing.assert_array_equal(grid, at_the_opposite_place_too(plain, dirty))
-            np.testing.assert_array_equal(both_dirty, dirty | dirty[::-1, ::-1])
+        ways = set()
+        for plain, dirty, *found in zip(*varied, *both, *mirrored, strict=True):
+            images = [at_the_opposite_place_too(plain, dirty, way) for way in range(3 if shape[0] == shape[1] else 1)]
+            np.testing.assert_array_equal(found[:2], images[0])
+            same = [way for way, image in enumerate(images) if np.array_equal(found[2:], image)]
+            assert same
+            ways |= set(same[:1])
+        assert len(ways) == len(images)
 
 
-def at_the_opposite_place_too(plain, dirty):
-    """A grid after a move, and the same change rotated by half a turn; the first half of the grid decides."""
-    turned, expected = TURNED[plain][::-1, ::-1], plain.copy()
-    for number, place in enumerate(np.ndindex(plain.shape)):
-        opposite = tuple(side - 1 - at for side, at in zip(plain.shape, place, strict=True))
-        second = number > plain.size - 1 - number
-        if dirty[opposite] and (second or not dirty[place]):
-            expected[place] = turned[place]
-    return expected
+def at_the_opposite_place_too(plain, dirty, way=0):
+    """A grid after a move and the same change at the opposite place, and what is dirty; the first of two decides.
+
+    The opposite place is that after half a turn, or the image in the one diagonal or the other.
+    """
+    height, width = plain.shape
+    sides = ("NSEW", "SNWE"), ("NSEW", "WESN"), ("NSEW", "EWNS")
+    bits = {"N": 8, "E": 4, "S": 2, "W": 1}
+    expected, both = plain.copy(), dirty.copy()
+    for row, column in np.ndindex(plain.shape):
+        opposite = [(height - 1 - row, width - 1 - column), (column, row), (width - 1 - column, height - 1 - row)][way]
+        if dirty[opposite]:
+            both[row, column] = True
+            if not dirty[row, column] or (row, column) > opposite:
+                there = [bits[one] for one, other in zip(*sides[way], strict=True) if plain[opposite] & bits[other]]
+                expected[row, column] = sum(there)
+    return expected, both
 
 
 def test_batches_and_compilation_change_nothing():
