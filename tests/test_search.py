@@ -294,8 +294,8 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
         ({"method": "annealing"}, "method: expected one of map-elites, ea, pso, gwo, got 'annealing'"),
-        ({"preset": "best"}, "preset: expected one of tuned, paper, standard for map-elites, got 'best'"),
-        ({"presets": "paper"}, "presets: expected one of method, .*, got 'presets'; is it preset?"),
+        ({"preset": "best"}, "preset: expected one of tuned, paper, standard, irregular for map-elites, got 'best'"),
+        ({"presets": "paper"}, "presets: expected one of .*method, .*, got 'presets'; is it preset?"),
         (
             {"method": "map-elites", "config": EvolutionConfig()},
             "config: expected settings of map-elites, got Evolution",

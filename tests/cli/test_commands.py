@@ -195,7 +195,7 @@ WRONG = {
     "no such method": (["--method", "luck"], "--method: expected one of map-elites, ea, pso, gwo, got 'luck'"),
     "no such preset": (
         ["--method", "map-elites", "--preset", "luck"],
-        "--preset: expected one of tuned, paper, standard for map-elites, got 'luck'",
+        "--preset: expected one of tuned, paper, standard, irregular for map-elites, got 'luck'",
     ),
     "no such preset of the method": (["--preset", "standard"], "--preset: expected one of tuned, paper for ea, got"),
     "no such option": (["--luck"], "unrecognized arguments: --luck"),
