@@ -37,7 +37,7 @@ export function Compare() {
         </div>
       </div>
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the maps">
-        <table class="compare">
+        <table class="compare" style={{ minWidth: `${110 + 130 * maps.length}px` }}>
           <thead>
             <tr>
               <td />
