@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import measure
-from elitelanes_jax.drive.distances import UNREACHABLE, distances, places
-from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive.distances import places
 from elitelanes_jax.drive.localization import NEVER, ambiguity, localization_steps
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.problem.features import SHARE_UNIT
 
 __all__ = ["find_places"]
 
@@ -24,8 +25,7 @@ def find_places(tests: dict[str, NDArray[np.int8]]) -> dict[str, Any]:
     Returns:
       Of each test lists with a number for each map: "never", the share of places that a driver with random turns cannot
       tell, in 32 tiles, the mean of 32 such drivers; "tiles", the mean tiles until the others are known; and the
-      features "ambiguity", "cyclomatic", "straight_share", "detour" (mean tiles of the shortest way by tiles as the
-      crow flies along the grid, over all pairs of places on different tiles).
+      features "ambiguity", "cyclomatic", "straight_share", "mean_detour" and "repetition" (see `TownFeatures`).
     """
     asked = jax.random.randint(jax.random.key(0), (_DRIVERS, _MOST), 0, 3)
     return {
@@ -40,21 +40,13 @@ def _measure(grid: Any, asked: Any) -> dict[str, Any]:
     steps = jax.vmap(partial(localization_steps, grid))(asked)
     known = steps < NEVER
     is_place = jnp.broadcast_to(places(grid), steps.shape)
-    counts = measure(grid)
+    counts, town = measure(grid), measure_town(grid)
     return {
         "never": 1 - known.sum() / is_place.sum(),
         "tiles": jnp.where(known, steps, 0).sum() / jnp.maximum(known.sum(), 1),
         "ambiguity": ambiguity(grid) / 100,
         "cyclomatic": counts.cyclomatic,
         "straight_share": counts.straights / jnp.maximum(counts.tiles, 1),
-        "detour": _detour(grid),
+        "mean_detour": town.mean_detour / SHARE_UNIT,
+        "repetition": town.repetition / SHARE_UNIT,
     }
-
-
-def _detour(grid: Any) -> Any:
-    height, width = grid.shape
-    rows, columns, headings = (jnp.asarray(part.ravel()) for part in np.indices((height, width, 4)))
-    away = jax.vmap(lambda row, column, heading: distances(grid, Place(row, column, heading)))(rows, columns, headings)
-    straight = (jnp.abs(rows[:, None] - rows) + jnp.abs(columns[:, None] - columns)).reshape(-1, height, width, 4)
-    counts = (away < UNREACHABLE) & (straight > 0)
-    return jnp.where(counts, away / jnp.maximum(straight, 1), 0).sum() / jnp.maximum(counts.sum(), 1)

@@ -38,7 +38,7 @@ TESTS = {
 
 _REFERENCE = {"lane": "maps-100", "map": "maps-1000", "window": "maps-1000"}
 _ALIKE = ("seen", "held out")
-_FEATURES = ("cyclomatic", "straight_share", "detour", "ambiguity")
+_FEATURES = ("cyclomatic", "straight_share", "mean_detour", "repetition", "ambiguity")
 
 Runs = dict[tuple[str, str, int], dict[str, Any]]
 
@@ -179,7 +179,12 @@ def _places_tables(out: Path) -> list[str]:
     if not found:
         return []
     keys = {"never": "places never known", "tiles": "tiles until known", "ambiguity": "ambiguity, tiles"}
-    keys |= {"cyclomatic": "cyclomatic number", "straight_share": "straights", "detour": "detour"}
+    keys |= {
+        "cyclomatic": "cyclomatic number",
+        "straight_share": "straights",
+        "mean_detour": "mean detour",
+        "repetition": "repetition",
+    }
     rows = [
         [TESTS[test], *(f"{np.mean([np.mean(seed[test][key]) for seed in found]):.3g}" for key in keys)]
         for test in TESTS
@@ -200,7 +205,7 @@ def _hard_tables(runs: Runs, out: Path) -> list[str]:
                 failure = 1 - np.concatenate([found[test]["by_map"] for test in _ALIKE])
                 for feature, values in by_feature.items():
                     values.append(correlation(failure, np.concatenate([known[test][feature] for test in _ALIKE])))
-        if by_feature["detour"]:
+        if by_feature["ambiguity"]:
             rows.append([f"{task}, {CONDITIONS['maps-1000'].words}", *map(_correlated, by_feature.values())])
     if not rows:
         return []
@@ -234,7 +239,7 @@ def _curves(runs: Runs, tasks: Sequence[str]) -> Figure:
             ax.plot(places, means, "_", color=colour, markersize=12, markeredgewidth=2.5, label=TESTS[test])
         ax.set_xticks(range(len(conditions)), [CONDITIONS[c].words for c in conditions], rotation=40, ha="right")
         ax.tick_params(axis="x", labelsize=8)
-        ax.set_title(f"{name}: {TASKS[name].words}", fontsize=9)
+        ax.set_title(TASKS[name].words.capitalize(), fontsize=9)
         ax.set_ylabel("success")
         ax.grid(alpha=0.3)
     axes[0, 0].legend(fontsize=8, title="tested on", title_fontsize=8)
@@ -248,7 +253,9 @@ def _heat(runs: Runs, out: Path, tasks: Sequence[str]) -> Figure:
         means, count = success_by_niche(runs, out, name, "maps-1000")
         image = ax.imshow(means.T, origin="lower", cmap="viridis", vmax=1)
         for place in np.argwhere(count > 0):
-            ax.text(*place, f"{means[tuple(place)]:.2f}\n{count[tuple(place)]}", ha="center", va="center", fontsize=5)
+            mean, middle = means[tuple(place)], (np.nanmin(means) + 1) / 2
+            words = {"ha": "center", "va": "center", "fontsize": 6, "color": "white" if mean < middle else "black"}
+            ax.text(*place, f"{mean:.2f}\n{count[tuple(place)]}", **words)
         ax.set_xticks(range(10), [f"{2 * low}" for low in range(10)])
         ax.set_yticks(range(10), [f"{8 * low} %" for low in range(10)])
         ax.set_xlabel("loops (cyclomatic number), from")
@@ -262,6 +269,8 @@ def hard_niches(
     grids: NDArray[np.int8], bins: NDArray[np.int_], failures: NDArray[np.float64], axes: Sequence[Axis]
 ) -> Figure:
     """Draws the mean failure rate in each niche of an archive, and the hardest map of each of the six hardest niches.
+
+    Of niches with fewer than three maps none is shown: chance would choose them.
 
     Args:
       grids: codes ``[N, H, W]``.
@@ -286,14 +295,16 @@ def hard_niches(
         (ax.set_yticks if number else ax.set_xticks)(range(axis.bins), shown)
         (ax.set_ylabel if number else ax.set_xlabel)(name)
     left.colorbar(image, ax=ax, label="failure rate of the driver")
-    order = [tuple(place) for place in np.argwhere(count > 0)]
-    hardest = sorted(order, key=lambda place: -means[place])[:6]
+    enough = [tuple(place) for place in np.argwhere(count >= min(3, count.max()))]
+    hardest = sorted(enough, key=lambda place: -means[place])[:6]
     tiles = load_tiles()
     for ax, place in zip(right.subplots(2, 3).flat, hardest, strict=False):
         among = np.flatnonzero((bins == place).all(axis=1))
         worst = among[failures[among].argmax()]
         ax.imshow(render(grids[worst], tiles, tile_px=32).image)
-        ax.set_title(f"{failures[worst]:.0%} fail\n(niche {place[0]}, {place[1]}: {means[place]:.0%})", fontsize=9)
+        loops, tiles_to_go = (axis.start + axis.width * at for axis, at in zip(axes, place, strict=True))
+        words = f"{loops} loops, {tiles_to_go / 100:g} tiles: {means[place]:.0%} fail"
+        ax.set_title(f"{words}\nthis map: {failures[worst]:.0%}", fontsize=8)
     for ax in right.axes:
         ax.axis("off")
     right.suptitle("the hardest map of each of the six hardest niches", fontsize=10)
