@@ -36,7 +36,7 @@ _TASKS = ("map", "window", "where", "lane")
 _HUMAN = Path(__file__).parents[1] / ".venv-duckietown"
 
 _FULL_MAPS = MapBudget()
-_QUICK_MAPS = MapBudget(most=12, others=4, tests=4, other_tests=2, runs=4, evaluations=400)
+_QUICK_MAPS = MapBudget(most=12, others=4, tests=2, other_tests=2, runs=4, evaluations=400)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
