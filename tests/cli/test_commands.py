@@ -260,7 +260,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(wrong, tmp_path, capsys):
     assert captured.err.startswith(
         f"elitelanes {message}" if message.startswith("generate") else f"elitelanes: {message}"
     )
-    assert len(captured.err) < 600
+    assert len(captured.err) < 800
     assert len(captured.err.splitlines()) == 1
     assert captured.out == ""
     assert not list(tmp_path.iterdir())
