@@ -1,0 +1,176 @@
+"""The board of the benchmark: searches of this package and of other libraries, each in its own loop.
+
+python experiments/board.py ROW ... [--tasks 6x6B-10000 ...] [--runs N] [--out DIR]
+python experiments/board.py ROW ... --tune
+python experiments/board.py --table [--out DIR]
+
+A row is measured by one command. It writes the raw archive of each task, which `elitelanes score` measures anew, and
+its scores. `--tune` tries the row's six settings on 5 x 5 and 6 x 6 alone, with other seeds. `--table` makes the table
+and the curves of all rows that are in the folder. QDax, evosax and pyribs come with the extra `interop`.
+
+All that a search evaluates is offered to a record of the best network of each niche, which the search does not see. The
+record of the tuned EA has the grids that its chains move to.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from board_rows import ROWS, Found
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.benchmark.scores import Scores, compute_scores, confidence_interval
+from elitelanes_jax.benchmark.submissions import Submission, score_submission, write_submission
+from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
+from elitelanes_jax.cli.arguments import Parser, checked_by
+from elitelanes_jax.cli.program import guarded, leave, say
+from elitelanes_jax.compile_cache import use_compile_cache
+
+TASKS = [f"{size}-10000" for size in ("6x6B", "7x7A", "7x7B", "8x8A")]
+TUNED_ON = [f"{size}-10000" for size in ("5x5A", "5x5B", "6x6A", "6x6B")]
+_TUNING_SEEDS, _FIRST_TUNING_SEED = 4, 1000
+
+_COLOURS = mpl.color_sequences["tab10"]
+
+
+def best_of(task: Task, found: Found) -> NDArray[np.float64]:
+    """Returns the fitness ``[R, T, F]`` in each feasible niche, infinite where it is vacant."""
+    there = np.asarray((found.grids > 0).any(axis=(-1, -2)))[..., None]
+    here = there & (found.cyclomatic[..., None] == task.cyclomatic)
+    return np.where(here, found.fitness[..., None], np.inf).min(axis=2)
+
+
+def measure_row(name: str, task: Task, runs: int, out: Path) -> None:
+    """Runs a row on a task; writes its raw archive and its scores."""
+    budgets = [budget for budget in _steps() if budget <= task.evaluations]
+    began = time.process_time()
+    found = ROWS[name].play(task, 0, runs, budgets, ROWS[name].settings)
+    seconds = time.process_time() - began
+    at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
+    submission = Submission(task, *(array[:, at] for array in found))
+    _, again = score_submission(submission)
+    scores = compute_scores(task, best_of(task, found))
+    for field, values in again._asdict().items():
+        np.testing.assert_array_equal(values, getattr(scores, field)[:, at])
+    write_submission(out / f"{name}-{task.name}.npz", submission)
+    record = {"row": name, "task": task.name, "evaluations": budgets, "seconds": round(seconds, 1)}
+    record |= {field: np.round(values, 6).tolist() for field, values in scores._asdict().items()}
+    write_atomic(out / f"{name}-{task.name}.json", (json.dumps(record) + "\n").encode())
+    say(f"{name}, {task.name}, {runs} runs: {_told(scores)} ({seconds:.0f} s)")
+
+
+def tune(name: str) -> None:
+    """Prints how well each setting of a row does."""
+    for settings in ROWS[name].candidates:
+        means = []
+        for task in map(find_task, TUNED_ON):
+            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, [task.evaluations], settings)
+            means.append(compute_scores(task, best_of(task, found)).reliability.mean())
+        say(f"{name}, {settings}: reliability {np.mean(means):.3f} ({', '.join(f'{mean:.3f}' for mean in means)})")
+
+
+def _steps() -> list[int]:
+    """Returns the evaluations at which scores are kept: 1, 2 and 5 times the powers of ten."""
+    return [factor * 10**power for power in range(3, 6) for factor in (1, 2, 5)] + [10**6]
+
+
+def _told(scores: Scores) -> str:
+    return ", ".join(f"{field} {np.nanmean(values[:, -1]):.3f}" for field, values in scores._asdict().items())
+
+
+def _cell(values: list[list[float]]) -> str:
+    last = np.array(values, float)[:, -1]
+    if np.isnan(last).all():
+        return ""
+    low, high = confidence_interval(last)
+    return f"{np.nanmean(last):.2f} ({low:.2f} to {high:.2f})"
+
+
+def write_table(out: Path) -> None:
+    """Writes the table and the curves of all that was measured."""
+    records = {(one["row"], one["task"]): one for one in map(_read, sorted(out.glob("*.json")))}
+    if not records:
+        raise InputError(f"{out}: expected scores of rows, got none")
+    tasks = sorted({task for _, task in records}, key=lambda task: (find_task(task).shape, task))
+    lines = []
+    for task in tasks:
+        lines += [f"{task}, {len(records[next(key for key in records if key[1] == task)]['coverage'])} runs", ""]
+        lines += ["| search | coverage | reliability | precision | optimal |", "|---|---:|---:|---:|---:|"]
+        for name, row in ROWS.items():
+            if record := records.get((name, task)):
+                lines.append(f"| {row.title} | {' | '.join(_cell(record[field]) for field in Scores._fields)} |")
+        lines.append("")
+    write_atomic(out / "board.md", "\n".join(lines).encode())
+    figure, axes = plt.subplots(
+        2, len(tasks), figsize=(3.1 * len(tasks), 6), layout="constrained", sharex=True, sharey=True, squeeze=False
+    )
+    for column, task in zip(axes.T, tasks, strict=True):
+        column[0].set_title(task.split("-")[0])
+        for axis, field in zip(column, ("reliability", "optimal"), strict=True):
+            for colour, (name, row) in zip(_COLOURS, ROWS.items(), strict=True):
+                if record := records.get((name, task)):
+                    values = np.array(record[field], float)
+                    ends = np.array([confidence_interval(at) for at in values.T])
+                    axis.plot(record["evaluations"], values.mean(axis=0), color=colour, label=row.title)
+                    axis.fill_between(record["evaluations"], *ends.T, color=colour, alpha=0.15, linewidth=0)
+            axis.set(xscale="log", ylim=(0, 1.02))
+            axis.grid(alpha=0.3)
+        column[1].set_xlabel("evaluations of a run")
+    axes[0, 0].set_ylabel("reliability")
+    axes[1, 0].set_ylabel("share of niches at the optimum")
+    handles, titles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(
+        handles, [title.replace("`", "") for title in titles], loc="outside lower center", ncols=3, fontsize=9
+    )
+    figure.savefig(out / "board.png", dpi=110)
+    plt.close(figure)
+    say(f"written to {out}")
+
+
+def _read(file: Path) -> dict[str, Any]:
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = Parser(prog="board.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}")
+    parser.add_argument("--tasks", nargs="+", default=TASKS, metavar="TASK", help="by default all of the table")
+    parser.add_argument("--runs", type=checked_by(whole(1)), default=10, help="of each task (default: %(default)s)")
+    parser.add_argument("--out", type=checked_by(path), default=Path("results/board"), help="folder to write to")
+    parser.add_argument("--tune", action="store_true", help="try the settings of the rows")
+    parser.add_argument("--table", action="store_true", help="write the table of all rows that are there")
+    options = parser.parse_args(arguments)
+    return guarded("board.py", lambda: _run(options), interrupted="tasks that ended are kept")
+
+
+def _run(options: argparse.Namespace) -> int:
+    unknown = [name for name in options.rows if name not in ROWS]
+    if unknown or not (options.rows or options.table):
+        got = unknown[0] if unknown else "none"
+        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, got {got}")
+    tasks = [find_task(name) for name in options.tasks]
+    use_compile_cache()
+    for name in options.rows:
+        if options.tune:
+            tune(name)
+            continue
+        for task in tasks:
+            measure_row(name, task, options.runs, options.out)
+    if options.table:
+        write_table(options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    leave(lambda: main(sys.argv[1:]))

@@ -1,0 +1,345 @@
+"""The rows of the board: searches as loops of their own libraries over our evaluation.
+
+A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds of it side by side; pyribs runs seed by seed.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax import evolve
+from elitelanes_jax.benchmark.tasks import Task
+from elitelanes_jax.interop import evosax_task, qdax_centroids, qdax_moves, qdax_scoring_fn, ribs_archive_space
+from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.optimizers.emitters import Niches
+from elitelanes_jax.optimizers.moves import Mix
+from elitelanes_jax.optimizers.population import Population, evaluate
+from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
+from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.problem.archive import Archive, empty_archive, insert
+from elitelanes_jax.problem.descriptor import compute_descriptor, tuned_axes
+from elitelanes_jax.problem.road_problem import Problem, road_problem
+
+__all__ = ["ROWS", "Found", "Row"]
+
+
+class Found(NamedTuple):
+    """The best networks without flaws of R runs after each of T budgets, by cyclomatic number; vacant grids are zero.
+
+    Attributes:
+      grids: int8 ``[R, T, N, H, W]``.
+      fitness: int32 ``[R, T, N]``.
+      cyclomatic: int32 ``[R, T, N]``.
+    """
+
+    grids: NDArray[np.int8]
+    fitness: NDArray[np.int32]
+    cyclomatic: NDArray[np.int32]
+
+
+Play = Callable[[Task, int, int, Sequence[int], Mapping[str, Any]], Found]
+
+
+class Row(NamedTuple):
+    """One row.
+
+    Attributes:
+      title: what stands in the table.
+      play: (task, first seed, runs, budgets, settings) -> `Found`.
+      settings: that `--tune` chose; none for the presets of this package.
+      candidates: that `--tune` tries: as many in each row.
+    """
+
+    title: str
+    play: Play
+    settings: Mapping[str, Any] = MappingProxyType({})
+    candidates: tuple[Mapping[str, Any], ...] = ()
+
+
+def _found(task: Task, kept: Sequence[Any]) -> Found:
+    """Takes from records ``[R, ...]`` of each budget the niches without flaws."""
+    wanted = Niches.of(tuned_axes(task.shape)).wanted
+    valid, grids, fitness, counts = (
+        np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
+        for name in ("valid", "grids", "fitness", "counts")
+    )
+    cyclomatic = counts[..., COUNT_NAMES.index("cyclomatic")]
+    return Found(np.where(valid[..., None, None], grids, 0).astype(np.int8), fitness, cyclomatic)
+
+
+def _in_jax(make: Callable[..., Optimizer]) -> Play:
+    """Plays a loop that `make` gives: (problem, settings) -> an optimiser whose first state is one batch or less."""
+
+    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Any]) -> Found:
+        factory, axes = partial(make, **settings), tuned_axes(task.shape)
+        batch = factory(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
+        keys, state, done, kept = seed_keys(0, first + runs)[first:], None, 1, []
+        for budget in budgets:
+            result = evolve(
+                keys,
+                task.shape,
+                fill=task.fill,
+                axes=axes,
+                optimizer=factory,
+                generations=budget // batch - done,
+                state=state,
+                progress=False,
+            )
+            state, done = result.state, budget // batch
+            elites = result.elites
+            counts = np.zeros((*elites.fitness.shape, len(COUNT_NAMES)), np.int32)
+            counts[..., COUNT_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
+            kept.append(Elites(elites.grids, elites.fitness, jnp.asarray(counts), elites.valid))
+        return _found(task, kept)
+
+    return play
+
+
+def _record(archive: Archive) -> Elites:
+    return Elites(archive.grids, archive.fitness, archive.counts, archive.valid)
+
+
+def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
+    return make_optimizer(problem, PRESETS[method, preset])
+
+
+def _mirrored(problem: Problem) -> Optimizer:
+    """Makes the tuned MAP-Elites with the settings that suit grids where cells may stay empty."""
+    config = PRESETS["map-elites", "tuned"]
+    assert isinstance(config, AnnealedMapElitesConfig)
+    annealing = replace(config.annealing, moves=replace(config.annealing.moves, filling=0.05))
+    return make_optimizer(problem, replace(config, annealing=annealing, mirrored=True))
+
+
+def _ea(problem: Problem) -> Optimizer:
+    """The tuned EA, with a record of the grids that its chains move to."""
+    ea = make_optimizer(problem, PRESETS["ea", "tuned"])
+
+    def init(key: Any) -> Any:
+        state = ea.init(key)
+        return state, insert(empty_archive(problem.axes, problem.shape), problem.axes, *state.chains)
+
+    def step(key: Any, carried: Any) -> Any:
+        state, info = ea.step(key, carried[0])
+        return (state, insert(carried[1], problem.axes, *state.chains)), info
+
+    return Optimizer(init, step, lambda carried: _record(carried[1]), ea.evaluations_per_step)
+
+
+def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: Any, batch: int, share: float) -> Any:
+    from qdax.core.emitters.standard_emitters import MixingEmitter
+    from qdax.core.map_elites import MAPElites
+
+    score = qdax_scoring_fn(problem)
+
+    def scored(genotypes: Any, key: Any) -> Any:
+        fitness, descriptor, extra = score(grids(genotypes), key)
+        return fitness, descriptor, extra | {"grids": grids(genotypes)}
+
+    emitter = MixingEmitter(*vary, variation_percentage=share, batch_size=batch)
+    search = MAPElites(scored, emitter, lambda repertoire: {"best": repertoire.fitnesses.max()})
+
+    def init(key: Any) -> Any:
+        drawn, rest = jax.random.split(key)
+        return search.init(first(drawn, batch), qdax_centroids(problem.axes), rest)[:2]
+
+    def step(key: Any, state: Any) -> Any:
+        repertoire, emitter_state, metrics = search.update(*state, key)
+        filled = (repertoire.fitnesses > -jnp.inf).sum(dtype=jnp.int32)
+        return (repertoire, emitter_state), Info(-metrics["best"].astype(jnp.int32), filled)
+
+    def elites(state: Any) -> Elites:
+        repertoire = state[0]
+        found = evaluate(problem, grids(repertoire.genotypes))
+        return Elites(*found, valid=repertoire.fitnesses.reshape(-1) > -jnp.inf)
+
+    return Optimizer(init, step, elites, batch)
+
+
+def _qdax_moves(problem: Problem, *, batch: int, share: float, filling: float) -> Optimizer:
+    """QDax's MAP-Elites with our moves: genotypes are grids."""
+    return _qdax(problem, problem.random, lambda grids: grids, qdax_moves(problem, Mix(filling=filling)), batch, share)
+
+
+def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Optimizer:
+    """QDax's MAP-Elites with its own variation, Iso+LineDD, on logits."""
+    from qdax.core.emitters.mutation_operators import isoline_variation
+
+    task = evosax_task(problem)
+    vary = partial(isoline_variation, iso_sigma=iso, line_sigma=line)
+    return _qdax(
+        problem,
+        lambda key, count: jax.vmap(task.sample)(jax.random.split(key, count)),
+        jax.vmap(task.decode),
+        (None, vary),
+        batch,
+        1.0,
+    )
+
+
+def _evosax(problem: Problem, *, population: int, restart: int) -> Optimizer:
+    """SNES of evosax on logits, begun anew after so many generations."""
+    from evosax.algorithms import SNES
+
+    task = evosax_task(problem)
+    strategy = SNES(population_size=population, solution=jnp.zeros(task.num_dims))
+    params = strategy.default_params
+
+    def begin(key: Any) -> Any:
+        drawn, rest = jax.random.split(key)
+        return strategy.init(rest, task.sample(drawn), params)
+
+    def init(key: Any) -> Any:
+        return begin(key), empty_archive(problem.axes, problem.shape)
+
+    def step(key: Any, carried: Any) -> Any:
+        state, record = carried
+        ask, tell, again = jax.random.split(key, 3)
+        solutions, state = strategy.ask(ask, state, params)
+        found = evaluate(problem, jax.vmap(task.decode)(solutions))
+        state, _ = strategy.tell(tell, solutions, found.fitness.astype(jnp.float32), state, params)
+        ends = state.generation_counter >= restart
+        state = jax.tree.map(lambda new, old: jnp.where(ends, new, old), begin(again), state)
+        record = insert(record, problem.axes, *found)
+        return (state, record), Info(record.fitness.min(), record.valid.sum(dtype=jnp.int32))
+
+    return Optimizer(init, step, lambda carried: _record(carried[1]), population)
+
+
+def _in_ribs(make: Callable[..., Any]) -> Play:
+    """Plays pyribs's loop: `make` gives from a problem, a seed and settings its scheduler, and what makes grids."""
+
+    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Any]) -> Found:
+        problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
+        axes, kept = problem.axes, []
+
+        @jax.jit
+        def score(grids: Any, record: Archive) -> Any:
+            found: Population = evaluate(problem, grids)
+            record = insert(record, axes, *found)
+            return -found.fitness, compute_descriptor(found.counts, axes), record
+
+        for seed in range(first, first + runs):
+            scheduler, decode = make(problem, seed, **settings)
+            record, done, of_run = empty_archive(axes, task.shape), 0, []
+            solutions = scheduler.ask()
+            for budget in budgets:
+                while done + len(solutions) <= budget:
+                    objective, measures, record = score(decode(solutions), record)
+                    scheduler.tell(np.asarray(objective, np.float64), np.asarray(measures, np.float64))
+                    done += len(solutions)
+                    solutions = scheduler.ask()
+                of_run.append(_record(record))
+            kept.append(of_run)
+        together = [jax.tree.map(lambda *arrays: np.stack(arrays), *of_budget) for of_budget in zip(*kept, strict=True)]
+        return _found(task, together)
+
+    return play
+
+
+def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float) -> Any:
+    """CMA-ME of pyribs on logits: five emitters of separable CMA-ES with batches of 36, as in its tutorials."""
+    from ribs.archives import GridArchive
+    from ribs.emitters import EvolutionStrategyEmitter
+    from ribs.schedulers import Scheduler
+
+    task = evosax_task(problem)
+    archive = GridArchive(**ribs_archive_space(problem) | {"solution_dim": task.num_dims}, seed=seed)
+    emitters = [
+        EvolutionStrategyEmitter(
+            archive,
+            x0=np.zeros(task.num_dims),
+            sigma0=sigma,
+            ranker=ranker,
+            es="sep_cma_es",
+            batch_size=36,
+            seed=5 * seed + number,
+        )
+        for number in range(5)
+    ]
+    decode = jax.jit(jax.vmap(task.decode))
+    return Scheduler(archive, emitters), lambda solutions: decode(solutions.astype(np.float32))
+
+
+def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, filling: float) -> Any:
+    """The genetic emitter of pyribs, with our moves in place of its operators."""
+    from ribs.archives import GridArchive
+    from ribs.emitters import GeneticAlgorithmEmitter
+    from ribs.schedulers import Scheduler
+
+    mutate, vary = (jax.jit(move) for move in qdax_moves(problem, Mix(filling=filling)))
+    draws, crossed = np.random.default_rng(seed), int(batch * share)
+    keys = iter(lambda: jax.random.key(int(draws.integers(2**31))), None)
+
+    def as_grids(solutions: Any) -> Any:
+        return solutions.reshape(-1, *problem.shape).astype(np.int8)
+
+    class MovesEmitter(GeneticAlgorithmEmitter):  # its operators are named, and none takes another's place
+        def ask(self) -> Any:
+            if self.archive.empty:
+                return self.initial_solutions
+            one, other = (as_grids(self.archive.sample_elites(batch)["solution"]) for _ in range(2))
+            varied = vary(one[:crossed], other[:crossed], next(keys))
+            return np.concatenate([varied, mutate(one[crossed:], next(keys))]).reshape(batch, -1)
+
+    archive = GridArchive(**ribs_archive_space(problem), seed=seed)
+    start = np.asarray(problem.random(next(keys), batch)).reshape(batch, -1)
+    emitter = MovesEmitter(
+        archive, operator="gaussian", operator_kwargs={"sigma": 1}, initial_solutions=start, seed=seed
+    )
+    return Scheduler(archive, [emitter]), as_grids
+
+
+def _grid(**choices: Sequence[Any]) -> tuple[dict[str, Any], ...]:
+    return tuple(dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
+
+
+_FIRST = {"batch": 32, "share": 0.5, "filling": 0.05}
+_MOVES = _grid(batch=(32,), share=(0.2, 0.5, 0.8), filling=(0.05, 0.3))
+
+ROWS = {
+    **{
+        preset: Row(f"MAP-Elites, `{preset}`", _in_jax(partial(_preset, method="map-elites", preset=preset)))
+        for preset in ("paper", "standard", "tuned")
+    },
+    "tuned-mirrored": Row("MAP-Elites, `tuned`, with mirrored moves and little filling", _in_jax(_mirrored)),
+    "ea": Row("EA with restarts, `tuned`", _in_jax(_ea)),
+    "qdax-moves": Row(
+        "QDax: MAP-Elites, our moves", _in_jax(_qdax_moves), {"batch": 32, "share": 0.5, "filling": 0.05}, _MOVES
+    ),
+    "qdax-line": Row(
+        "QDax: MAP-Elites, Iso+LineDD on logits",
+        _in_jax(_qdax_line),
+        {"batch": 32, "iso": 0.3, "line": 0.2},
+        _grid(batch=(32,), iso=(0.1, 0.3, 1.0), line=(0.2, 0.5)),
+    ),
+    "ribs-cma": Row(
+        "pyribs: CMA-ME on logits",
+        _in_ribs(_ribs_cma),
+        {"ranker": "2imp", "sigma": 0.5},
+        _grid(ranker=("imp", "2imp", "obj"), sigma=(0.3, 1.0)),
+    ),
+    "ribs-moves": Row(
+        "pyribs: genetic emitter, our moves",
+        _in_ribs(_ribs_moves),
+        {"batch": 32, "share": 0.5, "filling": 0.05},
+        _MOVES,
+    ),
+    "evosax": Row(
+        "evosax: SNES on logits, with restarts",
+        _in_jax(_evosax),
+        {"population": 32, "restart": 100},
+        _grid(population=(32, 128), restart=(50, 100, 200)),
+    ),
+}
+"""The rows by their names on the command line."""

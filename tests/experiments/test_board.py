@@ -1,0 +1,49 @@
+"""The board: scores of what rows find, its files, table and curves."""
+
+import board
+import numpy as np
+import pytest
+from board_rows import ROWS, Found, Row
+
+from elitelanes_jax.benchmark.submissions import read_submission
+from elitelanes_jax.benchmark.tasks import find_task
+from elitelanes_jax.cli.main import main as command
+
+TASK = find_task("5x5A-10000")
+
+
+def play(task, first, runs, budgets, settings):
+    """Finds the first niche's optimum from 5,000 evaluations on, and all others' at the end of odd runs."""
+    grids = np.zeros((runs, len(budgets), len(task.cyclomatic), *task.shape), np.int8)
+    grids[:, np.array(budgets) >= 5000, 0] = task.witnesses[0]
+    grids[1::2, -1] = task.witnesses
+    there = grids.any(axis=(-1, -2))
+    return Found(grids, np.where(there, task.optimum, 0), np.where(there, task.cyclomatic, 0))
+
+
+def test_a_row_is_measured_and_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(ROWS, "tuned", Row("Ours", play))
+    assert board.main(["tuned", "--tasks", TASK.name, "--out", str(tmp_path), "--table"]) == 0
+    assert "tuned, 5x5A-10000, 10 runs: coverage 0.750, reliability 0.750, precision 1.000, optimal 0.750" in (
+        capsys.readouterr().out
+    )
+    assert read_submission(tmp_path / "tuned-5x5A-10000.npz").grids.shape == (10, 1, 2, 5, 5)
+    assert command(["score", str(tmp_path / "tuned-5x5A-10000.npz")]) == 0
+    table = (tmp_path / "board.md").read_text()
+    assert "| Ours | 0.75 (0.60 to 0.90) | 0.75 (0.60 to 0.90) | 1.00 (1.00 to 1.00) |" in table
+    assert (tmp_path / "board.png").read_bytes()[:4] == b"\x89PNG"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["best"], "ROW: expected one of paper, standard, tuned"),
+        ([], "got none"),
+        (["tuned", "--tasks", "5x5A"], "task: expected SIZE-BUDGET"),
+        (["--table"], "expected scores of rows, got none"),
+    ],
+)
+def test_it_names_what_is_wrong(arguments, words, tmp_path, capsys):
+    assert board.main([*arguments, "--out", str(tmp_path)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert words in line
