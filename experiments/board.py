@@ -113,7 +113,13 @@ def write_table(out: Path) -> None:
         lines.append("")
     write_atomic(out / "board.md", "\n".join(lines).encode())
     figure, axes = plt.subplots(
-        2, len(tasks), figsize=(3.1 * len(tasks), 6), layout="constrained", sharex=True, sharey=True, squeeze=False
+        2,
+        len(tasks),
+        figsize=(max(8, 3.1 * len(tasks)), 6.5),
+        layout="constrained",
+        sharex=True,
+        sharey=True,
+        squeeze=False,
     )
     for column, task in zip(axes.T, tasks, strict=True):
         column[0].set_title(task.split("-")[0])
@@ -131,7 +137,7 @@ def write_table(out: Path) -> None:
     axes[1, 0].set_ylabel("share of niches at the optimum")
     handles, titles = axes[0, 0].get_legend_handles_labels()
     figure.legend(
-        handles, [title.replace("`", "") for title in titles], loc="outside lower center", ncols=3, fontsize=9
+        handles, [title.replace("`", "") for title in titles], loc="outside lower center", ncols=2, fontsize=9
     )
     figure.savefig(out / "board.png", dpi=110)
     plt.close(figure)
