@@ -29,7 +29,7 @@ def main() -> None:
 
 def styles() -> None:
     """Draws a sheet of 24 maps of each style."""
-    sheets = {"towns.jpg": ("town", "loops_per_tile=0.06.."), "paper-style.jpg": ("paper", ())}
+    sheets = {"towns.jpg": ("town", ()), "paper-style.jpg": ("paper", ())}
     for name, (style, where) in sheets.items():
         chosen = evolve(0, (7, 7), style=style, evaluations=100_000).maps(24, where=where)
         drawn = [render(road_map, tile_px=24, seed=number).image for number, road_map in enumerate(chosen)]
