@@ -21,7 +21,7 @@ def text_of(output):
 
 
 def test_there_are_some():
-    assert [file.stem[:3] for file in NOTEBOOKS] == ["01_", "02_", "03_", "04_", "05_", "06_"]
+    assert [file.stem[:3] for file in NOTEBOOKS] == ["01_", "02_", "03_", "04_", "05_", "06_", "07_"]
 
 
 @each_notebook
