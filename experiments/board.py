@@ -86,7 +86,9 @@ def _steps() -> list[int]:
 
 
 def _told(scores: Scores) -> str:
-    return ", ".join(f"{field} {np.nanmean(values[:, -1]):.3f}" for field, values in scores._asdict().items())
+    last = {field: values[:, -1] for field, values in scores._asdict().items()}
+    means = {field: f"{np.nanmean(values):.3f}" for field, values in last.items() if not np.isnan(values).all()}
+    return ", ".join(f"{field} {mean}" for field, mean in means.items())
 
 
 def _cell(values: list[list[float]]) -> str:
