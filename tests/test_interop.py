@@ -275,7 +275,7 @@ PAGE = (DOCS / "interop.md").read_text()
 
 def test_the_page_shows_the_examples_as_they_are():
     programs = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
-    examples = [file.read_text().split('"""\n', 1)[1].strip() for file in sorted((DOCS / "examples").glob("*.py"))]
-    assert sorted(program.strip() for program in programs) == sorted(examples)
+    examples = {file.read_text().split('"""\n', 1)[1].strip() for file in (DOCS / "examples").glob("*.py")}
+    assert len(programs) == 3 and {program.strip() for program in programs} <= examples
     for link in re.findall(r"\]\((?!https?:)([^)]+)\)", PAGE):
         assert (DOCS / link.partition("#")[0]).exists(), link

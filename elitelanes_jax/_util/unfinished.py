@@ -35,13 +35,13 @@ def kept_work(folder: str | Path) -> Iterator[Path | None]:
     """
     place = _place(folder)
     missing = [parent for parent in place.parents if not parent.exists()]
-    with suppress(OSError):
-        place.mkdir(parents=True, exist_ok=True)
-    if not place.is_dir():
-        yield None
-        return
-    kept, mine = place / _KEPT, False
+    kept, mine = place / _KEPT, not place.exists()
     try:
+        with suppress(OSError):
+            place.mkdir(parents=True, exist_ok=True)
+        if not place.is_dir():
+            yield None
+            return
         with locked(place, folder):
             mine = True
             yield kept
