@@ -19,7 +19,7 @@ from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.network.repair import repair
@@ -189,30 +189,30 @@ def with_opposite(probability: Real[ArrayLike, ""], move: Move, *, mirrored: boo
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied, dirty = move.apply(bits[: move.bits], grid, mate)
-        diagonal = jnp.int32(0)
-        if mirrored and grid.shape[0] == grid.shape[1]:
-            diagonal = randint(bits[move.bits + 1], 3)
-        # A tile, whether it is dirty, and its place in one number: what is at the opposite place comes from there.
         places = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
-        packed = _opposite(diagonal, varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | places << 5)
-        opposite = (packed & 16 > 0) & bernoulli(bits[move.bits], probability)
+        if mirrored and grid.shape[0] == grid.shape[1]:
+            # A tile, whether it is dirty, and its place in one number: what is at the opposite place comes from there.
+            packed = _opposite(
+                randint(bits[move.bits + 1], 3), varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | places << 5
+            )
+            image, dirty_there, first = (packed & 15).astype(jnp.int8), packed & 16 > 0, places <= packed >> 5
+        else:
+            image, dirty_there = rotate_codes(varied, 2)[::-1, ::-1], dirty[::-1, ::-1]
+            first = places <= places[::-1, ::-1]
+        opposite = dirty_there & bernoulli(bits[move.bits], probability)
         # Where the two places overlap the first of them decides.
-        copied = opposite & ~(dirty & (places <= packed >> 5))
-        return Variation(jnp.where(copied, packed & 15, varied).astype(jnp.int8), dirty | opposite)
+        return Variation(jnp.where(opposite & ~(dirty & first), image, varied), dirty | opposite)
 
     return Move(move.bits + 1 + mirrored, apply)
 
 
-def _opposite(diagonal: Int32[Array, ""], tiles: Int32[Array, "H W"]) -> Int32[Array, "H W"]:
+def _opposite(diagonal: Int32[Array, ""], tiles: Int32[Array, "N N"]) -> Int32[Array, "N N"]:
     """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2; what is above their four bits goes along."""
 
     def exchanged(tiles: Array, one: int, other: int, third: int, fourth: int) -> Array:
         return tiles & ~15 | exchange_sides(exchange_sides(tiles, one, other), third, fourth)
 
-    turned = exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1]
-    if tiles.shape[0] != tiles.shape[1]:
-        return turned
-    once = jnp.where(diagonal == 1, tiles, turned)
+    once = jnp.where(diagonal == 1, tiles, exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1])
     return jnp.where(diagonal == 0, once, exchanged(once, NORTH, WEST, EAST, SOUTH).T)
 
 
