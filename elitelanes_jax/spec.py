@@ -282,7 +282,7 @@ class SearchSpec(Settings):
         """Checks that so many maps ``(height, width)`` can be as they are searched for, as far as limits tell.
 
         Raises:
-          InputError: for a wish that cannot be met; the message says the limit.
+          InputError: for constraints that cannot be met; the message says the limit.
         """
         check_feasible(self._requirements(shape, maps))
 
@@ -290,7 +290,7 @@ class SearchSpec(Settings):
         """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
 
         Raises:
-          InputError: for a wish that cannot be met; the message says the limit.
+          InputError: for constraints that cannot be met; the message says the limit.
         """
         self.check_maps(shape, maps)
         check_number(self._requirements(shape, maps))
