@@ -1,21 +1,12 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
 // big.html, hostile.html, town.yaml; saved files go there too.
-import { createRequire } from "node:module";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
+import { browser, require } from "./chromium.mjs";
 
 const folder = process.argv[2];
-const require = createRequire(new URL("../../explorer/package.json", import.meta.url));
-const { chromium } = require("playwright-core");
 const axe = require("axe-core").source;
 
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-  args: [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-  ],
-});
 const seen = { console: [], requests: [], dialogs: [], axe: [], overflow: [] };
 
 async function open(name, { hash = "", width = 1280, height = 900, scheme = "light" } = {}) {

@@ -1,17 +1,8 @@
 // Opens a notebook with the widget in JupyterLab and prints what it saw as JSON: `node jupyter.mjs ADDRESS PICTURE`.
-import { createRequire } from "node:module";
+import { browser } from "./chromium.mjs";
 
 const [address, picture] = process.argv.slice(2);
-const require = createRequire(new URL("../../explorer/package.json", import.meta.url));
-const { chromium } = require("playwright-core");
 
-const browser = await chromium.launch({
-  executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium",
-  args: [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync",
-  ],
-});
 const page = await browser.newPage({ viewport: { width: 1400, height: 1000 } });
 const errors = [];
 page.on("pageerror", (error) => errors.push(error.message));

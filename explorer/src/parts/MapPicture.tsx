@@ -1,9 +1,10 @@
 /** A map as vectors, or with tile pictures and their layers, with what is laid over it. */
-import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
 import { mapShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
 import type { Grid } from "../network/codes";
 import { paintTiles, type Blend } from "../tiles";
+import { useFittedCanvas } from "./canvas";
 
 interface Props {
   readonly grid: Grid;
@@ -21,21 +22,10 @@ const NO_OVERLAYS: readonly Overlay[] = [];
 /** Draws a map as wide as its place. */
 export function MapPicture({ grid, label, pictures = null, look = "lines", blend, overlays = NO_OVERLAYS, above }: Props) {
   const { data, tiles } = useShared();
-  const canvas = useRef<HTMLCanvasElement>(null);
-  const [width, setWidth] = useState(0);
-  useLayoutEffect(() => {
-    const observer = new ResizeObserver(() => setWidth(canvas.current!.clientWidth));
-    observer.observe(canvas.current!);
-    setWidth(canvas.current!.clientWidth);
-    return () => observer.disconnect();
-  }, []);
+  const { canvas, width, clear } = useFittedCanvas();
   useEffect(() => {
     if (!width) return;
-    const ratio = window.devicePixelRatio || 1;
-    const scale = (width * ratio) / grid.width;
-    canvas.current!.width = Math.round(grid.width * scale);
-    canvas.current!.height = Math.round(grid.height * scale);
-    const context = canvas.current!.getContext("2d")!;
+    const { context, scale } = clear(grid);
     if (look === "tiles" && tiles) {
       context.imageSmoothingQuality = "high";
       context.drawImage(paintTiles(grid, data, tiles, pictures, blend ?? { image: 1 }), 0, 0, canvas.current!.width, canvas.current!.height);

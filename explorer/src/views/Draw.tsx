@@ -8,6 +8,7 @@ import { emptyGrid, KIND_OF, type Grid } from "../network/codes";
 import { FileError, readMap, toDuckietown, toFix, toMapJson } from "../network/formats";
 import { COUNT_NAMES, fitness, measure, type Weights } from "../network/measure";
 import { feature, FEATURES, isShare } from "../network/features";
+import { useFittedCanvas } from "../parts/canvas";
 import { OverlaySwitches } from "../parts/Detail";
 import { Metrics } from "../parts/Metrics";
 import { Switch } from "../parts/Controls";
@@ -162,8 +163,7 @@ interface CanvasProps {
 
 function Canvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
   const { view, say } = useShared();
-  const canvas = useRef<HTMLCanvasElement>(null);
-  const [width, setWidth] = useState(0);
+  const { canvas, width, clear } = useFittedCanvas();
   const [cursor, setCursor] = useState(0);
   const [keyed, setKeyed] = useState(false);
   const stroke = useRef<{ before: Editor; cells: number[] } | null>(null);
@@ -171,18 +171,8 @@ function Canvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
   const { grid, given } = editor;
   const mending = { repair: mends, fill: fills && mends };
   useLayoutEffect(() => {
-    const observer = new ResizeObserver(() => setWidth(canvas.current!.clientWidth));
-    observer.observe(canvas.current!);
-    setWidth(canvas.current!.clientWidth);
-    return () => observer.disconnect();
-  }, []);
-  useLayoutEffect(() => {
     if (!width) return;
-    const ratio = window.devicePixelRatio || 1;
-    const scale = (width * ratio) / grid.width;
-    canvas.current!.width = Math.round(grid.width * scale);
-    canvas.current!.height = Math.round(grid.height * scale);
-    const context = canvas.current!.getContext("2d")!;
+    const { context, scale, ratio } = clear(grid);
     paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
     paintLattice(context, grid, scale);
     paintGiven(context, grid, given, scale);

@@ -1,0 +1,31 @@
+/** A canvas as wide as its place, with the pixels of the screen. */
+import type { RefObject } from "preact";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
+import type { Grid } from "../network/codes";
+
+interface Fitted {
+  readonly canvas: RefObject<HTMLCanvasElement | null>;
+  /** In pixels of the page, 0 until it is laid out. */
+  readonly width: number;
+  /** Clears the canvas for a map, and returns what to draw with: pixels of the screen a cell, and one of the page. */
+  readonly clear: (grid: Grid) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
+}
+
+export function useFittedCanvas(): Fitted {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const [width, setWidth] = useState(0);
+  useLayoutEffect(() => {
+    const observer = new ResizeObserver(() => setWidth(canvas.current!.clientWidth));
+    observer.observe(canvas.current!);
+    setWidth(canvas.current!.clientWidth);
+    return () => observer.disconnect();
+  }, []);
+  const clear = (grid: Grid) => {
+    const ratio = window.devicePixelRatio || 1;
+    const scale = (width * ratio) / grid.width;
+    canvas.current!.width = Math.round(grid.width * scale);
+    canvas.current!.height = Math.round(grid.height * scale);
+    return { context: canvas.current!.getContext("2d")!, scale, ratio };
+  };
+  return { canvas, width, clear };
+}
