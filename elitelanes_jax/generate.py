@@ -22,7 +22,6 @@ from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.parts import ARCHIVE, RECORD, Evolved, join_parts
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
-from elitelanes_jax.result import History
 from elitelanes_jax.search import evolve
 from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, remedy
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
@@ -70,7 +69,7 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
         )
         began = time.perf_counter()
         result = evolve(keys, spec.size, spec=search, checkpoint=kept, every=_SECONDS_A_CHECKPOINT)
-        searched = _working_seconds(result.history, len(keys))
+        searched = result.history.seconds
         if kept is not None and searched < _WORTH_KEEPING:
             remove(kept)
         seconds = max(time.perf_counter() - began, searched)  # a search that went on has had its seconds before
@@ -197,12 +196,6 @@ def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: di
             "evaluations_per_second": run.speed,
         },
     }
-
-
-def _working_seconds(history: History, seeds: int) -> float:
-    """Returns the seconds that the generations took, without compilation."""
-    each = np.diff(history.evaluations, prepend=0) * seeds
-    return float((each / history.evaluations_per_second).sum())
 
 
 def _median(speeds: NDArray[np.float64]) -> int | None:

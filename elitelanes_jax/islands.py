@@ -19,9 +19,9 @@ from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Elites, Optimizer
 from elitelanes_jax.optimizers.run import advance, start
 from elitelanes_jax.problem.archive import Archive, keep_best
-from elitelanes_jax.problem.extras import Kernel, check_kernels
+from elitelanes_jax.problem.extras import Kernel
 from elitelanes_jax.result import History, Result, RunState
-from elitelanes_jax.search import Numbers, Program, as_measured, check_keys, prepare, resolve_config
+from elitelanes_jax.search import Program, as_measured, check_keys, prepare
 from elitelanes_jax.spec import SearchSpec
 
 __all__ = ["evolve_islands"]
@@ -74,10 +74,7 @@ def evolve_islands(
     if not single:
         raise InputError(f"key: expected one key for all islands, got {many(keys.size, 'key')}")
     shape = check_shape(shape, new=True)
-    kernels = check_kernels(features, shape)
-    options |= {"features": tuple(kernels)} if features is not None else {}
-    spec, config = resolve_config(spec.but(options), config, "method" in options)
-    program, numbers = prepare(spec, shape, config, None, kernels)
+    spec, _, program, numbers = prepare(spec, shape, config, None, features, options)
     check_named("islands", whole(1), islands)
     check_named("every", whole(1), every)
     devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
@@ -86,7 +83,7 @@ def evolve_islands(
     optimizer = program.optimizer(numbers)
     if optimizer.receive is None:
         raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")
-    return _evolve(keys[0], islands, every, devices, program, numbers, spec, optimizer, progress)
+    return _evolve(keys[0], islands, every, devices, program, spec, optimizer, progress)
 
 
 def _evolve(
@@ -95,13 +92,12 @@ def _evolve(
     every: int,
     devices: list[jax.Device],
     program: Program,
-    numbers: Numbers,
     spec: SearchSpec,
     optimizer: Optimizer,
     progress: bool | None,
 ) -> Result:
     per_step = optimizer.evaluations_per_step * islands
-    last = -(-spec.evaluations // optimizer.evaluations_per_step) if spec.generations is None else spec.generations
+    last = spec.steps(optimizer.evaluations_per_step)
     first_states, stretch = _compiled(optimizer, jax.random.key_data(key), islands, every, devices)
     rows: list[History] = []
     done, shown = 0, progress if jax.process_index() == 0 else False
@@ -114,7 +110,7 @@ def _evolve(
             done += count
             rows.append(_row(_local(found), done, per_step, per_step * count, began))
             bar.update(done, f"best {rows[-1].best_fitness[-1]:,}, {rows[-1].elite_count[-1]:,} elites")
-    history = History.joined([_no_rows(), *rows])
+    history = History.joined([History.empty(), *rows])
     elites = as_measured(program, _local(found))
     return Result(elites, history, RunState(np.array(done, np.int32), (), np.zeros((), np.uint32)), spec, program.axes)
 
@@ -163,8 +159,3 @@ def _row(found: Elites, generation: int, per_step: int, evaluated: int, began: f
     return History(
         np.array([generation]), np.array([generation * per_step]), best, count.astype(np.int32), np.array([speed])
     )
-
-
-def _no_rows() -> History:
-    whole_numbers, none = np.arange(0), np.zeros(0, np.int32)
-    return History(whole_numbers, whole_numbers, none, none, np.zeros(0))

@@ -96,6 +96,18 @@ class History(NamedTuple):
         """Returns types and shapes in a line, as arrays would flood a notebook."""
         return _in_short(self)
 
+    @property
+    def seconds(self) -> float:
+        """The seconds that the generations took, of all seeds together, without compilation."""
+        seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
+        return float((np.diff(self.evaluations, prepend=0) * seeds / self.evaluations_per_second).sum())
+
+    @classmethod
+    def empty(cls, *seeds: int) -> "History":
+        """Makes the history of no generations; of several seeds where their number is given."""
+        numbers, values = np.arange(0), np.zeros((*seeds, 0), np.int32)
+        return cls(numbers, numbers, values, values, np.zeros(0))
+
     @classmethod
     def joined(cls, parts: "Sequence[History]") -> "History":
         """Joins the histories of generations one after another."""

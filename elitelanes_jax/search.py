@@ -41,7 +41,7 @@ from elitelanes_jax.problem.template import Template
 from elitelanes_jax.result import History, MeasuredElites, Result, RunState, SearchInterrupted
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 
-__all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare", "resolve_config"]
+__all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
 # and the most generations that it has.
@@ -103,11 +103,7 @@ def evolve(
     keys, single = check_keys(key, seeds)
     chosen = choose_devices(devices)
     shape = check_shape(shape, new=True)
-    spec = check_named("spec", record(SearchSpec), spec)
-    kernels = check_kernels(features, shape)
-    options |= {"features": tuple(kernels)} if features is not None else {}
-    spec, config = resolve_config(spec.but(options), config, "method" in options)
-    program, numbers = prepare(spec, shape, config, optimizer, kernels)
+    spec, config, program, numbers = prepare(spec, shape, config, optimizer, features, options)
     if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
         chosen = chosen[:1]
     search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
@@ -123,7 +119,7 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
     """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
     per_step = search.program.optimizer(search.numbers).evaluations_per_step
     spec, shape = search.spec, search.program.shape
-    last = first + (-(-spec.evaluations // per_step) if spec.generations is None else spec.generations)
+    last = first + spec.steps(per_step)
     done, parts = first, []
     if kept is not None and (before := kept.load()) is not None:
         done, inner = _restore(before.state, search)
@@ -230,8 +226,7 @@ class _Search(NamedTuple):
     def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
-        nothing = np.zeros((self.keys.size, 0), np.int32)
-        history = History.joined([History(np.arange(0), np.arange(0), nothing, nothing, np.zeros(0)), *parts])
+        history = History.joined([History.empty(self.keys.size), *parts])
         generation = np.array(first + history.generation.size, np.int32)
         if self.single:
             history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
@@ -257,7 +252,7 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[Key[Array, " S"], boo
     return jnp.atleast_1d(key), key.ndim == 0
 
 
-def resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
+def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
     """Returns the specification and the configuration, each after the other: a configuration says which method."""
     if config is None:
         return spec, PRESETS[spec.method, spec.preset]
@@ -274,11 +269,20 @@ def resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tupl
 def prepare(
     spec: SearchSpec,
     shape: tuple[int, int],
-    config: Config,
+    config: Config | None,
     factory: Callable[[Problem], Optimizer] | None,
-    kernels: Mapping[str, Kernel],
-) -> tuple[Program, Numbers]:
-    """Parts a search's settings into those that a program is compiled for and those that it takes."""
+    features: Mapping[str, Kernel] | None,
+    options: Mapping[str, UserValue],
+) -> tuple[SearchSpec, Config, Program, Numbers]:
+    """Checks a search's settings, and parts them into those that a program is compiled for and those that it takes.
+
+    Returns:
+      The specification with the options in place, the configuration, and the two parts.
+    """
+    spec = check_named("spec", record(SearchSpec), spec)
+    kernels = check_kernels(features, shape)
+    given = dict(options) if features is None else {**options, "features": tuple(kernels)}
+    spec, config = _resolve_config(spec.but(given), config, "method" in options)
     spec.check_on(shape, "shape")
     unknown = [name for name in spec.features if name not in kernels]
     if unknown:
@@ -309,7 +313,7 @@ def prepare(
         initial=np.array(spec.initial, np.int8) if spec.initial else None,
         extra_weights=None if spec.extra_weights is None else np.array(spec.extra_weights, np.int32),
     )
-    return program, numbers
+    return spec, config, program, numbers
 
 
 def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:

@@ -322,6 +322,10 @@ class SearchSpec(Settings):
         weights = tuple(dict(self.weights).get(name, 0) for name in self.extras)
         return weights if any(weights) else None
 
+    def steps(self, evaluations_per_step: int) -> int:
+        """Returns how many steps of an optimiser the budget allows, the last of them begun within it."""
+        return -(-self.evaluations // evaluations_per_step) if self.generations is None else self.generations
+
     def axes_on(self, shape: tuple[int, int]) -> tuple[Axis, ...]:
         """Returns the axes of the niches of grids ``(height, width)``: the given ones, or the preset's."""
         if self.axes:

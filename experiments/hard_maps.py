@@ -9,7 +9,6 @@ MAP-Elites fills the niches of two features, the cyclomatic number and how ambig
 import argparse
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, MissingPackageError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
@@ -45,8 +45,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if find_spec("flax") is None or find_spec("optax") is None:
-        raise MissingPackageError("a trained driver needs flax and optax: pip install flax optax")
+    for package in ("flax", "optax"):
+        import_optional(package, "a trained driver needs flax and optax", "flax optax")
     from figures import save
     from navigation_report import hard_niches
 

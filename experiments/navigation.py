@@ -15,7 +15,6 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,8 @@ from results_folder import kept, open_results
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax._util.errors import InputError, MissingPackageError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
@@ -58,8 +58,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if find_spec("flax") is None or find_spec("optax") is None:
-        raise MissingPackageError("training needs flax and optax: pip install flax optax")
+    for package in ("flax", "optax"):
+        import_optional(package, "training needs flax and optax", "flax optax")
     for name in options.tasks:
         if name not in _TASKS:
             raise InputError(f"tasks: expected some of {', '.join(_TASKS)}, got {name!r}")

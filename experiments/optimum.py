@@ -97,9 +97,7 @@ def comb(side: int) -> NDArray[np.int8]:
 def timed(place: Path, seeds: int, side: int, evaluations: int, **setting: Any) -> tuple[Result, float]:
     """Runs several seeds on a square, from where an earlier run was; returns the result and its seconds of search."""
     result = evolve(seed_keys(0, seeds), (side, side), evaluations=evaluations, checkpoint=place, every=30, **setting)
-    history = result.history
-    evaluated = np.diff(history.evaluations, prepend=0) * seeds
-    return result, float((evaluated / history.evaluations_per_second).sum())
+    return result, result.history.seconds
 
 
 def step(folder: Path, name: str, make: Callable[[Path], Any]) -> Any:

@@ -17,7 +17,6 @@ from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.wfc import generate
 from elitelanes_jax.optimizers.presets import PRESETS
 from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.result import Result
 
 __all__ = ["METHODS", "OFFSPRING", "Runs", "kept_runs", "run_method"]
 
@@ -78,11 +77,11 @@ def run_method(
     result = evolve(keys, shape, spec=spec, config=config)
     best = np.asarray(result.best())
     total = time.perf_counter() - began
-    working = _working_seconds(result)
+    working = result.history.seconds
     timing = {"all seeds": working, "a seed among them": working / seeds, "first call, compiling": total}
     if alone:
         evolve(keys[0], shape, spec=spec.but({"generations": 1}), config=config)  # compiles
-        singles = [_working_seconds(evolve(one, shape, spec=spec, config=config)) for one in keys[:5]]
+        singles = [evolve(one, shape, spec=spec, config=config).history.seconds for one in keys[:5]]
         timing["a seed alone"] = float(np.median(singles))
     rows = []
     for number in range(seeds):
@@ -119,13 +118,6 @@ def kept_runs(
     """Returns the fields of `Runs` from a file. If it does not exist, the method is run and the file written."""
     numbers = options.seeds, options.seed, options.generations
     return kept(file, lambda: run_method(method, shape, *numbers, reading, alone=alone)._asdict())
-
-
-def _working_seconds(result: Result) -> float:
-    """Returns the seconds that the generations took, without compilation."""
-    history = result.history
-    seeds = 1 if history.best_fitness.ndim == 1 else len(history.best_fitness)
-    return float((OFFSPRING * seeds / history.evaluations_per_second).sum())
 
 
 def _collapse(shape: tuple[int, int], seeds: int, seed: int, reading: Reading) -> Runs:

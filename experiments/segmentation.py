@@ -12,7 +12,6 @@ import argparse
 import time
 from collections.abc import Sequence
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +23,8 @@ from training_sets import CONDITIONS, SOURCES, Pictures, draw_maps, make_maps, p
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.errors import InputError, MissingPackageError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
@@ -80,8 +80,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> int:
-    if find_spec("flax") is None or find_spec("optax") is None:
-        raise MissingPackageError("training needs flax and optax: pip install flax optax")
+    for package in ("flax", "optax"):
+        import_optional(package, "training needs flax and optax", "flax optax")
     for name in options.conditions:
         if name not in CONDITIONS:
             raise InputError(f"conditions: expected some of {', '.join(CONDITIONS)}, got {name!r}")

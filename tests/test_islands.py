@@ -95,6 +95,7 @@ def test_processes_that_are_connected_return_what_one_returns(preset, processes,
     ("given", "message"),
     [
         ({"method": "ea"}, "method: expected map-elites, which has an archive to exchange, got ea"),
+        ({"spec": "ea"}, "spec: expected"),
         ({"islands": 0}, "islands: expected a whole number, 1 or more, got 0"),
         ({"every": 0}, "every: expected a whole number, 1 or more, got 0"),
         ({"key": jax.random.split(jax.random.key(0), 2)}, "key: expected one key for all islands, got 2 keys"),

@@ -45,7 +45,7 @@ from elitelanes_jax.optimizers.emitters import (
 from elitelanes_jax.optimizers.moves import with_opposite
 from elitelanes_jax.optimizers.mutations import Move
 from elitelanes_jax.optimizers.population import Population, evaluate, select
-from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, insert_at, take_over
+from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, insert_at
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins, niche_index
 from elitelanes_jax.problem.road_problem import Problem
 
@@ -198,7 +198,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     def receive(state: AnnealedMapElitesState, found: Elites) -> AnnealedMapElitesState:
         # The chains that are not isolated know the last archive: the groups stay as they are.
         mine = jax.tree.map(lambda array: array[groups.last :], state.archives)
-        new = take_over(mine, Archive(*found[:3]))
+        new = select(found.fitness < mine.fitness, Archive(*found[:3]), mine)
         archives = jax.tree.map(lambda array, part: array.at[groups.last :].set(part), state.archives, new)
         return state._replace(archives=archives)
 

@@ -17,10 +17,11 @@ from elitelanes_jax.optimizers.population import (
     Population,
     breed,
     random_population,
+    select,
     survivors,
     tournament,
 )
-from elitelanes_jax.problem.archive import Archive, empty_archive, insert, take_over
+from elitelanes_jax.problem.archive import Archive, empty_archive, insert
 from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["MapElitesConfig", "MapElitesState", "map_elites"]
@@ -91,7 +92,8 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         return Elites(*state.archive, valid=state.archive.valid)
 
     def receive(state: MapElitesState, found: Elites) -> MapElitesState:
-        return state._replace(archive=take_over(state.archive, Archive(*found[:3])))
+        better = found.fitness < state.archive.fitness
+        return state._replace(archive=select(better, Archive(*found[:3]), state.archive))
 
     return Optimizer(init, step, elites, evaluations_per_step=loop.offspring, receive=receive)
 

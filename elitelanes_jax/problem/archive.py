@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Int8, Int32
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index
 
-__all__ = ["VACANT", "Archive", "empty_archive", "insert", "insert_at", "keep_best", "take_over"]
+__all__ = ["VACANT", "Archive", "empty_archive", "insert", "insert_at", "keep_best"]
 
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant niche."""
@@ -110,13 +110,3 @@ def keep_best(archives: Archive) -> Archive:
         return jnp.take_along_axis(array, first.reshape(1, -1, *(1,) * (array.ndim - 2)), axis=0)[0]
 
     return jax.tree.map(take, archives)
-
-
-def take_over(archive: Archive, other: Archive) -> Archive:
-    """Returns an archive after it took the elites of another that are better than its own; both have N niches."""
-    better = other.fitness < archive.fitness
-
-    def choose(mine: Array, theirs: Array) -> Array:
-        return jnp.where(better.reshape(-1, *(1,) * (mine.ndim - 1)), theirs, mine)
-
-    return jax.tree.map(choose, archive, other)
