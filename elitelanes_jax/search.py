@@ -246,7 +246,7 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[Key[Array, " S"], boo
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
-        raise InputError(f"key: expected a jax.random.key or an array of them, got {key!r}")
+        raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
     if key.ndim > 1 or key.size == 0:
         raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
     return jnp.atleast_1d(key), key.ndim == 0
@@ -280,6 +280,9 @@ def prepare(
       The specification with the options in place, the configuration, and the two parts.
     """
     spec = check_named("spec", record(SearchSpec), spec)
+    for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
+        if option in options:
+            raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
     kernels = check_kernels(features, shape)
     given = dict(options) if features is None else {**options, "features": tuple(kernels)}
     spec, config = _resolve_config(spec.but(given), config, "method" in options)

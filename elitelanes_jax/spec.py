@@ -131,13 +131,14 @@ def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]
 
 
 def check_size(size: UserValue) -> tuple[int, int]:
-    """Checks the size of maps, (rows, columns) in tiles, numbers or texts of them.
+    """Checks the size of maps, (rows, columns) in tiles: numbers, texts of them, or a text such as ``6 8``.
 
     Raises:
       InputError: as `check_shape`.
     """
     try:
-        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in size], new=True)
+        sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
+        return check_shape([whole(0)(side) if isinstance(side, str) else side for side in sides], new=True)
     except (TypeError, InputError) as error:
         words = str(error).removeprefix("shape: ") if isinstance(error, InputError) else f"got {size!r}"
         raise InputError(words if words.startswith("expected") else f"expected rows and columns, {words}") from None

@@ -286,11 +286,13 @@ def test_progress_is_shown_when_asked_for(capsys):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"key": "3"}, "key: expected a jax.random.key or an array of them, got '3'"),
+        ({"key": "3"}, "key: expected a whole number, a jax.random.key or an array of them, got '3'"),
+        ({"size": (5, 6)}, r"size: expected it as shape=\(5, 6\), got size="),
+        ({"seed": 3}, "seed: expected it as key=3, got seed="),
         ({"key": -1}, "key: expected a whole number, 0 to 4294967295, got -1"),
         ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 to 1000000, got 0"),
         ({"seeds": 2}, "seeds: expected it with a whole number as key, .*, got 2"),
-        ({"key": jnp.zeros(3)}, "key: expected a jax.random.key"),
+        ({"key": jnp.zeros(3)}, "key: expected a whole number, a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
         ({"method": "annealing"}, "method: expected one of map-elites, ea, pso, gwo, got 'annealing'"),

@@ -40,7 +40,8 @@ class NotEnoughMemoryError(MemoryError):
 def likely(name: UserValue, known: Iterable[str]) -> str:
     """Returns the end of a message about an unknown name: the known one that is probably meant, if there is one."""
     text, names = str(name)[:40].lower(), list(known)
-    alike = get_close_matches(text, names, 1) or [one for one in names if one[:3] == text[:3]]
+    start = text[: 5 if text.startswith("--") else 3]
+    alike = get_close_matches(text, names, 1) or [one for one in names if one.startswith(start)]
     return f"; is it {alike[0]}?" if alike else ""
 
 

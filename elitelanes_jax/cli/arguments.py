@@ -9,7 +9,7 @@ from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, path, switch, whole
 from elitelanes_jax._util.cores import use_cores
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, likely
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
 from elitelanes_jax._util.types import Untyped, UserValue
@@ -43,7 +43,15 @@ JAX_COMPILATION_CACHE_DIR names another folder."""
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, and exit code 2."""
+    """A parser whose errors are one line, and exit code 2; of an unknown option it says which is probably meant."""
+
+    def parse_known_args(self, *given: Untyped, **named: Untyped) -> Untyped:
+        """Parses, and exits where anything is left over."""
+        found, left = super().parse_known_args(*given, **named)
+        if left:
+            meant = likely(left[0], self._option_string_actions) if left[0].startswith("--") else ""
+            self.error(f"unrecognized arguments: {' '.join(left)}{meant}")
+        return found, left
 
     def error(self, message: str) -> NoReturn:
         """Exits with the message."""

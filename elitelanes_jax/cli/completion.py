@@ -45,7 +45,8 @@ def add_completion(commands: Commands, make_parser: Callable[[], argparse.Argume
 
     def complete(options: argparse.Namespace) -> int:
         listed = list(_commands(make_parser(), ()))
-        say(_fish(listed) if options.shell == "fish" else _bash(listed, zsh=options.shell == "zsh"))
+        script = _fish(listed) if options.shell == "fish" else _bash(listed, zsh=options.shell == "zsh")
+        say(script, asked=True)
         return 0
 
     command.set_defaults(action=complete)

@@ -250,7 +250,7 @@ def _show(options: argparse.Namespace) -> int:
     (figures,) = measure_maps([str(options.map)], [codes])
     drawn = draw_text(codes)
     try:
-        drawn.encode(sys.stdout.encoding or "ascii")
+        drawn.encode(getattr(sys.stdout, "encoding", None) or "ascii")
     except UnicodeEncodeError:
         drawn = draw_text(codes, ascii_only=True)
     words = [f"{figures.pop('height')} x {figures.pop('width')} tiles"]

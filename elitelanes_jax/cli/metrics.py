@@ -64,7 +64,7 @@ def _metrics(options: argparse.Namespace) -> int:
 
     listed = meanings()
     if options.name is not None:
-        say(_show(check_feature("metrics", options.name), listed[options.name]))
+        say(_show(check_feature("metrics", options.name), listed[options.name]), asked=True)
         return 0
     wide = max(map(len, listed))
     lines = [f"{'':{wide}}  at 12 x 12"]
@@ -73,7 +73,7 @@ def _metrics(options: argparse.Namespace) -> int:
         lines.append(f"{feature:{wide}}  {range_text(feature):17}  {first}")
         lines += [f"{'':{wide + 21}}{line}" for line in more]
     lines += ["", f"--where NAME=LOW..HIGH asks for a range; elitelanes metrics NAME shows one. {_NOTE}"]
-    say("\n".join(lines))
+    say("\n".join(lines), asked=True)
     return 0
 
 

@@ -41,7 +41,7 @@ def _score(options: argparse.Namespace) -> int:
             _, scores = score_submission(submission)
         except InputError as error:
             raise InputError(f"{file}: {error}") from None
-        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(submission, scores)}")
+        say(f"{file}: {submission.task.name}, {len(submission.grids)} runs\n{_table(submission, scores)}", asked=True)
     return 0
 
 

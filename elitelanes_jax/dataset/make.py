@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.cores import count_cores
+from elitelanes_jax._util.errors import many
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.version import installed_versions
@@ -81,7 +82,8 @@ def make_dataset(
     with place_for(out, identity, force=force) as place:
         with work_folder(place, identity) as work:
             if work is not None:
-                announce(f"making a dataset of {spec.maps} maps of {_sizes(spec)} tiles, {spec.views} views each")
+                maps_of, views = f"{many(spec.maps, 'map')} of {_sizes(spec)} tiles", many(spec.views, "view")
+                announce(f"making a dataset of {maps_of}, {views} each")
                 found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
                 splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
                 _draw_samples(place, work / "records", spec, found, splits, by_split, workers)

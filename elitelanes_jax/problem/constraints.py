@@ -55,8 +55,8 @@ def parse_ranges(where: UserValue, own: Collection[str] = ()) -> tuple[Range, ..
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
-      where: texts, or one with spaces between; or a mapping of names to numbers or to pairs of them, None for no limit;
-        or `Range` records.
+      where: texts, or one with spaces between; or a mapping of names to numbers, texts such as ``6..10``, or pairs of
+        numbers, None for no limit; or `Range` records.
       own: names of features of one's own.
 
     Raises:
@@ -149,12 +149,13 @@ def _parse(text: UserValue, own: Collection[str]) -> Range:
     name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
     if not equals:
         raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
-    low, dots, high = limits.partition("..")
-    return _range(source, name.strip(), (low.strip() or None, high.strip() or None) if dots else low.strip(), own)
+    return _range(source, name.strip(), limits.strip(), own)
 
 
 def _range(source: str, name: UserValue, limits: UserValue, own: Collection[str]) -> Range:
     check_feature(source, name, own)
+    if isinstance(limits, str) and ".." in limits:
+        limits = [limit.strip() or None for limit in limits.split("..", 1)]
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
         raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")

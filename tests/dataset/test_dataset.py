@@ -437,7 +437,7 @@ def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monke
     assert files(tmp_path / "out") == files(given / "imagefolder")
 
 
-ANNOUNCED = "making a dataset of 40 maps of 5 x 5 tiles, 1 views each\n"
+ANNOUNCED = "making a dataset of 40 maps of 5 x 5 tiles, 1 view each\n"
 
 
 def end_runs(out, runs, seed, *names):

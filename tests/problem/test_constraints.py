@@ -65,7 +65,8 @@ def test_ranges_are_read():
         Range("tiles", None, Fraction(9)),
     )
     assert parse_ranges({"crossings": (6, None), "bridges": 0}) == parse_ranges(["crossings=6..", "bridges=0"])
-    assert parse_ranges("bridges=0") == parse_ranges(["bridges=0"])
+    assert parse_ranges("bridges=0") == parse_ranges(["bridges=0"]) == parse_ranges({"bridges": "0"})
+    assert parse_ranges({"crossings": "6..10", "bridges": "..2"}) == parse_ranges("crossings=6..10 bridges=..2")
     assert [str(item) for item in parse_ranges(["crossings=6..10", "bridges=0"])] == ["crossings=6..10", "bridges=0"]
     third = (Range("straight_share", Fraction(1, 3), None),)
     assert parse_ranges(["straight_share=1/3.."]) == parse_ranges({"straight_share": (1 / 3, None)}) == third
