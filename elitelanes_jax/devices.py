@@ -1,6 +1,6 @@
 """Independent rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache, partial
 from queue import SimpleQueue
 from threading import Thread
@@ -138,27 +138,28 @@ def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     return jax.tree.map(joined, *parts)
 
 
-def side_by_side(calls: Sequence[Callable[[], T]]) -> list[T]:
+def side_by_side(calls: Iterable[Callable[[], T]]) -> list[T]:
     """Calls functions at once, in a thread each; returns what they return, in order.
 
-    An error in one of them, or an interruption, is raised when all have ended. The wait is at a simple queue, which an
-    interruption leaves intact.
+    Each begins as soon as the iterable gives it. An error in one of them, or an interruption, is raised when all have
+    ended. The wait is at a simple queue, which an interruption leaves intact.
     """
-    if len(calls) == 1:
+    if isinstance(calls, Sequence) and len(calls) == 1:
         return [calls[0]()]
     ended: SimpleQueue[tuple[int, Pytree, BaseException | None]] = SimpleQueue()
 
-    def call(number: int) -> None:
+    def call(number: int, function: Callable[[], T]) -> None:
         try:
-            ended.put((number, calls[number](), None))
+            ended.put((number, function(), None))
         except BaseException as error:
             ended.put((number, None, error))
 
-    threads = [Thread(target=call, args=(number,), daemon=True) for number in range(len(calls))]
+    threads: list[Thread] = []
     found: dict[int, T] = {}
     try:
-        for thread in threads:
-            thread.start()
+        for numbered in enumerate(calls):
+            threads.append(Thread(target=call, args=numbered, daemon=True))
+            threads[-1].start()
         for _ in threads:
             number, value, error = ended.get()
             if error is not None:
@@ -168,7 +169,7 @@ def side_by_side(calls: Sequence[Callable[[], T]]) -> list[T]:
         for thread in threads:
             if thread.is_alive():
                 thread.join()
-    return [found[number] for number in range(len(calls))]
+    return [found[number] for number in range(len(threads))]
 
 
 def _is_key(array: Pytree) -> bool:

@@ -2,9 +2,9 @@
 
 import time
 import zlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from functools import partial
+from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
@@ -35,7 +35,7 @@ from elitelanes_jax.optimizers.run import advance, seed_keys, start
 from elitelanes_jax.problem.constraints import Bounds, bounds_of
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
 from elitelanes_jax.problem.extras import Kernel, check_kernels
-from elitelanes_jax.problem.limits import check_ranges, find_limits
+from elitelanes_jax.problem.limits import Limits, check_ranges, find_limits
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
 from elitelanes_jax.result import History, MeasuredElites, Result, RunState, SearchInterrupted
@@ -47,6 +47,9 @@ __all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare
 # and the most generations that it has.
 _SECONDS_A_CALL = 0.2
 _MOST = 256
+
+# What was compiled before: threads would take longer than JAX does to find it again.
+_KNOWN: set[tuple[Hashable, ...]] = set()
 
 _OF_SEEDS = ("best_fitness", "elite_count")  # of a history
 
@@ -96,8 +99,8 @@ def evolve(
     Raises:
       InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other settings,
         or a checkpoint that another process is at work on.
-      SearchInterrupted: at Ctrl-C, a `KeyboardInterrupt` whose ``result`` is what was found until then. A checkpoint
-        has it too, if the search took ten seconds.
+      SearchInterrupted: at Ctrl-C, once there are first grids, a `KeyboardInterrupt` whose ``result`` is what was found
+        until then. A checkpoint has it too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, where the search cannot fit into the memory that is free.
     """
     keys, single = check_keys(key, seeds)
@@ -117,7 +120,7 @@ def evolve(
 
 def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
-    per_step = search.program.optimizer(search.numbers).evaluations_per_step
+    per_step = int(_evaluations_per_step(search.program, search.numbers))
     spec, shape = search.spec, search.program.shape
     last = first + spec.steps(per_step)
     done, parts = first, []
@@ -130,25 +133,29 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
     count = len(parts)
     resumed = bool(parts) and done == last
     with Progress(f"{spec.method} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
+        expected = search.states()
         if inner is None:
-            _check_memory(_start.eval_shape(search.program, search.numbers, search.keys), search.keys.size, shape)
-            with bar.doing("compiling"):
-                inner = _start(search.program, search.numbers, search.keys)
-        inner = cut(inner, search.devices)
+            _check_memory(expected, search.keys.size, shape)
+        states = None if inner is None else cut(inner, search.devices)
         try:
-            for states, part in _run(search, inner, done, last, per_step, bar):
+            with bar.doing("compiling"):
+                compiled = _compile(search, expected, starts=states is None, runs=done < last)
+                if states is None:
+                    states = cut(_start(search.program, search.numbers, search.keys), search.devices)
+            for after, part in _run(search, compiled, states, done, last, per_step, bar):
                 parts.append(part)
-                inner, count = states, count + 1  # in one: an interruption falls before it or after it
+                states, count = after, count + 1  # in one: an interruption falls before it or after it
                 if kept is not None and kept.due:
-                    kept.save(search.result(inner, parts, first))
+                    kept.save(search.result(states, parts, first))
         except KeyboardInterrupt:
-            found = partial(search.result, inner, parts[:count], first)
+            if states is None:  # nothing is found yet
+                raise
+            found = partial(search.result, states, parts[:count], first)
             if kept is not None and kept.worth_keeping:
                 kept.save(found())
             generation = int(parts[count - 1].generation[-1]) if count else done
             raise SearchInterrupted(f"at generation {generation} of {last}", found) from None
-        with bar.doing("compiling"):
-            result = search.result(inner, parts, first)
+        result = search.result(states, parts, first)
     if kept is not None and not resumed:
         kept.save(result)
     return result
@@ -223,6 +230,10 @@ class _Search(NamedTuple):
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
 
+    def states(self) -> Pytree:
+        """Returns the shapes and dtypes of the states of all seeds."""
+        return _start.eval_shape(self.program, self.numbers, self.keys)
+
     def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
@@ -293,9 +304,7 @@ def prepare(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
     if factory is None:  # one of the user's may make any grids
-        full = ("dead_ends", "empty_cells") if spec.fills and spec.fix is None else ()
-        limits = find_limits(shape, certain=dict.fromkeys(full, 0), fix=spec.fix)
-        check_ranges(spec.where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
+        check_ranges(spec.where, _limits(shape, spec.fills, spec.fix), f"repaired grids of {shape[0]} x {shape[1]}")
     leaves, tree = jax.tree.flatten(config)
     program = Program(
         shape=shape,
@@ -317,6 +326,13 @@ def prepare(
         extra_weights=None if spec.extra_weights is None else np.array(spec.extra_weights, np.int32),
     )
     return spec, config, program, numbers
+
+
+@lru_cache(maxsize=32)
+def _limits(shape: tuple[int, int], fills: bool, fix: Template | None) -> Limits:
+    """Finds the limits of the metrics of a search's grids; kept, as many searches have the same ones."""
+    full = ("dead_ends", "empty_cells") if fills and fix is None else ()
+    return find_limits(shape, certain=dict.fromkeys(full, 0), fix=fix)
 
 
 def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
@@ -354,7 +370,7 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     program, keys = search.program, search.keys
     arrays = [jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner)]
-    leaves, tree = jax.tree.flatten(_start.eval_shape(program, search.numbers, keys))
+    leaves, tree = jax.tree.flatten(search.states())
     kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, leaves)]
     if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:
         raise InputError(
@@ -364,21 +380,51 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
     return int(state.generation), jax.tree.unflatten(tree, arrays)
 
 
+def _compile(search: _Search, states: Pytree, *, starts: bool, runs: bool) -> dict[jax.Device, Callable[..., Pytree]]:
+    """Compiles all that a search calls, side by side; returns `_advance` by device. `states` are shapes and dtypes.
+
+    Each is lowered in this thread, as JAX's settings may be those of this one alone. JAX keeps what was compiled of
+    `_start` and `_collect` for their calls.
+    """
+    program, numbers = search.program, search.numbers
+    advances: dict[jax.Device, jax.stages.Lowered] = {}
+
+    def compilers() -> Iterator[Callable[[], Pytree]]:
+        if starts:
+            yield _start.lower(program, numbers, search.keys).compile
+        yield _collect.lower(program, numbers, states, search.single).compile
+        if runs:
+            for keys, device in zip(cut(search.keys, search.devices), search.devices, strict=False):
+                if device not in advances:
+                    part = _on_device(states, keys.size, device)
+                    advances[device] = _advance.lower(program, numbers, keys, part, np.int32(0), np.int32(0))
+                    yield advances[device].compile
+
+    known = (program, search.keys.size, search.single, *search.devices)
+    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers())
+    _KNOWN.add(known)
+    return dict(zip(advances, compiled[-len(advances) :], strict=True)) if advances else {}
+
+
+def _on_device(states: Pytree, rows: int, device: jax.Device) -> Pytree:
+    """Returns the shapes and dtypes of a part of `cut`, bound to its device but for the default."""
+    bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype, sharding=bound), states)
+
+
 def _run(
-    search: _Search, states: list[Pytree], done: int, last: int, per_step: int, bar: Progress
+    search: _Search,
+    compiled: Mapping[jax.Device, Callable[..., Pytree]],
+    states: list[Pytree],
+    done: int,
+    last: int,
+    per_step: int,
+    bar: Progress,
 ) -> Iterator[tuple[list[Pytree], History]]:
     """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
     numbers, seeds = search.numbers, search.keys.size
     keys, devices = cut(search.keys, search.devices), search.devices[: len(states)]
     stretch = _MOST // 2
-    if done < last:
-        with bar.doing("compiling"):
-            # Once for a device. Lowered in this thread, as JAX's settings may be those of this one alone.
-            lowered = {
-                device: _advance.lower(search.program, numbers, *part, np.int32(0), np.int32(0))
-                for device, *part in zip(devices, keys, states, strict=True)
-            }
-            compiled = dict(zip(lowered, side_by_side([each.compile for each in lowered.values()]), strict=True))
 
     def advance_part(part: int, first: int, last: int) -> tuple[Pytree, Info]:
         run = compiled[devices[part]]
@@ -400,6 +446,11 @@ def _run(
         bar.update(done, f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
         yield states, History(generation, generation * per_step, best.T, elites.T, speeds)
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
+
+
+@partial(jax.jit, static_argnames="program")
+def _evaluations_per_step(program: Program, numbers: Numbers) -> int:
+    return program.optimizer(numbers).evaluations_per_step
 
 
 # The first populations are made once: to compile that twice as fast is worth more than to run it.

@@ -101,7 +101,7 @@ def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
 
 
 def interrupt_at(patch, number):
-    """Interrupts the search in its call of this number, as Ctrl-C does; the first call compiles."""
+    """Interrupts a search that was compiled before in its call of this number, as Ctrl-C does."""
     side_by_side, calls = search.side_by_side, []
 
     def interrupted(functions):
@@ -113,7 +113,7 @@ def interrupt_at(patch, number):
     patch.setattr(search, "side_by_side", interrupted)
 
 
-@pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 0), (3, 128), (6, 131)])
+@pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 128), (5, 131)])
 def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
     with monkeypatch.context() as patch:
         interrupt_at(patch, number)
@@ -127,11 +127,23 @@ def test_an_interruption_has_what_was_found(number, done, whole, monkeypatch):
     chex.assert_trees_all_equal(rest.elites, whole.elites)
 
 
+def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monkeypatch):
+    half = run(generations=130)
+    for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
+        with monkeypatch.context() as patch:
+            patch.setattr(search, "_KNOWN", set())
+            interrupt_at(patch, 1)
+            with pytest.raises(KeyboardInterrupt) as caught:
+                run(generations=5, state=state)
+        assert type(caught.value) is kind
+    chex.assert_trees_all_equal(caught.value.result.elites, half.elites)
+
+
 def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monkeypatch):
     for worth, left in ((10, []), (0, ["result.npz", "search.json"])):
         with monkeypatch.context() as patch:
             patch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", worth)
-            interrupt_at(patch, 5)
+            interrupt_at(patch, 4)
             with pytest.raises(SearchInterrupted):
                 run(checkpoint=tmp_path / "folder")
         assert sorted(file.name for file in tmp_path.rglob("*.*")) == left
