@@ -1,18 +1,21 @@
 """LaneDrive: a robot with two wheels that keeps to its lane, or drives along a route to a goal."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import Numeric, UserValue
-from elitelanes_jax.drive.distances import NO_WAY, way_at
-from elitelanes_jax.drive.environment import Environment, Transition, draw_level
+from elitelanes_jax._util.types import Numeric, Pytree, UserValue
+from elitelanes_jax.drive.distances import NO_WAY
+from elitelanes_jax.drive.environment import Environment, Transition
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
     MOVEMENTS,
@@ -27,6 +30,7 @@ from elitelanes_jax.drive.lanes import (
     wrap_angle,
 )
 from elitelanes_jax.drive.levels import Level, check_batch
+from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.random_bits import randint, random_bits
@@ -164,37 +168,99 @@ def next_movement(state: LaneDriveState) -> Movement:
     return Movement(*state.movement.next_place, state.next_turn)
 
 
+_Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
+
+
+class _Start(NamedTuple):
+    pose: Pose
+    movement: Movement
+    next_turn: Array
+    d: Array
+    phi: Array
+    s: Array
+
+
+@jax.jit
 def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
-    choosing, starting = jax.random.split(key)
-    return _reset_to_level(starting, draw_level(choosing, params.levels), params)
+    """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
+    levels = params.levels
+
+    def draw() -> tuple[Array, _Start]:
+        bits = _reset_bits(key, params)
+        index = randint(bits[0], levels.grid.shape[0])
+        # Single tiles are read from the batch itself: the level's whole map would be copied for them.
+        return index, _start(
+            bits,
+            _at(levels.start, index),
+            lambda row, column: _at((levels.grid, levels.ways), index, row, column),
+            params,
+        )
+
+    index, start = once(draw)
+    return _begin(_at(levels, index), start, params)
 
 
+@jax.jit
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
     """Puts the robot on the start of a level, still, near the middle of its lane; the key is consumed."""
-    bits = random_bits(key, (5,))
-    shares = (bits[:3] >> 8).astype(jnp.float32) / 2**24
-    turn = _choose_turn(bits[3], level.grid, level.ways, level.start, params)
-    movement = Movement(*level.start, turn)
-    s = shares[0] * lane_length(turn) / 2
-    d, phi = (2 * shares[1] - 1) * params.start_d, (2 * shares[2] - 1) * params.start_phi
-    middle = lane_point(movement, s)
-    pose = Pose(
-        middle.x - d * jnp.sin(middle.theta), middle.y - d * jnp.cos(middle.theta), wrap_angle(middle.theta + phi)
-    )
-    state = LaneDriveState(
-        *(level.grid, level.ways, level.goal, level.shortest, pose, still(params.robot), movement),
-        next_turn=_choose_turn(bits[4], level.grid, level.ways, movement.next_place, params),
+    read = _reader(level.grid, level.ways)
+    return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
+
+
+def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
+    """Draws all that a reset needs at once: a word for the level, two for the start, and one for each drawn turn."""
+    return random_bits(key, (5,) if params.task == "lane" else (3,))
+
+
+def _at(tree: Pytree, *index: Array) -> Pytree:
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
+
+
+def _start(bits: Array, place: Place, read: _Reader, params: LaneDriveParams) -> _Start:
+    along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
+    turn = _choose_turn(bits[-1], read, place, params)
+    movement = Movement(*place, turn)
+    s = along * lane_length(turn) / 2
+    d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
+    pose = lane_point(movement, s, d)
+    return _Start(
+        pose._replace(theta=wrap_angle(pose.theta + phi)),
+        movement,
+        next_turn=_choose_turn(bits[-2], read, movement.next_place, params),
         d=jnp.asarray(d, jnp.float32),
         phi=jnp.asarray(phi, jnp.float32),
         s=s,
+    )
+
+
+def _begin(level: Level, start: _Start, params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+    state = LaneDriveState(
+        *(level.grid, level.ways, level.goal, level.shortest),
+        wheels=still(params.robot),
         tiles=jnp.int32(0),
         steps=jnp.int32(0),
+        **start._asdict(),
     )
     return _observe(state, params), state
 
 
+class _Moved(NamedTuple):
+    pose: Pose
+    wheels: Wheels
+    movement: Movement
+    next_turn: Array
+    d: Array
+    phi: Array
+    s: Array
+    entered: Array
+    success: Array
+    off_road: Array
+    along: Array
+
+
+@jax.jit
 def _step(
     key: Key[Array, ""], state: LaneDriveState, action: Float[ArrayLike, "2"], params: LaneDriveParams
 ) -> Transition:
@@ -210,29 +276,15 @@ def _step(
       The episode terminates at the goal of a route, where either side of the robot leaves the road, and on a dead end.
       It is truncated at the limit. A robot that leaves its tile by another way than its movement's goes on from there.
     """
-    grid, robot = state.grid, params.robot
-    pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
-    movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
-    d, phi, s = lane_errors(pose, movement)
-
-    reach = robot.width / 2 / TILE
-    beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
-    left = _is_road(grid, pose.x + beside[0], pose.y + beside[1])
-    right = _is_road(grid, pose.x - beside[0], pose.y - beside[1])
-    here = movement.place
-    success = entered & (here.row == state.goal.row) & (here.column == state.goal.column)
-    success &= (here.heading == state.goal.heading) & (params.task == "route")
-    laneless = ~jnp.asarray(MOVEMENTS)[grid[here.row, here.column], here.heading].any()
-    off_road = ~success & (astray | laneless | ~(left & right))
+    moved = once(lambda: _move(key, state, action, params))
+    success, off_road, d, phi = moved.success, moved.off_road, moved.d, moved.phi
     own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)
-
-    along = wheels.speed * robot.dt / TILE * jnp.cos(phi)
     costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
-    reward = params.progress_reward * along * own - costs * robot.dt
+    reward = params.progress_reward * moved.along * own - costs * params.robot.dt
     reward += params.goal_reward * success - params.leaving_cost * off_road
-    tiles, steps = state.tiles + entered, state.steps + 1
+    tiles, steps = state.tiles + moved.entered, state.steps + 1
     after = state._replace(
-        pose=pose, wheels=wheels, movement=movement, next_turn=next_turn, d=d, phi=phi, s=s, tiles=tiles, steps=steps
+        **{name: part for name, part in moved._asdict().items() if name in state._fields}, tiles=tiles, steps=steps
     )
     spl = success * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
     info = LaneDriveInfo(success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32))
@@ -240,6 +292,24 @@ def _step(
     seen = _observe(after, params)
     reward = jnp.asarray(reward, jnp.float32)
     return Transition(seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen)
+
+
+def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams) -> _Moved:
+    grid, robot = state.grid, params.robot
+    pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
+    movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
+    d, phi, s = lane_errors(pose, movement)
+    reach = robot.width / 2 / TILE
+    beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
+    left = _is_road(grid, pose.x + beside[0], pose.y + beside[1])
+    right = _is_road(grid, pose.x - beside[0], pose.y - beside[1])
+    here, goal = movement.place, state.goal
+    success = entered & (here.row == goal.row) & (here.column == goal.column) & (here.heading == goal.heading)
+    success &= params.task == "route"
+    laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
+    off_road = ~success & (astray | laneless | ~(left & right))
+    along = wheels.speed * robot.dt / TILE * jnp.cos(phi)
+    return _Moved(pose, wheels, movement, next_turn, d, phi, s, entered, success, off_road, along)
 
 
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
@@ -260,7 +330,7 @@ def _go_on(
     key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
 ) -> tuple[Movement, Array, Array, Array]:
     """Returns the movement and the next turn at a new pose, whether a tile was entered, and whether not by a road."""
-    before, grid = state.movement, state.grid
+    before, grid, read = state.movement, state.grid, _reader(state.grid, state.ways)
     down = jnp.floor(pose.y).astype(jnp.int32) - before.row
     right = jnp.floor(pose.x).astype(jnp.int32) - before.column
     code = grid[before.row, before.column].astype(jnp.int32)
@@ -274,26 +344,40 @@ def _go_on(
     )
     as_meant = heading == before.next_place.heading
     bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
-    other = _choose_turn(bits[0], grid, state.ways, place, params)
+    other = _choose_turn(bits[0], read, place, params)
     turn = jnp.where(entered, jnp.where(as_meant, state.next_turn, other), before.turn)
     movement = Movement(*place, turn)
-    onward = _choose_turn(bits[1], grid, state.ways, movement.next_place, params)
+    onward = _choose_turn(bits[1], read, movement.next_place, params)
     return movement, jnp.where(entered, onward, state.next_turn), entered, astray
 
 
-def _choose_turn(bits: Array, grid: Array, ways: Array, place: Place, params: LaneDriveParams) -> Array:
+def _reader(grid: Array, ways: Array) -> _Reader:
+    return lambda row, column: (grid[row, column], ways[row, column])
+
+
+def _choose_turn(bits: Array, read: _Reader, place: Place, params: LaneDriveParams) -> Array:
     """Chooses the turn to make at a place: the route's, or an open one at random; straight on where none is open."""
-    height, width = grid.shape
-    row, column = jnp.clip(place.row, 0, height - 1), jnp.clip(place.column, 0, width - 1)
-    place = Place(row, column, place.heading)
-    is_open = jnp.asarray(MOVEMENTS)[grid[row, column], place.heading]
-    count = is_open.sum()
-    lot = randint(bits, jnp.maximum(count, 1)) if params.task == "lane" else 0
-    chosen = jnp.where(count > 0, jnp.argmax(jnp.cumsum(is_open) == lot + 1), 1).astype(jnp.int32)
+    code, way = read(place.row, place.column)
+    turns = _turns_of(code, place.heading)
     if params.task == "lane":
-        return chosen
-    way = way_at(ways, place)
-    return jnp.where(way == NO_WAY, chosen, way)
+        lot = randint(bits, jnp.maximum(turns & 3, 1))
+        return turns >> (2 * lot + 2) & 3
+    way = way.astype(jnp.int32) >> (2 * place.heading) & 3
+    return jnp.where(way == NO_WAY, turns >> 2 & 3, way)
+
+
+def _pack_turns(is_open: NDArray[np.bool_]) -> int:
+    listed = np.flatnonzero(is_open)
+    return len(listed) + sum(int(turn) << (2 * number + 2) for number, turn in enumerate(listed)) if len(listed) else 4
+
+
+# Of a tile and a heading, 4 * code + heading: how many turns are open, in two bits, and in two bits each the open ones;
+# straight on where none is.
+_TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)], np.int32)
+
+
+def _turns_of(code: Array, heading: Array) -> Array:
+    return jnp.asarray(_TURNS)[code.astype(jnp.int32) * 4 + heading]
 
 
 def _is_road(grid: Array, x: Array, y: Array) -> Array:

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
+from numpy.typing import NDArray
 
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
@@ -110,8 +111,8 @@ class Movement(NamedTuple):
     @property
     def next_place(self) -> Place:
         """The tile that the movement leads to, and the heading there."""
-        out = jnp.asarray(EXIT)[self.heading, self.turn].astype(jnp.int32)
-        return Place(self.row + jnp.asarray(_DOWN)[out], self.column + jnp.asarray(_ACROSS)[out], out)
+        out = (jnp.asarray(self.heading, jnp.int32) + 1 - self.turn) & 3
+        return Place(self.row + _choose(_DOWN, out), self.column + _choose(_ACROSS, out), out)
 
 
 class Pose(NamedTuple):
@@ -179,12 +180,12 @@ def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
 
 def lane_length(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
     """Returns the length of a movement's lane: 1 tile straight on, 0.3 or 0.7 times pi / 2 on an arc."""
-    return jnp.asarray(_LENGTH)[turn]
+    return _choose(_LENGTH, turn)
 
 
 def lane_curvature(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
     """Returns the curvature of a movement's lane, 1 / tiles, to the left: -1 / 0.3, 0 or 1 / 0.7."""
-    return jnp.asarray(_BEND / _RADIUS)[turn]
+    return _choose(_BEND / _RADIUS, turn)
 
 
 def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
@@ -193,8 +194,8 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
     Beyond its tile a lane goes on as the line or the circle that it is.
     """
     forward, left = _from_entry(pose, movement)
-    turned = pose.theta - jnp.asarray(_ANGLE)[movement.heading]
-    bend, radius = jnp.asarray(_BEND)[movement.turn], jnp.asarray(_RADIUS)[movement.turn]
+    turned = pose.theta - _choose(_ANGLE, movement.heading)
+    bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
     across = 0.5 - bend * left  # with `forward`, from the corner that an arc goes about
     angle = jnp.arctan2(forward, across)
     straight = bend == 0
@@ -203,17 +204,23 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
     return d, wrap_angle(turned - bend * angle), s
 
 
-def lane_point(movement: Movement, s: Float[ArrayLike, "..."]) -> Pose:
-    """Returns the pose on the centre of a movement's lane, `s` tiles from where it enters; it may lie beyond."""
-    bend, radius = jnp.asarray(_BEND)[movement.turn], jnp.asarray(_RADIUS)[movement.turn]
+def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
+    """Returns the pose `s` tiles along a movement's lane, as the lane is directed; it may lie beyond its end.
+
+    Args:
+      movement: whose lane it is.
+      s: tiles along the lane's centre from where it enters.
+      d: tiles to the left of the centre.
+    """
+    bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
     angle = s / radius
     straight = bend == 0
-    forward = jnp.where(straight, s, radius * jnp.sin(angle))
-    left = jnp.where(straight, -LANE_OFFSET, bend * (0.5 - radius * jnp.cos(angle)))
-    ahead_x, ahead_y = jnp.asarray(_EAST_PART)[movement.heading], jnp.asarray(_SOUTH_PART)[movement.heading]
+    forward = jnp.where(straight, s, (radius - bend * d) * jnp.sin(angle))
+    left = jnp.where(straight, d - LANE_OFFSET, bend * (0.5 - (radius - bend * d) * jnp.cos(angle)))
+    ahead_x, ahead_y = _choose(_EAST_PART, movement.heading), _choose(_SOUTH_PART, movement.heading)
     x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
-    return Pose(x, y, wrap_angle(jnp.asarray(_ANGLE)[movement.heading] + bend * angle))
+    return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
 
 
 def on_road(
@@ -300,10 +307,19 @@ def _nearest(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
 def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
     """Returns a point's distances forward and left of the middle of the side that a movement enters by."""
     east, south = pose.x - (movement.column + 0.5), pose.y - (movement.row + 0.5)
-    ahead_x, ahead_y = jnp.asarray(_EAST_PART)[movement.heading], jnp.asarray(_SOUTH_PART)[movement.heading]
+    ahead_x, ahead_y = _choose(_EAST_PART, movement.heading), _choose(_SOUTH_PART, movement.heading)
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
+
+
+def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
+    """Reads a table of a few numbers. Unlike a look-up, choices let the compiler use the processor's vectors."""
+    chosen = jnp.asarray(table[-1])
+    for number in range(len(table) - 2, -1, -1):
+        chosen = jnp.where(jnp.asarray(index) == number, table[number], chosen)
+    return chosen
 
 
 def wrap_angle(angle: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
     """Returns the angle, in radians, that is as much turned and within -pi to pi."""
-    return jnp.pi - (jnp.pi - jnp.asarray(angle)) % (2 * jnp.pi)
+    angle = jnp.asarray(angle)
+    return jnp.clip(angle - 2 * jnp.pi * jnp.ceil(angle / (2 * jnp.pi) - 0.5), -jnp.pi, jnp.pi)
