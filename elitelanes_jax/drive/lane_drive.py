@@ -30,7 +30,7 @@ from elitelanes_jax.drive.lanes import (
     wrap_angle,
 )
 from elitelanes_jax.drive.levels import Level, check_batch
-from elitelanes_jax.drive._once import once
+from elitelanes_jax.drive.once import once
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.random_bits import randint, random_bits
