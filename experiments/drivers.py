@@ -71,7 +71,7 @@ class MapNetwork(nn.Module):
     It needs `window` of at least twice the map's side less one, and `whole_map`.
     """
 
-    width: int = 256
+    width: int = 128
     memory: int = 0
 
     @nn.compact
@@ -99,7 +99,7 @@ class WindowNetwork(nn.Module):
     """Sees a window and the compass, and remembers in a gated recurrent unit."""
 
     width: int = 128
-    memory: int = 128
+    memory: int = 64
 
     @nn.compact
     def __call__(self, memory: jax.Array, seen: Any, first: jax.Array) -> Any:
@@ -108,20 +108,26 @@ class WindowNetwork(nn.Module):
         x = nn.relu(_links(seen.window, self.width) + nn.Dense(self.width, kernel_init=_INIT())(compass))
         x = _hidden(x, self.width)
         cell = nn.scan(_Cell, variable_broadcast="params", split_rngs={"params": False})(self.memory)
-        memory, held = cell(memory, (x, first))
+        # What the unit makes of its inputs is one product over all steps; only its memory goes step by step.
+        memory, held = cell(memory, (nn.Dense(3 * self.memory)(x), first))
         logits, value = _heads(jnp.concatenate([x, held], axis=-1), seen.ways)
         return memory, logits, value
 
 
 class _Cell(nn.Module):
-    """A gated recurrent unit that forgets all when an episode begins."""
+    """A gated recurrent unit (Cho et al., 2014) that forgets all when an episode begins."""
 
     size: int
 
     @nn.compact
     def __call__(self, memory: jax.Array, step: Any) -> tuple[jax.Array, jax.Array]:
-        x, first = step
-        return nn.GRUCell(self.size)(jnp.where(first[:, None], 0, memory), x)
+        given, first = step
+        memory = jnp.where(first[:, None], 0, memory)
+        held = nn.Dense(3 * self.size, use_bias=False, kernel_init=nn.initializers.orthogonal())(memory)
+        (keep, mix, new), (keep_held, mix_held, new_held) = (jnp.split(part, 3, axis=-1) for part in (given, held))
+        kept = nn.sigmoid(keep + keep_held)
+        memory = kept * memory + (1 - kept) * nn.tanh(new + nn.sigmoid(mix + mix_held) * new_held)
+        return memory, memory
 
 
 class LaneNetwork(nn.Module):

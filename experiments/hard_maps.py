@@ -1,9 +1,11 @@
-"""Which maps are hard for a trained driver: an archive of loops and ambiguity, coloured by the driver's failures.
+"""Maps that a trained driver fails on, searched for: its failures are a feature of the search.
 
     python experiments/hard_maps.py results/navigation/drivers/map-maps-1000-0.msgpack --task map
 
-MAP-Elites fills the niches of two features, the cyclomatic number and how ambiguous places are. The driver, trained by
-`navigation.py`, drives on the elites. The figure has its failure rate in each niche and the hardest niches' maps.
+MAP-Elites fills the niches of two features, the cyclomatic number and how ambiguous places are; first as always, then
+on from there with the share of levels that the driver fails as a weight, so that each niche keeps its hardest map. Both
+archives are then driven on levels that the search has not seen. The figure has the failure rates in each niche and the
+hardest niches' maps.
 """
 
 import argparse
@@ -12,11 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from navigation_maps import DISTANCES, SIDE
 from numpy.typing import NDArray
 
-from elitelanes_jax import evolve
+from elitelanes_jax import Result, evolve
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
@@ -24,11 +27,11 @@ from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.drive.localization import ambiguity
-from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 
 __all__ = ["failure_feature", "main", "read_driver"]
 
+_FIRST = 32  # maps that a run of the preset begins with
 _AXES = (Axis("cyclomatic", 10, 2), Axis("ambiguity", 12, 100, start=200))
 
 
@@ -48,22 +51,39 @@ def _run(options: argparse.Namespace) -> int:
     for package in ("flax", "optax"):
         import_optional(package, "a trained driver needs flax and optax", "flax optax")
     from figures import save
-    from navigation_report import hard_niches
+    from navigation_report import Archive, hard_niches
 
     use_compile_cache()
     weights = read_driver(options.driver, options.task)
-    runs, evaluations, each = (1, 200, 7) if options.quick else (12, 4000, 21)
-    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "axes": _AXES, "progress": False}
-    keys = seed_keys(0, runs)
-    found = evolve(keys, (SIDE, SIDE), evaluations=evaluations, features={"ambiguity": ambiguity}, **settings)
-    whole = np.asarray(found.elites.valid) & (np.asarray(found.elites.metrics.components) == 1)
-    grids = np.asarray(found.elites.grids)[whole]
-    bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.axes))
-    failures = _measure(failure_feature(options.task, weights, each), grids)
-    save(hard_niches(grids, bins, failures / 1000, _AXES), options.out)
-    niches = len(np.unique(bins, axis=0))
-    say(f"{options.out}: {len(grids)} maps in {niches} niches, {failures.mean() / 10:.1f} % of levels failed")
+    evaluations, harder, each = (200, 60, 7) if options.quick else (20_000, 6000, 14)
+    features = {"ambiguity": ambiguity, "failure": failure_feature(options.task, weights, each)}
+    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "axes": _AXES}
+    usual = evolve(0, (SIDE, SIDE), seeds=1, evaluations=evaluations, features={"ambiguity": ambiguity}, **settings)
+    grids, bins, _ = _archive(usual)
+    # A weight over all others: a map that fails one more level of 14 takes its niche.
+    spread = np.linspace(0, len(grids) - 1, min(len(grids), _FIRST)).astype(int)
+    settings |= {"weights": {"failure": -100}, "initial": list(grids[spread])}
+    hard = evolve(0, (SIDE, SIDE), seeds=1, evaluations=harder, features=features, **settings)
+    sought, niches, found_hard = _archive(hard)
+    again = failure_feature(options.task, weights, 3 * each, seed=1)
+    archives = [
+        Archive("of a usual search", grids, bins, _measure(again, grids) / 1000),
+        Archive("sought by its failures", sought, niches, _measure(again, sought) / 1000),
+    ]
+    # Chosen by the search's own levels: the levels that measure would flatter those that they choose.
+    hardest = np.argsort(-found_hard["failure"], kind="stable")[:6]
+    save(hard_niches(archives, hardest, _AXES), options.out)
+    for one in archives:
+        say(f"maps {one.words}: {len(one.grids)}, one a niche, {one.failures.mean():.1%} of levels failed")
     return 0
+
+
+def _archive(found: Result) -> tuple[NDArray[np.int8], NDArray[np.int_], dict[str, NDArray[np.int32]]]:
+    """Returns the elites of one component of a run, their bins and their extra features."""
+    elites = jax.tree.map(lambda part: np.asarray(part)[0], found.elites)
+    whole = elites.valid & (elites.metrics.components == 1)
+    bins = np.asarray(niche_bins(elites.descriptor[whole], found.axes))
+    return elites.grids[whole], bins, {name: values[whole] for name, values in elites.features.items()}
 
 
 def read_driver(file: Path, task: str) -> Any:
@@ -72,7 +92,6 @@ def read_driver(file: Path, task: str) -> Any:
     Raises:
       InputError: if the file is none of a driver for the task.
     """
-    import jax
     from flax.serialization import from_bytes
     from navigation_tasks import CONDITIONS, TASKS, TrainBudget, train_driver
 
@@ -89,15 +108,15 @@ def read_driver(file: Path, task: str) -> Any:
     return weights
 
 
-def failure_feature(task: str, weights: Any, each: int = 21) -> Callable[[Any], Any]:
+def failure_feature(task: str, weights: Any, each: int = 21, seed: int = 0) -> Callable[[Any], Any]:
     """Makes a feature for `evolve`: the share of levels on a map that a driver fails, in thousandths, rounded down.
 
     Args:
       task: that the driver was trained for.
       weights: of the driver.
       each: levels on a map, always the same ones, of the distances of the study in turn.
+      seed: of the levels and of the turns that are drawn from the policy.
     """
-    import jax
     import jax.numpy as jnp
     from navigation_tasks import TASKS
     from ppo import drive_levels
@@ -110,10 +129,10 @@ def failure_feature(task: str, weights: Any, each: int = 21) -> Callable[[Any], 
     def feature(grid: Any) -> Any:
         draw = partial(random_level, grid=grid)
         levels = jax.vmap(lambda key, away: draw(key, least=away, most=away))(
-            jax.random.split(jax.random.key(0), each), target
+            jax.random.split(jax.random.key(2 * seed), each), target
         )
         info, _ = drive_levels(
-            *(jax.random.key(1), weights, levels, about.params(levels), about.environment, about.network),
+            *(jax.random.key(2 * seed + 1), weights, levels, about.params(levels), about.environment, about.network),
             steps=about.steps,
             likeliest=about.likeliest,
         )
@@ -124,8 +143,6 @@ def failure_feature(task: str, weights: Any, each: int = 21) -> Callable[[Any], 
 
 def _measure(feature: Callable[[Any], Any], grids: NDArray[np.int8], batch: int = 64) -> NDArray[np.int_]:
     """Measures grids, some at a time."""
-    import jax
-
     many = jax.jit(jax.vmap(feature))
     padded = np.concatenate([grids, np.repeat(grids[:1], -len(grids) % batch, axis=0)])
     parts = [np.asarray(many(part)) for part in padded.reshape(-1, batch, SIDE, SIDE)]

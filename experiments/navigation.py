@@ -12,7 +12,7 @@ import argparse
 import multiprocessing
 import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -44,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="navigation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tasks", nargs="+", default=list(_TASKS), metavar="NAME", help=f"of {', '.join(_TASKS)}")
     parser.add_argument(
-        "--seeds", type=checked_by(whole(1, 1000)), default=10, metavar="N", help="runs of each; by default 10"
+        "--seeds", type=checked_by(whole(1, 1000)), metavar="N", help="runs of each; by default 10, or 1 if quick"
     )
     add_cores(parser)
     parser.add_argument(
@@ -70,9 +70,8 @@ def _run(options: argparse.Namespace) -> int:
     open_results(options.out, about)
     use_compile_cache()
     began = time.perf_counter()
-    jobs = [(seed, task) for seed in range(options.seeds) for task in tasks]
-    for done in _work(jobs, options.out, options.quick, human.tolist()):
-        say(done)
+    seeds = range(options.seeds or (1 if options.quick else 10))
+    _work(seeds, partial(_do, tasks, options.out, options.quick, human.tolist()))
     from navigation_report import write_report
 
     write_report(options.out, tasks)
@@ -80,20 +79,20 @@ def _run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _work(jobs: Sequence[tuple[int, str]], out: Path, quick: bool, human: Any) -> Iterator[str]:
-    """Does all jobs, on so many cores at once; yields a line for each."""
-    count = min(count_cores(), len(jobs))
+def _work(seeds: Sequence[int], do: Callable[[int], None]) -> None:
+    """Does all seeds, one on each core at a time, the first ones first."""
+    count = min(count_cores(), len(seeds))
     if count == 1:
-        for job in jobs:
-            yield from _do(job, out, quick, human)
+        for seed in seeds:
+            do(seed)
         return
     method = multiprocessing.get_context("spawn")
     cores = method.Queue()
     for core in sorted(os.sched_getaffinity(0))[:count]:
         cores.put(core)
     with ProcessPoolExecutor(count, method, _settle, (cores,)) as pool:
-        for lines in pool.map(partial(_listed, out, quick, human), jobs):
-            yield from lines
+        for _ in pool.map(do, seeds):
+            pass
 
 
 def _settle(cores: Any) -> None:
@@ -102,34 +101,32 @@ def _settle(cores: Any) -> None:
     use_compile_cache()
 
 
-def _listed(out: Path, quick: bool, human: Any, job: tuple[int, str]) -> list[str]:
-    return list(_do(job, out, quick, human))
-
-
-def _do(job: tuple[int, str], out: Path, quick: bool, human: Any) -> Iterator[str]:
-    """Runs one task with one seed, under all conditions; yields a line for each."""
+def _do(tasks: Sequence[str], out: Path, quick: bool, human: Any, seed: int) -> None:
+    """Does all of a seed: makes its maps, and runs each task under all conditions; prints a line for each run."""
     from navigation_places import find_places
-    from navigation_tasks import CONDITIONS, TASKS, TrainBudget
+    from navigation_tasks import CONDITIONS, FEW, TASKS, TrainBudget
 
-    seed, name = job
     maps = kept(out / "maps" / f"{seed}.json", partial(make_maps, seed, _QUICK_MAPS if quick else _FULL_MAPS))
     maps = {part: np.array(grids, np.int8) for part, grids in maps.items() if part != "niches"}
     tests = {part: maps[part] for part in ("seen", "held out", "test ea", "test wfc", "test random")}
     if len(human):
         tests["human-made"] = np.array(human, np.int8)
-    if name == "where":
+    if "where" in tasks:
         kept(out / "runs" / f"where-{seed}.json", partial(find_places, tests))
-        yield f"where, seed {seed}"
-        return
-    budget = TrainBudget(updates=2, levels=256, each=2) if quick else TrainBudget()
-    if name == "lane":
-        budget = budget._replace(each=min(budget.each, 5))  # its episodes are long
-    for condition in TASKS[name].conditions:
-        run = partial(_train, name, condition, seed, maps, tests, out, budget)
-        found = kept(out / "runs" / f"{name}-{condition}-{seed}.json", run)
-        yield f"{name}, {CONDITIONS[condition].words}, seed {seed}: success " + ", ".join(
-            f"{test} {judged['success']:.3f}" for test, judged in found.items()
-        )
+        say(f"where, seed {seed}")
+    for name in [name for name in tasks if name != "where"]:
+        budget = TrainBudget(updates=2, levels=256, each=2) if quick else TrainBudget()
+        if name == "lane":
+            budget = budget._replace(each=min(budget.each, 5))  # its episodes are long
+        for condition in TASKS[name].conditions:
+            if condition in TASKS[name].few and seed >= FEW:
+                continue
+            run = partial(_train, name, condition, seed, maps, tests, out, budget)
+            found = kept(out / "runs" / f"{name}-{condition}-{seed}.json", run)
+            say(
+                f"{name}, {CONDITIONS[condition].words}, seed {seed}: success "
+                + ", ".join(f"{test} {judged['success']:.3f}" for test, judged in found.items())
+            )
 
 
 def _train(name: str, condition: str, seed: int, maps: Any, tests: Any, out: Path, budget: Any) -> Any:

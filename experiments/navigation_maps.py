@@ -1,7 +1,7 @@
 """The study's maps: where they come from, which niches are held out, and levels whose distances are matched."""
 
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,6 +31,7 @@ AXES = "cyclomatic:10:2 straight_share:10:80"
 DISTANCES = range(6, 13)
 """Tiles from start to goal; each is as frequent as the others on every set of maps."""
 
+_ROUND = 1024  # levels are drawn by multiples of it, so that few numbers are compiled for
 _TRIES = 4  # goals drawn for each level, of which the first with a start at the distance is taken
 
 
@@ -167,16 +168,26 @@ def draw_levels(seed: int, grids: ArrayLike, count: int, *, among: Sequence[int]
       among: tiles from start to goal.
     """
     listed = np.asarray(grids, np.int8)
-    number = np.arange(count)
-    target = np.asarray(among)[number // len(listed) % len(among)]
-    keys = jax.random.split(jax.random.key(seed), count)
-    return _draw_levels(keys, jnp.asarray(listed[number % len(listed)]), jnp.asarray(target, jnp.int32))
+    drawn = _drawn(seed, listed.tobytes(), listed.shape, -(-count // _ROUND) * _ROUND, tuple(among))
+    return jax.tree.map(lambda part: part[:count], drawn)
+
+
+@lru_cache(maxsize=16)
+def _drawn(seed: int, packed: bytes, shape: tuple[int, ...], count: int, among: tuple[int, ...]) -> Level:
+    """Draws levels as `draw_levels` does, and keeps them: the drivers of a seed drive on the same ones."""
+    grids, number = np.frombuffer(packed, np.int8).reshape(shape), np.arange(count)
+    target = jnp.asarray(np.asarray(among)[number // len(grids) % len(among)], jnp.int32)
+    return _draw_levels(jax.random.split(jax.random.key(seed), count), jnp.asarray(grids[number % len(grids)]), target)
 
 
 @jax.jit
-@partial(jax.vmap, in_axes=(0, 0, 0))
-def _draw_levels(key: Any, grid: Any, target: Any) -> Level:
-    draw = partial(random_level, grid=grid, least=target, most=target)
-    tried = jax.vmap(draw)(jax.random.split(key, _TRIES))
-    best = jnp.argmax(tried.shortest == target)
-    return jax.tree.map(lambda part: part[best], tried)
+def _draw_levels(keys: Any, grids: Any, targets: Any) -> Level:
+    def draw_level(of: Any) -> Level:
+        key, grid, target = of
+        draw = partial(random_level, grid=grid, least=target, most=target)
+        tried = jax.vmap(draw)(jax.random.split(key, _TRIES))
+        best = jnp.argmax(tried.shortest == target)
+        return jax.tree.map(lambda part: part[best], tried)
+
+    # Parts of this size stay in a core's cache.
+    return jax.lax.map(draw_level, (keys, grids, targets), batch_size=32)

@@ -12,18 +12,29 @@ import matplotlib.pyplot as plt
 import numpy as np
 from figures import save
 from matplotlib.figure import Figure
+from matplotlib.ticker import PercentFormatter
+from navigation_answers import answers
+from navigation_results import (
+    FEATURES,
+    Difference,
+    Runs,
+    correlations,
+    difference,
+    over_seeds,
+    read_places,
+    read_runs,
+    success_by_niche,
+)
 from navigation_tasks import CONDITIONS, TASKS
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from report import table
-from scipy import stats
-from significance import bootstrap_interval
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.problem.descriptor import Axis
 from elitelanes_jax.tiles.render import render
 from elitelanes_jax.tiles.tileset import load_tiles
 
-__all__ = ["Difference", "correlation", "difference", "hard_niches", "read_runs", "success_by_niche", "write_report"]
+__all__ = ["Archive", "hard_niches", "write_report"]
 
 TESTS = {
     "trained on": "its own maps",
@@ -36,87 +47,65 @@ TESTS = {
 }
 """The tests by name, with words for their maps."""
 
+_KEYS = ("success", "worst", "spl", "tiles")
 _REFERENCE = {"lane": "maps-100", "map": "maps-1000", "window": "maps-1000"}
-_ALIKE = ("seen", "held out")
-_FEATURES = ("cyclomatic", "straight_share", "mean_detour", "repetition", "ambiguity")
-
-Runs = dict[tuple[str, str, int], dict[str, Any]]
-
-
-class Difference(NamedTuple):
-    """A mean difference between runs of the same seeds, with its 95 % bootstrap interval; NaN under three seeds."""
-
-    mean: float
-    low: float
-    high: float
-    seeds: int
-
-
-def read_runs(out: Path) -> Runs:
-    """Reads the finished runs of a folder: what `judge` says of each test, by task, condition and seed."""
-    runs = {}
-    for name in TASKS:
-        for condition in CONDITIONS:
-            for file in sorted((out / "runs").glob(f"{name}-{condition}-*.json")):
-                seed = file.stem.removeprefix(f"{name}-{condition}-")
-                if seed.isdigit():
-                    runs[name, condition, int(seed)] = json.loads(file.read_text(encoding="utf-8"))
-    return runs
-
-
-def difference(
-    runs: Runs, task: str, one: tuple[str, str], other: tuple[str, str], figure: str = "success"
-) -> Difference:
-    """Compares two (condition, test), over the seeds that both have."""
-    pairs = [
-        (found[one[1]][figure], runs[task, other[0], seed][other[1]][figure])
-        for (name, condition, seed), found in sorted(runs.items())
-        if (name, condition) == (task, one[0]) and one[1] in found and other[1] in runs.get((task, other[0], seed), {})
-    ]
-    apart = [first - second for first, second in pairs]
-    mean = float(np.mean(apart)) if apart else float("nan")
-    low, high = bootstrap_interval(apart) if len(apart) > 2 else (float("nan"), float("nan"))
-    return Difference(mean, low, high, len(apart))
-
-
-def correlation(failure: ArrayLike, feature: ArrayLike) -> float:
-    """Returns Spearman's rank correlation; NaN where one of them is constant."""
-    if np.ptp(failure) == 0 or np.ptp(feature) == 0:
-        return float("nan")
-    return float(stats.spearmanr(failure, feature).statistic)
-
-
-def success_by_niche(runs: Runs, out: Path, task: str, condition: str) -> tuple[NDArray[np.float64], NDArray[np.int_]]:
-    """Averages the success on maps of each niche, trained on or held out, over all seeds.
-
-    Returns:
-      Means ``[10, 10]``, NaN in niches without a map, and the numbers of maps.
-    """
-    total, count = np.zeros((10, 10)), np.zeros((10, 10), int)
-    for (name, trained, seed), found in runs.items():
-        if (name, trained) == (task, condition):
-            niches = json.loads((out / "maps" / f"{seed}.json").read_text(encoding="utf-8"))["niches"]
-            for test in _ALIKE:
-                for (loops, straights), success in zip(niches[test], found[test]["by_map"], strict=True):
-                    total[loops, straights] += success
-                    count[loops, straights] += 1
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan), count
 
 
 def write_report(out: Path, tasks: Sequence[str]) -> None:
     """Writes navigation.md and the figures of all finished runs of some tasks into the folder."""
     runs = {key: found for key, found in read_runs(out).items() if key[0] in tasks}
     trained = [name for name in TASKS if any(key[0] == name for key in runs)]
-    parts = ["# Navigation", *(part for name in trained for part in _task_tables(runs, name))]
+    parts = [
+        "# Navigation",
+        *_answers_table(runs, out),
+        *(part for name in trained for part in _task_tables(runs, name)),
+    ]
     if "where" in tasks:
         parts += _places_tables(out)
     parts += _hard_tables(runs, out)
     write_atomic(out / "navigation.md", ("\n\n".join(part.rstrip() for part in parts) + "\n").encode())
+    write_atomic(out / "navigation.json", (json.dumps(_figures(runs, out), indent=1) + "\n").encode())
     if trained:
         save(_curves(runs, trained), out / "navigation.png")
     heated = [name for name in ("map", "window") if any(key[:2] == (name, "maps-1000") for key in runs)]
     if heated:
         save(_heat(runs, out, heated), out / "niches.png")
+
+
+def _answers_table(runs: Runs, out: Path) -> list[str]:
+    """Makes the table of the hypotheses."""
+    rows = [
+        [
+            str(answer.hypothesis),
+            answer.words,
+            _words(answer.found),
+            str(answer.found.seeds),
+            f"at least {answer.least:g}" if np.isfinite(answer.least) else f"at most {answer.most:g}",
+            answer.verdict,
+        ]
+        for answer in answers(runs, out)
+    ]
+    about = (
+        "Means over seeds, and 95 % bootstrap intervals. As expected: yes where the whole interval lies within the "
+        "range, no where it lies outside."
+    )
+    head = ["", "figure", "mean, interval", "seeds", "expected", "as expected"]
+    return ["## The hypotheses", about, table(head, rows)] if rows else []
+
+
+def _figures(runs: Runs, out: Path) -> list[dict[str, Any]]:
+    """Lists all runs with their figures by test; and of the maps of each seed the means of their features."""
+    trained = [
+        {"task": task, "condition": condition, "seed": seed}
+        | {test: {key: round(judged[key], 5) for key in _KEYS} for test, judged in found.items()}
+        for (task, condition, seed), found in sorted(runs.items())
+    ]
+    places = [
+        {"task": "where", "seed": seed}
+        | {test: {key: round(float(np.mean(values)), 5) for key, values in of.items()} for test, of in found.items()}
+        for seed, found in read_places(out).items()
+    ]
+    return trained + places
 
 
 def _of(runs: Runs, task: str, condition: str, test: str, figure: str) -> NDArray[np.float64]:
@@ -162,20 +151,16 @@ def _mean(values: NDArray[np.float64], digits: int) -> str:
     return f"{values.mean():.{digits}f}" if len(values) else ""
 
 
-def _words(apart: Difference) -> str:
+def _words(apart: Difference, digits: int = 3) -> str:
     if apart.seeds == 0:
         return ""
-    interval = f", {apart.low:+.3f} to {apart.high:+.3f}" if apart.seeds > 2 else ""
-    return f"{apart.mean:+.3f}{interval}"
-
-
-def _places(out: Path) -> list[dict[str, Any]]:
-    return [json.loads(file.read_text(encoding="utf-8")) for file in sorted((out / "runs").glob("where-*.json"))]
+    interval = f", {apart.low:+.{digits}f} to {apart.high:+.{digits}f}" if apart.seeds > 2 else ""
+    return f"{apart.mean:+.{digits}f}{interval}"
 
 
 def _places_tables(out: Path) -> list[str]:
     """Makes the table of task "where": means over maps, then over seeds."""
-    found = _places(out)
+    found = list(read_places(out).values())
     if not found:
         return []
     keys = {"never": "places never known", "tiles": "tiles until known", "ambiguity": "ambiguity, tiles"}
@@ -195,30 +180,15 @@ def _places_tables(out: Path) -> list[str]:
 
 def _hard_tables(runs: Runs, out: Path) -> list[str]:
     """Makes the table of what makes a map hard: correlations of failures with features, over unseen maps."""
-    places = {int(file.stem.removeprefix("where-")): file for file in (out / "runs").glob("where-*.json")}
-    rows = []
+    places, rows = read_places(out), []
     for task in ("map", "window"):
-        by_feature: dict[str, list[float]] = {feature: [] for feature in _FEATURES}
-        for (name, condition, seed), found in sorted(runs.items()):
-            if (name, condition) == (task, "maps-1000") and seed in places:
-                known = json.loads(places[seed].read_text(encoding="utf-8"))
-                failure = 1 - np.concatenate([found[test]["by_map"] for test in _ALIKE])
-                for feature, values in by_feature.items():
-                    values.append(correlation(failure, np.concatenate([known[test][feature] for test in _ALIKE])))
-        if by_feature["ambiguity"]:
-            rows.append([f"{task}, {CONDITIONS['maps-1000'].words}", *map(_correlated, by_feature.values())])
+        values = [over_seeds(correlations(runs, places, task, "maps-1000", feature)) for feature in FEATURES]
+        if values[0].seeds:
+            rows.append([f"{task}, {CONDITIONS['maps-1000'].words}", *(_words(value, 2) for value in values)])
     if not rows:
         return []
     about = "Spearman's rank correlation of a map's failures with its features, over all unseen maps of MAP-Elites."
-    return ["## What makes a map hard", about, table(["driver", *_FEATURES], rows)]
-
-
-def _correlated(values: Sequence[float]) -> str:
-    known = [value for value in values if np.isfinite(value)]
-    if not known:
-        return ""
-    low, high = bootstrap_interval(known) if len(known) > 2 else (np.nan, np.nan)
-    return f"{np.mean(known):+.2f}" + (f", {low:+.2f} to {high:+.2f}" if len(known) > 2 else "")
+    return ["## What makes a map hard", about, table(["driver", *FEATURES], rows)]
 
 
 def _curves(runs: Runs, tasks: Sequence[str]) -> Figure:
@@ -265,47 +235,53 @@ def _heat(runs: Runs, out: Path, tasks: Sequence[str]) -> Figure:
     return plot
 
 
-def hard_niches(
-    grids: NDArray[np.int8], bins: NDArray[np.int_], failures: NDArray[np.float64], axes: Sequence[Axis]
-) -> Figure:
-    """Draws the mean failure rate in each niche of an archive, and the hardest map of each of the six hardest niches.
+class Archive(NamedTuple):
+    """Maps in the niches of two axes.
 
-    Of niches with fewer than three maps none is shown: chance would choose them.
-
-    Args:
+    Attributes:
+      words: what maps they are.
       grids: codes ``[N, H, W]``.
       bins: of each grid, ``[N, 2]``.
-      failures: of each grid, shares.
-      axes: the two axes.
+      failures: the share of levels that a driver fails on each, ``[N]``.
     """
+
+    words: str
+    grids: NDArray[np.int8]
+    bins: NDArray[np.int_]
+    failures: NDArray[np.float64]
+
+
+def hard_niches(archives: Sequence[Archive], hardest: NDArray[np.int_], axes: Sequence[Axis]) -> Figure:
+    """Draws the mean failure rate in each niche of some archives, and up to six maps of the last by their numbers."""
     extent = tuple(axis.bins for axis in axes)
-    total, count = np.zeros(extent), np.zeros(extent)
-    np.add.at(total, tuple(bins.T), failures)
-    np.add.at(count, tuple(bins.T), 1)
-    means = np.where(count > 0, total / np.maximum(count, 1), np.nan)
-    plot = plt.figure(figsize=(12, 5.2), layout="constrained")
-    halves: Any = plot.subfigures(1, 2, width_ratios=(1.1, 1))
-    left, right = halves
-    ax = left.subplots()
-    image = ax.imshow(means.T, origin="lower", cmap="magma", aspect="auto")
+    heats = [_means(extent, one.bins, one.failures) for one in archives]
+    plot = plt.figure(figsize=(4.3 * len(archives) + 4.6, 4.8), layout="constrained")
+    halves: Any = plot.subfigures(1, 2, width_ratios=(4.3 * len(archives), 4.6))
+    shown = halves[0].subplots(1, len(archives), sharey=True, squeeze=False)[0]
     names = ("loops (cyclomatic number), from", "ambiguity of places (tiles until one is known), from")
-    for number, (axis, name) in enumerate(zip(axes, names, strict=True)):
-        lows = [axis.start + axis.width * place for place in range(axis.bins)]
-        shown = [f"{low / (100 if number else 1):g}" for low in lows]
-        (ax.set_yticks if number else ax.set_xticks)(range(axis.bins), shown)
-        (ax.set_ylabel if number else ax.set_xlabel)(name)
-    left.colorbar(image, ax=ax, label="failure rate of the driver")
-    enough = [tuple(place) for place in np.argwhere(count >= min(3, count.max()))]
-    hardest = sorted(enough, key=lambda place: -means[place])[:6]
+    lows = [[axis.start + axis.width * place for place in range(axis.bins)] for axis in axes]
+    for ax, one, heat in zip(shown, archives, heats, strict=True):
+        image = ax.imshow(heat.T, origin="lower", cmap="magma", aspect="auto", vmin=0, vmax=np.nanmax(heats))
+        ax.set_title(f"maps {one.words}", fontsize=10)
+        ax.set_xticks(range(extent[0]), [f"{low:g}" for low in lows[0]])
+        ax.set_yticks(range(extent[1]), [f"{low / 100:g}" for low in lows[1]])
+        ax.set_xlabel(names[0])
+    shown[0].set_ylabel(names[1])
+    halves[0].colorbar(image, ax=shown, label="failure rate of the driver", format=PercentFormatter(1, 0))
+    _, grids, bins, failures = archives[-1]
     tiles = load_tiles()
-    for ax, place in zip(right.subplots(2, 3).flat, hardest, strict=False):
-        among = np.flatnonzero((bins == place).all(axis=1))
-        worst = among[failures[among].argmax()]
-        ax.imshow(render(grids[worst], tiles, tile_px=32).image)
-        loops, tiles_to_go = (axis.start + axis.width * at for axis, at in zip(axes, place, strict=True))
-        words = f"{loops} loops, {tiles_to_go / 100:g} tiles: {means[place]:.0%} fail"
-        ax.set_title(f"{words}\nthis map: {failures[worst]:.0%}", fontsize=8)
-    for ax in right.axes:
+    for ax, place in zip(halves[1].subplots(2, 3).flat, hardest, strict=False):
+        ax.imshow(render(grids[place], tiles, tile_px=32).image)
+        loops, away = (axis.start + axis.width * at for axis, at in zip(axes, bins[place], strict=True))
+        ax.set_title(f"{failures[place]:.0%} fail\n{loops:g} loops, {away / 100:g} tiles", fontsize=8)
+    for ax in halves[1].axes:
         ax.axis("off")
-    right.suptitle("the hardest map of each of the six hardest niches", fontsize=10)
+    halves[1].suptitle("the hardest niches' maps", fontsize=10)
     return plot
+
+
+def _means(extent: tuple[int, ...], bins: NDArray[np.int_], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    total, count = np.zeros(extent), np.zeros(extent)
+    np.add.at(total, tuple(bins.T), values)
+    np.add.at(count, tuple(bins.T), 1)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

@@ -11,8 +11,9 @@ navigation = pytest.importorskip("navigation", reason="matplotlib is not here", 
 pytest.importorskip("flax", reason="flax and optax are not here")
 import hard_maps  # noqa: E402
 import navigation_maps  # noqa: E402
-import navigation_report  # noqa: E402
+import navigation_results  # noqa: E402
 import navigation_tasks  # noqa: E402
+from navigation_answers import answers  # noqa: E402
 
 from elitelanes_jax.formats.duckietown import to_duckietown  # noqa: E402
 from elitelanes_jax.network.symmetry import canonical_form  # noqa: E402
@@ -30,7 +31,7 @@ def made_up_runs():
 
 def test_differences_pair_the_seeds_that_both_have():
     runs = made_up_runs()
-    found = navigation_report.difference(runs, "map", ("maps-1", "held out"), ("maps-1000", "seen"))
+    found = navigation_results.difference(runs, "map", ("maps-1", "held out"), ("maps-1000", "seen"))
     apart = [
         runs["map", "maps-1", seed]["held out"]["success"] - runs["map", "maps-1000", seed]["seen"]["success"]
         for seed in (2, 3, 4, 6, 7)
@@ -40,8 +41,34 @@ def test_differences_pair_the_seeds_that_both_have():
     low, high = np.percentile(every, [2.5, 97.5])  # of all resamples there are
     spread = max(apart) - min(apart)
     assert found.low == pytest.approx(low, abs=spread / 8) and found.high == pytest.approx(high, abs=spread / 8)
-    nobody = navigation_report.difference(runs, "map", ("ea", "seen"), ("maps-1000", "seen"))
+    nobody = navigation_results.difference(runs, "map", ("ea", "seen"), ("maps-1000", "seen"))
     assert nobody.seeds == 0 and np.isnan(nobody.mean)
+
+
+def test_an_expectation_is_met_or_not_by_the_whole_interval(tmp_path):
+    rng, runs = np.random.default_rng(4), {}
+    means = {("map", "maps-1"): 0.5, ("map", "maps-100"): 0.8, ("map", "maps-1000"): 0.8}
+    means |= {("window", "maps-10"): 0.5, ("window", "maps-1000"): 0.7}
+    for (task, condition), mean in means.items():
+        for seed in range(10):
+            success = {test: mean + rng.normal(0, 0.02) for test in ("seen", "held out")}
+            runs[task, condition, seed] = {test: {"success": share} for test, share in success.items()}
+    del runs["window", "maps-10", 3]
+    found = {(answer.hypothesis, answer.words.split(",")[0]): answer for answer in answers(runs, tmp_path)}
+    gained = [
+        runs["map", "maps-1000", s][test]["success"] - runs["map", "maps-1", s][test]["success"]
+        for test in ("seen", "held out")
+        for s in range(10)
+    ]
+    more = found[2, "map: 1000 maps less 1"]
+    assert more.verdict == "yes" and more.found.seeds == 10 and more.found.mean == pytest.approx(np.mean(gained))
+    assert more.found.low < more.found.mean < more.found.high
+    assert found[2, "map: 1000 maps less 100"].verdict == "open"
+    assert found[3, "window: 1000 maps less 10"].verdict == "no"
+    assert found[3, "window: 1000 maps less 10"].found.seeds == 9
+    assert not any(hypothesis in (1, 5, 6, 7, 8) for hypothesis, _ in found)
+    few = {key: run for key, run in runs.items() if key[2] < 2}
+    assert {answer.verdict for answer in answers(few, tmp_path)} == {"open"}
 
 
 def test_the_worst_tenth_is_chosen_by_one_half_and_measured_by_the_other():
@@ -70,7 +97,7 @@ def test_success_by_niche_and_correlations_are_those_of_a_slow_count(tmp_path):
             for place, niche in enumerate(bins):
                 expected.setdefault(tuple(niche), []).append(runs["map", condition, seed][test]["by_map"][place])
     del runs["map", "maps-1000", 5]
-    means, count = navigation_report.success_by_niche(runs, tmp_path, "map", "maps-1000")
+    means, count = navigation_results.success_by_niche(runs, tmp_path, "map", "maps-1000")
     for niche in np.ndindex(10, 10):
         assert count[niche] == len(expected.get(niche, []))
         assert (
@@ -80,8 +107,8 @@ def test_success_by_niche_and_correlations_are_those_of_a_slow_count(tmp_path):
     ranks = [
         [(values < value).sum() + ((values == value).sum() + 1) / 2 for value in values] for values in (one, other)
     ]
-    assert navigation_report.correlation(one, other) == pytest.approx(stats.pearsonr(*ranks).statistic)
-    assert np.isnan(navigation_report.correlation([1, 1, 1], [1, 2, 3]))
+    assert navigation_results.correlation(one, other) == pytest.approx(stats.pearsonr(*ranks).statistic)
+    assert np.isnan(navigation_results.correlation([1, 1, 1], [1, 2, 3]))
 
 
 def test_maps_made_by_hand_are_cut_to_their_roads(tmp_path):
