@@ -19,7 +19,7 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.extras import measure_missing
-from elitelanes_jax.problem.features import extra_names, join_counts
+from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
 from elitelanes_jax.result import MeasuredElites, Result, load_with_seed
 from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
@@ -59,9 +59,10 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
     search = _search(spec, found[0].spec)
     search.check_maps(shape)
+    axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
+    wanted = _wanted(search, axes, found)
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
-        axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape)
-        elites = _together(found, axes, search.extras, tiles)
+        elites = _together(archives, found, wanted, axes, tiles)
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
         )
@@ -99,12 +100,30 @@ def _read(file: Path) -> tuple[Result, int]:
 
 
 def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
-    """Returns the search whose maps are wanted: its ranges, but for those of features that are given."""
+    """Returns the search whose maps are wanted: its ranges, but for those of features that are given.
+
+    Over axes that are given the maps are spread, in place of the search's targets.
+    """
     ranges = {item.name: item for item in (*search.where, *spec.where)}
-    return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules})
+    targets = search.targets if spec.axes is None else ()
+    return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules, "targets": targets})
 
 
-def _together(found: Sequence[Result], axes: tuple[Axis, ...], wanted: Sequence[str], tiles: TileSet) -> MeasuredElites:
+def _wanted(search: SearchSpec, axes: Sequence[Axis], found: Sequence[Result]) -> list[str]:
+    """Returns the extra features that maps are to have: those that are used, and those that all archives have."""
+    used = {*(axis.metric for axis in axes), *(item.name for item in search.where)}
+    used |= {target.name for target in search.targets}
+    everywhere = (
+        set(TOWN_FEATURES)
+        .intersection(search.extras)
+        .union(name for name in search.features if all(name in one.spec.features for one in found))
+    )
+    return [name for name in search.extras if name in used | everywhere]
+
+
+def _together(
+    archives: Sequence[Path], found: Sequence[Result], wanted: Sequence[str], axes: tuple[Axis, ...], tiles: TileSet
+) -> MeasuredElites:
     """Puts the runs of all searches one behind the other; places that a search has fewer of are vacant.
 
     Features that are `wanted` beside the axes' are there too.
@@ -124,7 +143,10 @@ def _together(found: Sequence[Result], axes: tuple[Axis, ...], wanted: Sequence[
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
     extras = extra_names((axis.metric for axis in axes), wanted)
-    each = [measure_missing(one.elites.features, extras, one.elites.grids) for one in found]
+    each = [
+        measure_missing(one.elites.features, extras, one.elites.grids, str(file))
+        for file, one in zip(archives, found, strict=True)
+    ]
     features = {name: join([values[name] for values in each]) for name in extras}
     descriptor = compute_descriptor(join_counts(metrics | features, extras), axes)
     return MeasuredElites(grids, fitness, descriptor, valid, Metrics(**metrics), features)

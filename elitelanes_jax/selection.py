@@ -12,8 +12,16 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
-from elitelanes_jax.problem.features import FEATURES, compute_features, extra_names, feature_unit, join_counts
+from elitelanes_jax.problem.features import (
+    FEATURES,
+    compute_features,
+    extra_names,
+    feature_places,
+    feature_unit,
+    join_counts,
+)
 from elitelanes_jax.problem.flaws import find_flaws
+from elitelanes_jax.problem.targets import Pursuit, Target
 from elitelanes_jax.spec import SearchSpec
 
 if TYPE_CHECKING:
@@ -67,7 +75,9 @@ def choose_maps(
     alphabet, but for empty ones where rules or given cells ask for them. It is in the ranges and keeps the rules of the
     run's specification. Of maps that are the same but for rotation and mirroring, the fittest is taken. Maps that
     hardly differ are taken only where there are too few others; among the others every niche gives one before any gives
-    a second, and all seeds as equally many as can be. Niches in the axes' target bins come before all others.
+    a second, and all seeds as equally many as can be. Where the specification has targets, maps are chosen one by one
+    so that the energy distance between the features of all chosen ones and the targets is least. Niches in the axes'
+    target bins come before all others.
 
     Args:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
@@ -103,11 +113,16 @@ def choose_maps(
     for number, axis in enumerate(result.axes):
         if axis.target is not None:
             targeted &= bins[:, number] == axis.target
+    targets = result.spec.targets
+    pursuit = Pursuit(_target_features(metrics, kept, targets), targets) if targets else None
     chosen: list[int] = []
     for group in (np.flatnonzero(targeted), np.flatnonzero(~targeted)):
         before = [*known, *(grids[tuple(kept[number])] for number in chosen)]
-        candidates = grids[tuple(kept[group].T)]
-        part = _spread((bins / extent)[group], kept[group, 0], candidates, count - len(chosen), before, least)
+        candidates, wanted = grids[tuple(kept[group].T)], count - len(chosen)
+        if pursuit is None:
+            part = _spread((bins / extent)[group], kept[group, 0], candidates, wanted, before, least)
+        else:
+            part = _pursue(pursuit, group, candidates, wanted, before, least)
         chosen += group[part].tolist()
     chosen.sort(key=lambda number: (*bins[number], number))
     maps = [
@@ -219,6 +234,16 @@ def _value(name: str, number: float) -> float:
     return number / feature_unit(name) if name not in FEATURES and feature_unit(name) != 1 else number
 
 
+def _target_features(
+    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[Target]
+) -> NDArray[np.float64]:
+    """Returns the features of kept maps for which there are targets, in their order and units."""
+    names = [target.name for target in targets]
+    extras = extra_names(names)
+    features = compute_features(join_counts({name: values[tuple(kept.T)] for name, values in metrics.items()}, extras))
+    return features[:, feature_places(names)] / np.array([feature_unit(name) for name in names])
+
+
 def _spread(
     points: NDArray[np.float64],
     seeds: NDArray[np.int_],
@@ -234,9 +259,7 @@ def _spread(
     given fewest so far, as maps of one seed are related. Each differs from those before and from each other in the
     first of the shares of its tiles, then in the next.
     """
-    difference = np.ones(len(grids))  # from the nearest chosen map; under 0 for the chosen ones
-    for grid in before if len(grids) else ():
-        difference = np.minimum(difference, _difference(grids, grid))
+    difference = _least_difference(grids, before)  # under 0 for the chosen ones
     given: Counter[int] = Counter()
     chosen: list[int] = []
     for least in shares:
@@ -255,6 +278,38 @@ def _spread(
                 difference = np.minimum(difference, _difference(grids, grids[number]))
                 difference[number] = -1
     return chosen
+
+
+def _pursue(
+    pursuit: Pursuit,
+    group: NDArray[np.int_],
+    grids: NDArray[np.int8],
+    count: int,
+    before: Sequence[NDArray[np.int8]],
+    shares: Sequence[float],
+) -> list[int]:
+    """Chooses up to `count` of a group's maps `grids` ``[M, H, W]``, as the pursuit goes; of equals the first.
+
+    Each differs from those before and from each other in the first of the shares of its tiles, then in the next.
+    """
+    difference = _least_difference(grids, before)
+    chosen: list[int] = []
+    for least in shares:
+        while len(chosen) < count and (difference >= least).any():
+            number = int(np.argmin(np.where(difference >= least, pursuit.losses()[group], np.inf)))
+            pursuit.choose(int(group[number]))
+            chosen.append(number)
+            difference = np.minimum(difference, _difference(grids, grids[number]))
+            difference[number] = -1
+    return chosen
+
+
+def _least_difference(grids: NDArray[np.int8], before: Sequence[NDArray[np.int8]]) -> NDArray[np.float64]:
+    """Returns the difference of each map from the nearest of those before; 1 where there is none."""
+    difference = np.ones(len(grids))
+    for grid in before if len(grids) else ():
+        difference = np.minimum(difference, _difference(grids, grid))
+    return difference
 
 
 def _difference(grids: NDArray[np.int8], grid: NDArray[np.int8]) -> NDArray[np.float64]:

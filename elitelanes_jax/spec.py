@@ -31,6 +31,7 @@ from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, reso
 from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, extra_names, largest_feature
 from elitelanes_jax.problem.rules import RULES, check_rules
+from elitelanes_jax.problem.targets import Target, parse_targets
 from elitelanes_jax.problem.template import Template, parse_template
 from elitelanes_jax.styles.like import settings_like
 from elitelanes_jax.styles.read import read_style
@@ -173,6 +174,7 @@ class SearchSpec(Settings):
       axes: axes of the niches, such as straight_share:10; by default the preset's
       where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
       weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
+      targets: features of example maps, by name, among whose values those of the chosen maps are spread
       fix: JSON rows of tile codes that every map keeps, null for free cells
       rules: rules that every map keeps: duckietown
       fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
@@ -190,6 +192,7 @@ class SearchSpec(Settings):
     axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True, after="features")
     where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True, after="features")
     weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
+    targets: tuple[Target, ...] = option((), parse_targets, after="features")
     fix: Template | None = option(None, none_or(parse_template), "FILE")
     rules: str | None = option(None, none_or(check_rules), "NAME")
     fill: bool | None = option(None, none_or(flag))
@@ -222,7 +225,8 @@ class SearchSpec(Settings):
     def _with_taken(cls, given: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
         """Returns given settings with those of the style and of the maps in `like` that are among them.
 
-        Ranges and weights are joined feature by feature, other settings are taken where they are not given.
+        Ranges and weights are joined feature by feature, other settings are taken where they are not given; targets not
+        where axes are, over which maps are spread then.
         """
         style, like = given.get("style"), check_named("like", parse_initial, given.get("like", ()))
         known = [field for field in cls.options() if field not in ("style", "like", "features")]
@@ -232,6 +236,8 @@ class SearchSpec(Settings):
                 if field in taken and field in more:
                     joined = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
                     more = {**more, field: tuple(joined.values())}
+            if "axes" in more and "targets" not in more:
+                more = {**more, "targets": ()}
             taken = {**taken, **more}
         return taken
 
@@ -312,10 +318,11 @@ class SearchSpec(Settings):
 
     @property
     def extras(self) -> tuple[str, ...]:
-        """The names of the extra features that are measured: those of the axes, of ranges and weights, one's own."""
+        """The names of the extra features that are measured: those of axes, ranges, weights, targets, one's own."""
         axes, ranges = [axis.metric for axis in self.axes or ()], [item.name for item in self.where]
         weights = [name for name, _ in self.weights if name not in Weights._fields]
-        return extra_names(axes, ranges, weights, self.features)
+        targets = [target.name for target in self.targets]
+        return extra_names(axes, ranges, weights, self.features, targets)
 
     @property
     def extra_weights(self) -> tuple[int, ...] | None:
@@ -339,6 +346,7 @@ class SearchSpec(Settings):
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "where": [str(item) for item in self.where],
             "weights": dict(self.weights),
+            "targets": {target.name: list(target.values) for target in self.targets},
             "fix": None if self.fix is None else self.fix.rows,
         }
 
@@ -390,9 +398,17 @@ class GenerateSpec(Settings):
         return vars(self) | {"search": self.search.to_plain(), "tiles": self.tiles and str(self.tiles)}
 
 
+def _parse_any_ranges(where: UserValue) -> tuple[Range, ...]:
+    return parse_ranges(where, None)
+
+
+def _parse_any_axes(axes: UserValue) -> tuple[Axis, ...]:
+    return parse_axes(axes, None)
+
+
 @dataclass(frozen=True)
 class PickSpec(Settings):
-    """A folder of maps chosen from archives.
+    """A folder of maps chosen from archives; their names of features are checked with the archives.
 
     Attributes:
       maps: number of maps
@@ -410,9 +426,9 @@ class PickSpec(Settings):
 
     maps: int = option(16, whole(1), "N")
     at_most: bool = option(False, flag, "")
-    where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True)
+    where: tuple[Range, ...] = option((), _parse_any_ranges, "NAME=LOW..HIGH", many=True)
     rules: str | None = option(None, none_or(check_rules), "NAME")
-    axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True)
+    axes: tuple[Axis, ...] | None = option(None, none_or(_parse_any_axes), "NAME:BINS", many=True)
     unlike: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     tiles: Path | None = option(None, none_or(path), "DIR")

@@ -2,10 +2,12 @@
 
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Result, measure
+from elitelanes_jax import InputError, Result, evolve, measure
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.symmetry import canonical_form
@@ -153,3 +155,24 @@ def test_archives_of_maps_of_other_sizes_are_refused(searched, tmp_path, capsys)
     np.savez(tmp_path / "taller.npz", **arrays | {"grids": np.pad(arrays["grids"], [(0, 0), (0, 0), (0, 1), (0, 0)])})
     assert pick(searched / "one" / "archive.npz", tmp_path / "taller.npz", out=tmp_path / "out") == 2
     assert "taller.npz: expected maps of 5 x 6, as in the first archive, got 6 x 6" in capsys.readouterr().err
+
+
+def test_features_of_ones_own_come_along_and_choose(tmp_path, capsys):
+    def corner(grid):
+        return (grid[0] > 0).sum(dtype=jnp.int32)
+
+    keys, kind = jax.random.split(jax.random.key(0), 2), {"method": "ea", "preset": "paper", "generations": 3}
+    evolve(keys, (5, 6), features={"corner": corner}, weights={"corner": 3}, **kind).save(tmp_path / "own.npz", seed=0)
+    evolve(keys, (5, 6), **kind).save(tmp_path / "plain.npz", seed=0)
+    own, plain = tmp_path / "own.npz", tmp_path / "plain.npz"
+    assert pick(own, "--maps", 2, "--axes", "corner:7:1", "--where", "corner=3..", out=tmp_path / "a") == 0
+    for road_map in maps(tmp_path / "a"):
+        assert road_map.metrics["corner"] == (road_map.codes[0] > 0).sum() >= 3
+        assert road_map.descriptor == {"corner": road_map.metrics["corner"]}
+    assert pick(own, plain, "--maps", 2, out=tmp_path / "b") == 0
+    assert all("corner" not in road_map.metrics for road_map in maps(tmp_path / "b"))
+    capsys.readouterr()
+    assert pick(own, plain, "--maps", 2, "--where", "corner=3..", out=tmp_path / "c") == 2
+    assert "plain.npz: expected features that the search has measured, got corner" in capsys.readouterr().err
+    assert pick(own, "--maps", 2, "--where", "corners=3..", out=tmp_path / "c") == 2
+    assert "is it corner?" in capsys.readouterr().err and not (tmp_path / "c").exists()

@@ -203,3 +203,18 @@ def test_each_flaw_alone_makes_a_map_useless(name):
     choice = choose_maps(replace(found, elites=elites), 2)
     assert len(choice.maps) == 1
     assert sum(choice.rejected.values()) == 1
+
+
+def test_maps_follow_the_targets(evolved):
+    """Of two kinds of targets each gives half of the maps, and all differ."""
+    turns = {road_map.metrics["turns"] for road_map in evolved.maps(10**4)}
+    low, high = min(turns), max(turns)
+    aimed = replace(evolved, spec=evolved.spec.but({"targets": {"turns": [low, high]}}))
+    chosen = [road_map.metrics["turns"] for road_map in choose_maps(aimed, 6, least=(0.0,)).maps]
+    assert low in chosen and high in chosen
+    everything = [choose_maps(one, 10**4).maps for one in (evolved, aimed)]
+    forms = [sorted(canonical_form(road_map.codes) for road_map in maps) for maps in everything]
+    assert forms[0] == forms[1] and len(set(forms[1])) == len(forms[1])
+    beyond = replace(evolved, spec=evolved.spec.but({"targets": {"turns": [high, high]}}))
+    first = choose_maps(beyond, 1).maps[0]
+    assert first.metrics["turns"] == high

@@ -51,13 +51,13 @@ class Bounds(NamedTuple):
     high: Numeric
 
 
-def parse_ranges(where: UserValue, own: Collection[str] = ()) -> tuple[Range, ...]:
+def parse_ranges(where: UserValue, own: Collection[str] | None = ()) -> tuple[Range, ...]:
     """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
 
     Args:
       where: texts, or one with spaces between; or a mapping of names to numbers, texts such as ``6..10``, or pairs of
         numbers, None for no limit; or `Range` records.
-      own: names of features of one's own.
+      own: names of features of one's own; None lets any name pass.
 
     Raises:
       InputError: for anything else, an unknown feature, limits in the wrong order, or one feature given twice.
@@ -144,7 +144,7 @@ def satisfies(metrics: Mapping[str, AnyArray], where: Iterable[Range]) -> NDArra
     return good
 
 
-def _parse(text: UserValue, own: Collection[str]) -> Range:
+def _parse(text: UserValue, own: Collection[str] | None) -> Range:
     source = f"where {text!r}"
     name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
     if not equals:
@@ -152,7 +152,7 @@ def _parse(text: UserValue, own: Collection[str]) -> Range:
     return _range(source, name.strip(), limits.strip(), own)
 
 
-def _range(source: str, name: UserValue, limits: UserValue, own: Collection[str]) -> Range:
+def _range(source: str, name: UserValue, limits: UserValue, own: Collection[str] | None) -> Range:
     check_feature(source, name, own)
     if isinstance(limits, str) and ".." in limits:
         limits = [limit.strip() or None for limit in limits.split("..", 1)]

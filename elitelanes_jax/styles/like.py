@@ -53,16 +53,18 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
             axes.append({"metric": name, "bins": _BINS, "width": -(-(last - first) // _BINS), "start": first})
     town = read_style("town")
     kept = all(not row[name] for row in rows for name in RULES["duckietown"].forbidden)
+    targets = {name: [float(row[name]) for row in rows] for name in (*_SPREAD, *_HELD, "straight_share")}
     return {
         "preset": town["preset"],
         "rules": "duckietown" if kept else None,
         "weights": town["weights"],
         "where": where,
         "axes": axes,
+        "targets": targets,
     }
 
 
-_COUNTED = {"turn_share": "turns", "crossing_share": "crossings"}
+_COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
 
 
 def difference_from(grid: AnyArray, given: Sequence[AnyArray]) -> float:

@@ -1,0 +1,82 @@
+"""Targets: how they are read, and that maps are chosen nearest to them."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.problem.targets import Pursuit, Target, parse_targets
+from elitelanes_jax.spec import SearchSpec
+
+TWO = (Target("turn_share", (0.25, 0.5)), Target("crossings", (0.0, 3.0)))
+
+
+def test_targets_are_read_from_mappings_and_pairs_alike():
+    assert parse_targets({"turn_share": [0.25, 0.5], "crossings": (0, 3)}) == parse_targets(TWO) == TWO
+    assert parse_targets({"mine": [4]}, ["mine"]) == (Target("mine", (4.0,)),)
+    spec = SearchSpec(targets=TWO)
+    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.extras
+    assert SearchSpec(targets={"symmetry": [1]}).extras == ("symmetry",)
+
+
+@pytest.mark.parametrize(
+    ("targets", "message"),
+    [
+        (3, "targets: expected features with their values, got 3"),
+        ("turns", "targets: expected features with their values, got 'turns'"),
+        ([3], "targets: expected a feature with its values, got 3"),
+        ({"turns": 3}, "targets: expected a feature with its values"),
+        ({"turn": [3]}, "is it turns?"),
+        ({"turns": []}, "targets: turns: expected at least one value, got none"),
+        ({"turns": ["3"]}, "targets: turns: expected numbers, got '3'"),
+        ({"turns": [float("nan")]}, "targets: turns: expected numbers, got nan"),
+        ({"turn_share": [1.5]}, "targets: turn_share: expected 0 to 1, got 1.5"),
+        ({"turns": [1, 2], "tiles": [3]}, "targets: expected as many values of each feature, got turns 2, tiles 1"),
+        ([("turns", [1]), ("turns", [2])], "targets: expected each feature once, got turns 2 times"),
+    ],
+)
+def test_wrong_targets_are_named(targets, message):
+    with pytest.raises(InputError) as caught:
+        SearchSpec(targets=targets)
+    assert message in str(caught.value)
+
+
+def test_targets_give_way_to_axes():
+    assert SearchSpec(style="town").targets and not SearchSpec(style="town", axes="turns:5").targets
+    assert not SearchSpec(style="town").but({"axes": "turns:5"}).targets
+    both = SearchSpec(style="town", axes="turns:5", targets=TWO)
+    assert both.targets == TWO and replace(both) == both
+
+
+def energy(chosen, wanted):
+    """By the definition, without terms of the targets alone."""
+
+    def mean(one, other):
+        return np.mean([np.sqrt(((a - b) ** 2).sum()) for a in one for b in other])
+
+    return 2 * mean(chosen, wanted) - mean(chosen, chosen)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_choice_leaves_the_least_energy_distance(seed):
+    rng = np.random.default_rng(seed)
+    wanted, points = rng.normal(size=(4, 3)) + 5, rng.normal(size=(12, 3)) + 5
+    targets = [Target(name, tuple(column)) for name, column in zip("abc", wanted.T, strict=True)]
+    pursuit, taken = Pursuit(points, targets), []
+    points, wanted = points / wanted.std(axis=0), wanted / wanted.std(axis=0)
+    for _ in range(8):
+        number = int(np.argmin(pursuit.losses()))
+        tried = [energy(points[[*taken, other]], wanted) for other in range(len(points))]
+        assert tried[number] == pytest.approx(min(tried))
+        pursuit.choose(number)
+        taken.append(number)
+
+
+def test_features_with_equal_targets_are_measured_by_the_candidates():
+    targets = [Target("a", (2.0,)), Target("b", (7.0,))]
+    features = np.array([[2.0, 9.0], [2.5, 7.0], [2.0, 7.0], [4.0, 7.0]])
+    assert int(np.argmin(Pursuit(features, targets).losses())) == 2
+    assert Pursuit(np.full((3, 2), 5.0), targets).losses().tolist() == pytest.approx([np.hypot(3, 2)] * 3)
+    assert Pursuit(np.empty((0, 2)), targets).losses().size == 0
