@@ -30,8 +30,8 @@ def add_dataset(commands: Commands) -> None:
     command = commands.add_parser(
         "dataset",
         help="make a dataset for segmentation",
-        description="Evolves maps of mixed sizes, draws them, and writes pictures, labels and metadata in splits. "
-        "Interrupted or killed, it continues when it is started again.",
+        description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes pictures, labels and "
+        "metadata in splits. Interrupted or killed, it continues when it is started again.",
         epilog=COMPILING,
     )
     command.add_argument(
@@ -52,14 +52,15 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.dataset.spec import DatasetSpec
 
     spec = read_options(options, DatasetSpec())
-    with naming_options(DatasetSpec()):
-        spec.check_search()
+    if spec.maps_from is None:
+        with naming_options(DatasetSpec()):
+            spec.check_search()
     from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset.make import make_dataset
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        with naming_options(DatasetSpec(), "hold_out_tiles"):
+        with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from"):
             about = make_dataset(spec, options.out, force=options.force)
     except OSError as error:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)

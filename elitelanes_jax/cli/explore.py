@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import name, path
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.cli.arguments import Commands, add_tile_pictures, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_blend, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
 __all__ = ["add_explore"]
@@ -48,6 +48,7 @@ def add_explore(commands: Commands) -> None:
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_tile_pictures(command)
+    add_blend(command)
     command.add_argument("--force", action="store_true", help="replace a page that was written before")
     command.set_defaults(action=_explore)
 
@@ -59,7 +60,13 @@ def _explore(options: argparse.Namespace) -> int:
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out: expected a name that ends in .html, got {out}")
     size = explore(
-        options.sources, out, tiles=options.tiles, tile_px=options.tile_px, title=options.title, force=options.force
+        options.sources,
+        out,
+        tiles=options.tiles,
+        blend=options.blend,
+        tile_px=options.tile_px,
+        title=options.title,
+        force=options.force,
     )
     say(f"{size / 2**20:.1f} MiB in {out}")
     if options.open:

@@ -116,7 +116,8 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
             f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
             *([f"- the tile set's own: {', '.join(own)}"] if own else []),
-            f"- search: {search['method']}, preset {search['preset']}, seed {asked['seed']}",
+            f"- seed {asked['seed']}"
+            + ("" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"),
             "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
             *wanted,
             "- all settings and versions: `dataset.json`",

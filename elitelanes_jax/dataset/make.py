@@ -4,7 +4,6 @@ import json
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from hashlib import sha256
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -15,19 +14,20 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax._util.errors import many
+from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset.card import sample_sheet, write_card
 from elitelanes_jax.dataset.formats import Format, find_format
+from elitelanes_jax.dataset.given import GivenMaps, given
 from elitelanes_jax.dataset.plan import Maps, evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset.remove import place_for
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.work import LAST, work_folder
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.generate import drawable
 from elitelanes_jax.tiles.render import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -56,13 +56,14 @@ def make_dataset(
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced once this one is complete, unless anything else is in it.
         Until then there has to be room for both.
-      maps: to be drawn in place of evolved ones: as many as the specification says, of its sizes.
+      maps: to be drawn as they are in place of evolved ones: as many as the specification says, of its sizes.
 
     Returns:
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for constraints that no map can meet, a bad tile set, or a folder that is anything else.
+      InputError: for constraints that no map can meet, given maps beside those of the specification or that cannot be
+        drawn, a bad tile set, or a folder that is anything else.
       NotEnoughMapsError: if the searches give too few maps.
       OSError: if a file cannot be written; it names the file. What was complete stays, and the next run continues.
     """
@@ -70,21 +71,27 @@ def make_dataset(
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     layout = find_format(spec.format)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
-    if maps is not None:
-        check_given(spec, maps, tiles)
+    if spec.maps_from is not None and maps is not None:
+        raise InputError("maps: expected none beside the specification's maps_from")
+    own = spec.maps_from if maps is None else given(maps)
+    if own is not None:
+        check_given(spec, own.maps, tiles)
     by_split = tiles_by_split(tiles, spec)
     search = drawable(spec.search, tiles)
-    if maps is None:
+    if own is None:
         spec.check_search()
         for shape, count in maps_by_shape(spec).items():
             search.count_maps(shape, count)
-    identity = _identity(spec, tiles, maps)
+    identity = _identity(spec, tiles, own)
     with place_for(out, identity, force=force) as place:
         with work_folder(place, identity) as work:
             if work is not None:
-                maps_of, views = f"{many(spec.maps, 'map')} of {_sizes(spec)} tiles", many(spec.views, "view")
-                announce(f"making a dataset of {maps_of}, {views} each")
-                found = evolve_maps(spec, search, work) if maps is None else given_maps(maps, work)
+                views = many(spec.views, "view")
+                announce(f"making a dataset of {many(spec.maps, 'map')} of {_sizes(spec)} tiles, {views} each")
+                if own is not None and own.repeated:
+                    which = "that is another one" if own.repeated == 1 else "that are others"
+                    announce(f"left out {many(own.repeated, 'map')} {which} rotated or mirrored")
+                found = evolve_maps(spec, search, work) if own is None else given_maps(own.maps, work)
                 splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
                 _draw_samples(place, work / "records", spec, found, splits, by_split, workers)
                 _finish(place, work / "records", splits, layout, identity)
@@ -97,15 +104,15 @@ def _sizes(spec: DatasetSpec) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _identity(spec: DatasetSpec, tiles: TileSet, maps: Sequence[RoadMap] | None) -> dict[str, Plain]:
+def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
-    del plain["tiles"]  # the pictures count, not their place
-    given = None if maps is None else sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16]
+    del plain["tiles"], plain["maps_from"]  # the pictures and the maps count, not their places
     about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
         "tiles": digest(tiles)
     }
-    identity = {"settings": plain, "given_maps": given, "tile_set": about, "versions": installed_versions()}
+    given_maps = None if own is None else own.digest
+    identity = {"settings": plain, "given_maps": given_maps, "tile_set": about, "versions": installed_versions()}
     return json.loads(json.dumps(identity))
 
 

@@ -39,6 +39,7 @@ class Maps:
     def __init__(self, rounds: Sequence[Path]) -> None:
         self._rounds = list(rounds)
         self._ends = list(accumulate(len(_lines(file)) for file in self._rounds))
+        self._maps_of = lru_cache(maxsize=8)(_maps_of)  # its own, as other datasets may have files of the same names
 
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
@@ -48,7 +49,7 @@ class Maps:
 
     def __getitem__(self, number: int) -> RoadMap:
         place = bisect_right(self._ends, number)
-        return _maps_of(self._rounds[place])[number - (self._ends[place - 1] if place else 0)]
+        return self._maps_of(self._rounds[place])[number - (self._ends[place - 1] if place else 0)]
 
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> Maps:
@@ -161,7 +162,6 @@ def _lines(file: Path) -> list[str]:
     return file.read_text(encoding="utf-8").splitlines()
 
 
-@lru_cache(maxsize=8)
 def _maps_of(file: Path) -> list[RoadMap]:
     records = map(json.loads, _lines(file))
     return [RoadMap(**record | {"codes": np.array(record["codes"], np.int8)}) for record in records]

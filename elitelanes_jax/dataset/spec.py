@@ -1,7 +1,7 @@
 """The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from itertools import product
 from math import floor
 from pathlib import Path
@@ -10,6 +10,7 @@ from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, r
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.dataset.given import GivenMaps, parse_given
 from elitelanes_jax.dataset.transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset.viewpoints import Viewpoints, parse_viewpoints
 from elitelanes_jax.network.checks import LONGEST_SIDE
@@ -82,6 +83,8 @@ class DatasetSpec(Settings):
       camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
         offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE
       seed: seed of everything random
+      maps_from: files or folders of maps, or lists of maps such as the explorer saves, to be drawn in place of evolved
+        ones; they say the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
       blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
@@ -98,13 +101,28 @@ class DatasetSpec(Settings):
     transforms: Transforms = option(STANDARD, parse_transforms, "NAME[=VALUE]", flag="transform", many=True)
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
+    maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
+    def but(self, given: Mapping[str, UserValue]) -> "DatasetSpec":
+        """Returns the record with other values in some fields.
+
+        Raises:
+          InputError: as that of `Settings`, and for the number or the sizes of maps beside `maps_from`.
+        """
+        if given.get("maps_from", self.maps_from) is not None:
+            for name in ("maps", "size"):
+                if name in given:
+                    raise InputError(f"{name}: expected none beside given maps, which say it, got {given[name]!r}")
+        return super().but(given)
+
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
+        if self.maps_from is not None:
+            self._take_given(self.maps_from)
         shapes = self.shapes
         if self.maps < len(shapes):
             raise InputError(f"maps: expected one of each size at least, {len(shapes)}, got {self.maps}")
@@ -124,6 +142,18 @@ class DatasetSpec(Settings):
                 f"transforms: expected a crop within the smallest maps, {low} tiles of {self.pixels} pixels at the "
                 f"smallest scale, {smallest:g} pixels, got {self.transforms.crop}"
             )
+
+    def _take_given(self, given: GivenMaps) -> None:
+        """Takes the number and the sizes of given maps."""
+        defaults = {one.name: one.default for one in fields(self)}
+        if self.search != defaults["search"]:
+            raise InputError("maps_from: expected it without settings of a search, which given maps have no use for")
+        rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
+        square = all(height == width for height, width in given.sizes)
+        for name, value in (("maps", len(given.maps)), ("size", (rows,) if square else (rows, columns))):
+            if getattr(self, name) not in (defaults[name], value):
+                raise InputError(f"{name}: expected that of the given maps, {value}, got {getattr(self, name)}")
+            object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
         """Checks that the views' geometry is left to the camera, and that it can look at maps so large."""
@@ -154,12 +184,15 @@ class DatasetSpec(Settings):
     @property
     def shapes(self) -> list[tuple[int, int]]:
         """(height, width) of the maps, in order."""
+        if self.maps_from is not None:
+            return self.maps_from.sizes
         rows, columns = (range(low, high + 1) for low, high in (self.size[0], self.size[-1]))
         return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
 
     def to_plain(self) -> dict[str, UserValue]:
-        """Returns plain values for JSON."""
+        """Returns plain values for JSON; of given maps their digest."""
         return vars(self) | {
+            "maps_from": self.maps_from and self.maps_from.digest,
             "transforms": vars(self.transforms),
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),

@@ -11,29 +11,32 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.tiles.tileset import MASKS, Tile, TileSet
 
 __all__ = ["check_given", "digest", "tiles_by_split"]
 
 
-def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> Sequence[RoadMap]:
+def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> None:
     """Checks maps that are given in place of evolved ones.
 
     Raises:
       InputError: unless they are as many as the specification says, of its sizes, and can be drawn.
     """
+    source = "maps" if spec.maps_from is None else "maps_from"
     if len(maps) != spec.maps:
-        raise InputError(f"maps: expected {spec.maps} of them, as the specification says, got {len(maps)}")
+        raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(maps)}")
     for number, road_map in enumerate(maps):
         codes = np.asarray(check_grid(road_map.codes))
         if codes.shape not in spec.shapes:
             raise InputError(
-                f"maps: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
+                f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
                 f"got number {number} of {codes.shape[0]} x {codes.shape[1]}"
             )
-        if not np.isin(codes, list(tiles.rotations)).all():
-            raise InputError(f"maps: expected codes that the tile set has pictures for, got others in number {number}")
-    return maps
+        if lacking := set(codes.flat) - set(tiles.rotations):
+            kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
+            expected = f"{source}: expected codes that the tile set has pictures for"
+            raise InputError(f"{expected}, got {' and '.join(kinds)} in number {number}")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:

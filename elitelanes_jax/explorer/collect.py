@@ -22,7 +22,7 @@ from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.descriptor import Axis, tuned_axes
-from elitelanes_jax.tiles.render import png_of, recall_choice, scale_tiles
+from elitelanes_jax.tiles.render import COMPARED_PX, png_of, recall_choice, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ class _Finds(NamedTuple):
       axes: of the niches.
       weights: of the fitness.
       alphabet: the codes that `off_alphabet` lets pass; None for all.
+      extra_weights: of features that the search measured beside the metrics.
       extras: int ``[E]`` by name, the features that the search measured beside the metrics.
       labels: a name for each grid, or none.
       maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
@@ -71,6 +72,7 @@ class _Finds(NamedTuple):
     axes: tuple[Axis, ...]
     weights: Weights
     alphabet: tuple[int, ...] | None
+    extra_weights: Mapping[str, int] = {}
     extras: Mapping[str, NDArray[np.int32]] = {}
     labels: tuple[str, ...] | None = None
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
@@ -81,7 +83,12 @@ class _Finds(NamedTuple):
 
 
 def collect(
-    sources: Sequence[Path], *, tiles: str | Path | None = None, tile_px: int = 64, title: str | None = None
+    sources: Sequence[Path],
+    *,
+    tiles: str | Path | None = None,
+    blend: bool | None = None,
+    tile_px: int = 64,
+    title: str | None = None,
 ) -> Payload:
     """Collects runs and maps from files.
 
@@ -89,6 +96,8 @@ def collect(
       sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders;
         files of maps; files of rides, which `drive` wrote.
       tiles: folder of the tile pictures; by default those of the first run, if they are there, else the package's own.
+      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
+        default as the first run that says it was drawn, else as the set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
 
@@ -114,7 +123,10 @@ def collect(
     maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    tile_set = load_tiles(tiles if tiles is not None else next(filter(None, map(_own_tiles, runs)), None))
+    folders, blends = ([_setting(run, name) for run in runs] for name in ("tiles", "blend"))
+    own = next((one for one in folders if isinstance(one, str) and Path(one).is_dir()), None)
+    blended = next((one for one in blends if isinstance(one, bool)), None)
+    tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
     return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
 
@@ -230,6 +242,7 @@ def _from_result(result: "Result", name: str) -> _Finds:
         result.axes,
         result.spec.all_weights,
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
+        extra_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
         extras={name: np.asarray(values).reshape(valid.shape)[valid] for name, values in elites.features.items()},
         history=result.history,
         floors=_floors(result, (grids.shape[2], grids.shape[3])),
@@ -241,7 +254,7 @@ def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
     spec = result.spec
     name = f"{shape[0]}x{shape[1]}{'A' if spec.fills else 'B'}"
-    if name not in SIZES or spec.all_weights != Weights() or spec.rules is not None:
+    if name not in SIZES or spec.all_weights != Weights() or spec.extra_weights or spec.rules is not None:
         return None
     task = find_task(f"{name}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
@@ -310,11 +323,10 @@ def _distinct_names(names: Sequence[str]) -> list[str]:
     return distinct
 
 
-def _own_tiles(run: _Finds) -> str | None:
-    """Returns the folder of the tile pictures that a run was drawn with, if it is there."""
+def _setting(run: _Finds, name: str) -> Plain:
+    """Returns a setting of a run, None if it is not known."""
     settings = run.record.get("settings")
-    folder = settings.get("tiles") if isinstance(settings, dict) else None
-    return folder if isinstance(folder, str) and Path(folder).is_dir() else None
+    return settings.get(name) if isinstance(settings, dict) else None
 
 
 def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> Payload:
@@ -338,7 +350,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "shape": list(run.grids.shape[1:]),
         "seeds": run.seeds,
         "axes": [axis._asdict() for axis in run.axes],
-        "weights": {name: int(weight) for name, weight in run.weights._asdict().items()},
+        "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.extra_weights)).items()},
         "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
         "grids": blob.add_codes(run.grids),
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
@@ -380,17 +392,25 @@ def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
 
 
 def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
-    """Returns the tile pictures, each once: as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
+    """Returns the tile pictures, each once, and whether they are to be brought together."""
+    drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
+    pictures: list[dict[str, Plain]] = [
+        {"name": tile.name, "code": int(tile.code)} | drawn[place] | ({"compared": compared[place]} if compared else {})
+        for place, tile in enumerate(tiles.pictures)
+    ]
+    rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
+    return {"name": tiles.name, "px": tile_px, "blend": tiles.blend, "pictures": pictures, "rotations": rotations}
+
+
+def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
+    """Returns each tile's picture as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
     layers = scale_tiles(tiles, tile_px)
-    pictures = []
-    for place, tile in enumerate(tiles.pictures):
-        upright = 4 * place
+    found: list[dict[str, Plain]] = []
+    for upright in range(0, 4 * len(tiles.pictures), 4):
         road, red, yellow = (layers[name][upright] > 0 for name in ("road", "red", "yellow"))
         masks = (road * 1 + red * 2 + yellow * 4).astype(np.uint8)
-        picture = {"name": tile.name, "code": int(tile.code), "image": _data_url(layers["image"][upright])}
-        pictures.append(picture | {"masks": _data_url(masks)})
-    rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
-    return {"name": tiles.name, "px": tile_px, "pictures": pictures, "rotations": rotations}
+        found.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
+    return found
 
 
 def _data_url(pixels: NDArray[np.uint8]) -> str:

@@ -23,6 +23,7 @@ def explore(
     out: Path,
     *,
     tiles: str | Path | None = None,
+    blend: bool | None = None,
     tile_px: int = 64,
     title: str | None = None,
     force: bool = False,
@@ -33,6 +34,7 @@ def explore(
       sources: folders of runs, archives and files of maps; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
+      blend: whether they are brought together; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
       force: whether a page that was written before is replaced.
@@ -45,7 +47,7 @@ def explore(
       OSError: if it cannot be written.
     """
     _check_place(out, force)
-    content = page_of(collect(sources, tiles=tiles, tile_px=tile_px, title=title)).encode()
+    content = page_of(collect(sources, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)
     return len(content)
 

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Mapping
 from math import isfinite
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,13 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
-__all__ = ["Drawn", "RoadMap", "map_to_json", "read_map"]
+__all__ = ["Drawn", "RoadMap", "map_to_json", "read_map", "read_maps"]
+
+_Read = TypeVar("_Read")
 
 _FORMAT = "elitelanes map, version 1"
 _MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
+_MOST_LISTED = 64 * MIB  # of a list of maps: over 40,000 of 12 x 12 tiles with their metrics
 
 
 class Drawn(NamedTuple):
@@ -100,29 +103,56 @@ def read_map(file: str | Path) -> RoadMap:
       InputError: if it cannot be read, has over 32 MiB, or anything in it is not as it should be; the message names the
         file.
     """
+    return _read(file, _MOST_BYTES, _map_of)
+
+
+def read_maps(file: str | Path) -> list[RoadMap]:
+    """Reads a file of one map, or a JSON list of maps, ``[{"codes": [[...], ...]}, ...]``.
+
+    Raises:
+      InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's place, from 0.
+    """
+    return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
+
+
+def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
+    """Reads a file of so many bytes at most, and parses its values, or those of a map of Duckietown."""
     is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
-        text = read_text(file, _MOST_BYTES)
+        text = read_text(file, most)
     except OSError as error:
         raise InputError(f"{file}: expected a readable {kind} file, got: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
     try:
-        return RoadMap(from_duckietown(text)) if is_yaml else _from_json(text)
+        return parse({"codes": from_duckietown(text)} if is_yaml else _json_of(text))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except RecursionError:
         raise InputError(f"{file}: expected a map, got JSON nested too deeply") from None
 
 
-def _from_json(text: str) -> RoadMap:
+def _json_of(text: str) -> Plain:
     try:
-        values = parse_json(text)
+        return parse_json(text)
     except InputError:
         raise
     except ValueError as error:  # of JSON, or of a number with too many digits
         raise InputError(f"expected a readable JSON file, got: {error}") from None
+
+
+def _maps_of(listed: list[Plain]) -> list[RoadMap]:
+    maps = []
+    for place, values in enumerate(listed):
+        try:
+            maps.append(_map_of(values))
+        except InputError as error:
+            raise InputError(f"map {place}: {error}") from None
+    return maps
+
+
+def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
         raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
     if values.get("format", _FORMAT) != _FORMAT:

@@ -20,6 +20,7 @@ from elitelanes_jax.tiles.blend import apply_tones, feather, solve_tones
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 __all__ = [
+    "COMPARED_PX",
     "LABELS",
     "LABEL_COLOURS",
     "Picture",
@@ -40,8 +41,10 @@ LABELS = ("background", "road", "stop line", "lane separator")
 LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 """A colour for each label, RGB."""
 
+COMPARED_PX = 64
+"""The side of a tile in pixels at which the light of tiles is compared, whatever they are drawn with."""
+
 _SMALLEST, _LARGEST = 16, 512
-_COMPARED = 64  # pixels a tile at which their light is compared, whatever they are drawn with
 
 
 class Picture(NamedTuple):
@@ -142,7 +145,7 @@ def render(
     place = chosen[..., 0] * 4 + chosen[..., 1]
     layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
     if tiles.blend if blend is None else check_named("blend", switch, blend):
-        codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, _COMPARED)  # one light at all sizes
+        codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
         toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
     return Picture(

@@ -166,16 +166,23 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   );
 }
 
+/** Tells whether a notebook is dark, by what JupyterLab, VS Code and marimo write at the page's body; null elsewhere. */
+function notebookIsDark(): boolean | null {
+  const { jpThemeLight, vscodeThemeKind, theme } = document.body.dataset;
+  if (jpThemeLight) return jpThemeLight === "false";
+  if (vscodeThemeKind) return !vscodeThemeKind.endsWith("light");
+  return theme ? theme === "dark" : null;
+}
+
 /** Tells whether the colours are dark: as was chosen, as the notebook is, or as the system wishes. */
 function useDark(theme: Theme): boolean {
   const query = useMemo(() => matchMedia("(prefers-color-scheme: dark)"), []);
-  const notebook = () => document.body.dataset.jpThemeLight;
-  const [system, setSystem] = useState(() => (notebook() ? notebook() === "false" : query.matches));
+  const [system, setSystem] = useState(() => notebookIsDark() ?? query.matches);
   useEffect(() => {
-    const changed = () => setSystem(notebook() ? notebook() === "false" : query.matches);
+    const changed = () => setSystem(notebookIsDark() ?? query.matches);
     query.addEventListener("change", changed);
     const observer = new MutationObserver(changed);
-    observer.observe(document.body, { attributes: true, attributeFilter: ["data-jp-theme-light"] });
+    observer.observe(document.body, { attributes: true, attributeFilter: ["data-jp-theme-light", "data-theme", "data-vscode-theme-kind"] });
     return () => {
       query.removeEventListener("change", changed);
       observer.disconnect();

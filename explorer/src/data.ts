@@ -8,10 +8,24 @@ interface ArrayRef {
   readonly codes?: number;
 }
 
+interface Layers {
+  readonly image: string;
+  readonly masks: string;
+}
+
+interface PictureValues extends Layers {
+  readonly name: string;
+  readonly code: number;
+  /** In the size at which light is compared, where that is another one. */
+  readonly compared?: Layers;
+}
+
 export interface TileValues {
   readonly name: string;
   readonly px: number;
-  readonly pictures: readonly { readonly name: string; readonly code: number; readonly image: string; readonly masks: string }[];
+  /** Whether the light of the tiles is brought together, and their seams are feathered. */
+  readonly blend: boolean;
+  readonly pictures: readonly PictureValues[];
   readonly rotations: Readonly<Record<string, readonly number[]>>;
 }
 

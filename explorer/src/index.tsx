@@ -6,6 +6,7 @@ import { fitness, measure } from "./network/measure";
 import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "./network/formats";
 import { feature } from "./network/features";
 import { repair } from "./network/repair";
+import { measureTown } from "./network/town";
 
 /** What the page and a notebook have in common: the part of anywidget's model that is used here. */
 interface Model {
@@ -76,6 +77,6 @@ const page = typeof document === "undefined" ? null : document.getElementById("e
 if (page) render({ model: pageModel(), el: page });
 
 /** What tests compare with Python. */
-export const kernel = { feature, fitness, fromDuckietown, measure, readMap, repair, toDuckietown, toFix, toMapJson };
+export const kernel = { feature, fitness, fromDuckietown, measure, measureTown, readMap, repair, toDuckietown, toFix, toMapJson };
 
 export default { render };

@@ -1,4 +1,5 @@
 /** Tile pictures and their masks, laid out as the package's `render` does. */
+import { paintBlended, turnedPixels, type Pixels, type PixelsOf } from "./blend";
 import { css, LABEL_COLOURS, type Rgb } from "./colours";
 import { choosePictures, type Data, type TileValues } from "./data";
 import type { Grid } from "./network/codes";
@@ -16,6 +17,8 @@ export interface TilePictures {
   readonly px: number;
   /** Of each tile, a picture for each layer. */
   readonly layers: Readonly<Record<Layer, readonly CanvasImageSource[]>>;
+  /** In the size in which they are drawn, and in that at which their light is compared; none where it is not. */
+  readonly blended: { readonly drawn: PixelsOf; readonly compared: PixelsOf; readonly maps: Map<string, HTMLCanvasElement> } | null;
 }
 
 /** Decodes the pictures of a tile set. */
@@ -29,11 +32,7 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
   const { px } = values;
   const images = await Promise.all(values.pictures.map((picture) => decode(picture.image)));
   const masks = await Promise.all(values.pictures.map((picture) => decode(picture.masks)));
-  const bits = masks.map((mask) => {
-    const context = canvasOf(px, px).getContext("2d", { willReadFrequently: true })!;
-    context.drawImage(mask, 0, 0);
-    return context.getImageData(0, 0, px, px).data;
-  });
+  const bits = masks.map(levelsOf);
   const coloured = (colour: (mask: number) => Rgb | null): HTMLCanvasElement[] =>
     bits.map((mask) => {
       const canvas = canvasOf(px, px);
@@ -47,8 +46,17 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
       return canvas;
     });
   const { background, road, red, yellow } = LABEL_COLOURS;
+  let blended = null;
+  if (values.blend) {
+    const drawn = turned(images.map((image, place) => pixelsOf(levelsOf(image), bits[place])));
+    const compared = await Promise.all(
+      values.pictures.map(async ({ compared: small }) => small && pixelsOf(levelsOf(await decode(small.image)), levelsOf(await decode(small.masks)))),
+    );
+    blended = { drawn, compared: compared.every((one) => one !== undefined) ? turned(compared) : drawn, maps: new Map() };
+  }
   return {
     px,
+    blended,
     layers: {
       image: images,
       road: coloured((mask) => (mask & MASK_BITS.road ? road : null)),
@@ -56,6 +64,31 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
       yellow: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : null)),
       labels: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background)),
     },
+  };
+}
+
+/** Returns R, G, B and opacity of a picture. */
+function levelsOf(image: HTMLImageElement): Uint8ClampedArray {
+  const { width, height } = image;
+  const context = canvasOf(width, height).getContext("2d", { willReadFrequently: true })!;
+  context.drawImage(image, 0, 0);
+  return context.getImageData(0, 0, width, height).data;
+}
+
+function pixelsOf(levels: Uint8ClampedArray, bits: Uint8ClampedArray): Pixels {
+  const labels = Uint8Array.from({ length: bits.length / 4 }, (_, place) => {
+    const mask = bits[4 * place];
+    return mask & MASK_BITS.yellow ? 3 : mask & MASK_BITS.red ? 2 : mask & MASK_BITS.road;
+  });
+  return { size: Math.sqrt(labels.length), levels: levels.filter((_, place) => place % 4 < 3), labels };
+}
+
+/** Turns pictures as they are asked for. */
+function turned(upright: readonly Pixels[]): PixelsOf {
+  const known = new Map<number, Pixels>();
+  return (picture) => {
+    if (!known.has(picture)) known.set(picture, turnedPixels(upright[picture >> 2], picture & 3));
+    return known.get(picture)!;
   };
 }
 
@@ -69,7 +102,28 @@ export function canvasOf(width: number, height: number): HTMLCanvasElement {
 /** How strongly each layer is laid over those before it, from 0 to 1. */
 export type Blend = Readonly<Partial<Record<Layer, number>>>;
 
-/** Draws a map with tile pictures. A cell that the set cannot draw is left bare. */
+/** Maps that are kept as they were drawn with their tiles brought together. */
+const MOST_KEPT = 8;
+
+/** Draws the photographs of a map, brought together; the latest maps are kept. */
+function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures): HTMLCanvasElement {
+  const { drawn, compared, maps } = blended!;
+  const key = `${grid.width} ${chosen.join()}`;
+  const canvas = maps.get(key) ?? canvasOf(grid.width * px, grid.height * px);
+  if (!maps.delete(key)) {
+    const context = canvas.getContext("2d")!;
+    context.fillStyle = css(LABEL_COLOURS.background);
+    context.fillRect(0, 0, canvas.width, canvas.height);
+    const pixels = context.getImageData(0, 0, canvas.width, canvas.height);
+    paintBlended(grid, chosen, compared, drawn, pixels.data);
+    context.putImageData(pixels, 0, 0);
+  }
+  maps.set(key, canvas);
+  if (maps.size > MOST_KEPT) maps.delete(maps.keys().next().value!);
+  return canvas;
+}
+
+/** Draws a map with tile pictures, photographs brought together, unless the map is too large for that. A cell that the set cannot draw is left bare. */
 export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: readonly number[] | null, blend: Blend): HTMLCanvasElement {
   const chosen = choosePictures(grid, data, known);
   const px = Math.min(tiles.px, Math.floor(MOST_PX / Math.max(grid.height, grid.width)));
@@ -84,6 +138,11 @@ export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: r
     const opacity = blend[layer] ?? 0;
     if (opacity <= 0) continue;
     context.globalAlpha = opacity;
+    if (layer === "image" && tiles.blended && px === tiles.px) {
+      context.setTransform(1, 0, 0, 1, 0, 0);
+      context.drawImage(blendedOf(grid, chosen, tiles), 0, 0);
+      continue;
+    }
     chosen.forEach((picture, place) => {
       if (picture < 0) return;
       const [a, b, c, d] = turned[picture & 3];

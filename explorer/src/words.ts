@@ -1,5 +1,5 @@
 /** Words for quantities, and numbers as text. */
-import { isShare, SHARE_UNIT, type Axis } from "./network/features";
+import { isShare, SHARE_UNIT, unitOf, type Axis } from "./network/features";
 
 interface Words {
   readonly name: string;
@@ -33,6 +33,23 @@ export const WORDS: Readonly<Record<string, Words>> = {
   turn_share: { name: "Turn share", meaning: "turns among the tiles" },
   crossing_share: { name: "Crossing share", meaning: "crossings among the tiles" },
   coverage: { name: "Coverage", meaning: "tiles among all cells" },
+  largest_block: { name: "Largest block", meaning: "area of the largest face, in squares between the middles of roads" },
+  smallest_block: { name: "Smallest block", meaning: "area of the smallest face" },
+  mean_block: { name: "Mean block", meaning: "mean area of the faces" },
+  block_spread: { name: "Spread of blocks", meaning: "mean difference of a face's area from their mean, to the mean" },
+  small_blocks: { name: "Small blocks", meaning: "faces with an area of at most 4" },
+  loops_per_tile: { name: "Loops per tile", meaning: "cyclomatic number to tiles" },
+  longest_street: { name: "Longest street", meaning: "links from a crossing or dead end to the next" },
+  shortest_street: { name: "Shortest street", meaning: "links from a crossing or dead end to the next" },
+  mean_street: { name: "Mean street", meaning: "mean of the streets' links" },
+  border_share: { name: "Border share", meaning: "tiles along the sides of the smallest box around the town" },
+  box_fill: { name: "Fill of the box", meaning: "cells of that box that have tiles" },
+  box_share: { name: "Share of the box", meaning: "part of the grid that the box covers" },
+  box_length: { name: "Length of the box", meaning: "its longer side to the shorter one" },
+  symmetry: { name: "Symmetry", meaning: "cells of the box as in its mirror image or half turn" },
+  repetition: { name: "Repetition", meaning: "tiles whose 3 × 3 cells some other tile has too" },
+  adjacent_turns_per_tile: { name: "Turns side by side", meaning: "pairs of adjacent turns to tiles" },
+  mean_detour: { name: "Mean detour", meaning: "way by road to way on a full grid of streets" },
 };
 
 /** What the two bins of a flag mean. */
@@ -44,7 +61,8 @@ const FLAGS: Readonly<Record<string, readonly [string, string]>> = {
   bridges: ["none", "some"],
 };
 
-export const nameOf = (quantity: string): string => WORDS[quantity]?.name ?? quantity.replaceAll("_", " ");
+export const nameOf = (quantity: string): string =>
+  WORDS[quantity]?.name ?? quantity[0].toUpperCase() + quantity.slice(1).replaceAll("_", " ");
 
 /** Returns words for a bin of a flag: two bins of which the first holds one value. */
 export function flagWords(axis: Axis, bin: number): string | null {
@@ -61,5 +79,5 @@ export function number(value: number): string {
 export function valueText(quantity: string, value: number): string {
   if (Number.isNaN(value)) return "–";
   if (isShare(quantity)) return `${((100 * value) / SHARE_UNIT).toFixed(1)} %`;
-  return number(value);
+  return unitOf(quantity) > 1 ? (value / SHARE_UNIT).toFixed(2) : number(value);
 }

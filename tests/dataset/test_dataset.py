@@ -20,13 +20,15 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset.formats import FORMATS
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.plan import given_maps, split_maps
+from elitelanes_jax.dataset.samples import write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
 from elitelanes_jax.dataset.tile_splits import tiles_by_split
 from elitelanes_jax.dataset.transforms import STANDARD
 from elitelanes_jax.dataset.views import View, warp
 from elitelanes_jax.dataset.work import work_folder
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.tiles.render import LABELS, render
 from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 
@@ -151,6 +153,42 @@ def test_all_formats_have_the_same_pictures(given, name):
     assert len(pictures) == 2 * 12
     assert len(plain) == 5 * 12
     assert set(pictures) <= set(plain)
+
+
+def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_path, monkeypatch):
+    """A list as the explorer saves it, with maps of two sizes, one of them twice: rotated, mirrored."""
+    maps = [*random_maps(6), *random_maps(3, side=6)]
+    maps = [road_map._replace(metrics={"crossings": 3}) for road_map in maps]
+    listed = [{**road_map._asdict(), "codes": road_map.codes.tolist()} for road_map in (*maps[:5], *maps)]
+    listed += [{"codes": mirror(rotate(road_map.codes)).tolist()} for road_map in maps]
+    known = [{name: value for name, value in one.items() if value is not None} for one in listed]
+    (tmp_path / "list.json").write_text(json.dumps(known))
+    spec = DatasetSpec(maps_from=tmp_path / "list.json", tile_px=16, split=(0.5, 0.25, 0.25))
+    assert (spec.maps, spec.size, spec.shapes, spec.maps_from.repeated) == (9, ((5, 6),), [(5, 5), (6, 6)], 14)
+    make_dataset(small(maps=9, size="5..6"), tmp_path / "expected", maps=maps, workers=1)
+
+    drawn = []
+
+    def full_disk(*given):
+        drawn.append(given)
+        if len(drawn) == 5:
+            raise OSError(28, "No space left on device", "picture")
+        write_sample(*given)
+
+    monkeypatch.setattr("elitelanes_jax.dataset.make.write_sample", full_disk)
+    with pytest.raises(OSError, match="No space left"):
+        make_dataset(spec, tmp_path / "out", workers=1)
+    make_dataset(spec, tmp_path / "out", workers=1)
+    assert len(drawn) == 5 + 9 - 4
+    assert files(tmp_path / "out") == files(tmp_path / "expected")
+    with pytest.raises(InputError, match=r"^maps: expected none beside the specification's maps_from"):
+        make_dataset(spec, tmp_path / "other", maps=maps)
+
+
+def test_metrics_are_measured_where_a_file_has_none(tmp_path):
+    (tmp_path / "map.json").write_text('{"codes": [[6, 3], [12, 9]]}')
+    (road_map,) = DatasetSpec(maps_from=[tmp_path], split=(1, 0, 0)).maps_from.maps
+    assert road_map.metrics == {name: value.item() for name, value in measure(road_map.codes)._asdict().items()}
 
 
 def test_hugging_face_datasets_loads_it(evolved, tmp_path, monkeypatch):

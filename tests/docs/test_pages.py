@@ -63,9 +63,17 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
     shutil.copytree(DOCS / "examples", "docs/examples")
     town = DOCS / "examples" / "town.json"
     Path("town.yaml").write_text(to_duckietown(read_map(town).codes))
-    Path("maps/maps/0003").mkdir(parents=True)
-    large = RoadMap(np.pad(read_map(town).codes, [(0, 7), (0, 5)]))  # of 12 x 12 tiles
-    Path("maps/maps/0003/map.json").write_text(map_to_json(large))
+    for number in range(10):  # of 12 x 12 tiles
+        file = Path(f"maps/maps/{number:04d}/map.json")
+        file.parent.mkdir(parents=True)
+        file.write_text(
+            map_to_json(
+                RoadMap(np.pad(read_map(town).codes, [(number // 2, 7 - number // 2), (number % 2, 5 - number % 2)]))
+            )
+        )
+    Path("selection.json").write_text(
+        "[{}]".format(", ".join(file.read_text() for file in Path("maps").rglob("*.json")))
+    )
     for command in commands(PAGES[page]):
         options = make_parser().parse_args(command)
         assert callable(options.action)

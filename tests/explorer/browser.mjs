@@ -1,5 +1,5 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
-// big.html, hostile.html, town.yaml; saved files go there too.
+// big.html, own.html, photo64.html, photo32.html, hostile.html, town.yaml; saved files go there too.
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { browser, require } from "./chromium.mjs";
@@ -191,7 +191,7 @@ async function drag(page, from, to, steps = 6) {
   const mended = await value("Crossings");
   await button(page, "Repair");
   await page.mouse.click(...at(1, 4));
-  await page.locator(".metrics summary").click();
+  await page.locator(".metrics summary", { hasText: "All metrics" }).click();
   const mismatches = await value("Mismatches");
   await page.locator(".weights > summary").click();
   await page.locator(".weights details summary").click();
@@ -272,6 +272,31 @@ async function strokes(page, tiles, row) {
     };
     await page.context().close();
   }
+}
+
+// Features beside the metrics: of towns, and of a search's own.
+{
+  const page = await open("own.html", { hash: "view=maps&where=symmetry=600..900,corners=2.." });
+  const [kept, where, note] = [await page.textContent(".count b"), await page.textContent("code.where"), await page.textContent(".bar ~ .note")];
+  await saved(page, () => button(page, "Save the list"), "own.json");
+  await button(page, "Clear");
+  await tab(page, "Archive");
+  await page.getByLabel("Colour", { exact: true }).selectOption("corners");
+  await page.getByLabel("Across").selectOption("corners");
+  const legend = await page.textContent(".legend b");
+  await page.locator(".metrics summary", { hasText: "As a town" }).click();
+  await page.waitForSelector(".metrics details[open] td");
+  const values = await page.$$eval(".metrics tr", (rows) => Object.fromEntries(rows.map((row) => [row.children[0].textContent, row.children[1].textContent])));
+  await tab(page, "Draw");
+  seen.own = { kept, where, note, legend, values, drawn: await page.textContent(".total b"), left: await page.textContent(".total + .note") };
+  await page.context().close();
+}
+
+// Photographed tiles, brought together, in the size in which their light is compared and in another.
+for (const px of [64, 32]) {
+  const page = await open(`photo${px}.html`, { hash: "view=maps&look=tiles" });
+  await saved(page, () => button(page, "PNG"), `photo${px}.png`);
+  await page.context().close();
 }
 
 // Names that would be HTML.

@@ -4,12 +4,15 @@ import numpy as np
 
 from elitelanes_jax import Result
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.plain_town import plain_town
+from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem.descriptor import paper_axes
 from elitelanes_jax.result import History, MeasuredElites, RunState
 from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["big_result", "write_run"]
+__all__ = ["big_result", "own_result", "write_run"]
 
 _LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
 
@@ -18,6 +21,31 @@ def write_run(folder):
     """The folder of a small run."""
     assert main([*_LINE.split(), str(folder)]) == 0
     return folder
+
+
+def own_result():
+    """2 seeds with 20 maps of 6 x 6, and features beside the metrics: two of towns, and one of a search's own."""
+    grids = generate_batch(np.random.default_rng(3), 40, (6, 6), border="closed").grid.astype(np.int8)
+    for number, grid in enumerate(grids):
+        grid[:, 6 - number % 4 :] = 0
+        grid[: number % 3, :2] = 0
+    measures = [plain_measure(grid) | plain_town(grid) | {"corners": int((grid == 6).sum())} for grid in grids]
+    spec = SearchSpec(
+        features=["corners"],
+        axes=["symmetry:5", "corners:4:2", "box_length:3"],
+        weights={"symmetry": -3, "corners": 50},
+    )
+    values = {name: np.array([one[name] for one in measures]).reshape(2, 20) for name in measures[0]}
+    features = {name: values[name].astype(np.int32) for name in ("symmetry", "corners", "box_length")}
+    weights = spec.all_weights._asdict() | dict(spec.weights)
+    fitness = sum(weights[name] * values[name] for name in (*COUNT_NAMES, *dict(spec.weights))) - weights["components"]
+    metrics = Metrics(*[values[name] for name in Metrics._fields])
+    descriptor = np.stack([features[axis.metric] for axis in spec.axes], axis=-1)
+    elites = MeasuredElites(grids.reshape(2, 20, 6, 6), fitness, descriptor, np.ones((2, 20), bool), metrics, features)
+    state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
+    none = np.zeros(0, np.int32)
+    history = History(none, none, np.zeros((2, 0), np.int32), np.zeros((2, 0), np.int32), none * 1.0)
+    return Result(elites, history, state, spec, spec.axes_on((6, 6)))
 
 
 def big_result():

@@ -4,7 +4,7 @@ import { pathToFileURL } from "node:url";
 
 const [module, file] = process.argv.slice(2);
 const { kernel } = await import(pathToFileURL(module).href);
-const { grids, weights, alphabet } = JSON.parse(readFileSync(file, "utf8"));
+const { grids, weights, alphabet, town } = JSON.parse(readFileSync(file, "utf8"));
 const mask = alphabet.reduce((bits, code) => bits | (1 << code), 0);
 
 const gridOf = (rows) => ({ height: rows.length, width: rows[0].length, codes: Uint8Array.from(rows.flat()) });
@@ -21,6 +21,7 @@ const made = grids.map(({ rows, dirty, fixed }) => {
   const yaml = text(() => kernel.toDuckietown(grid));
   return {
     counts: [...counts],
+    town: town && kernel.measureTown(grid),
     fitness: kernel.fitness(counts, weights),
     repaired: dirty && [false, true].map((fill) => [...kernel.repair(grid, { dirty, fixed, fill }).codes]),
     yaml,

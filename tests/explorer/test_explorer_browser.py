@@ -8,23 +8,27 @@ import os
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from explored import big_result, write_run
+from explored import big_result, own_result, write_run
 
 from elitelanes_jax import Result, Weights, read_map
+from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import RoadMap, read_maps
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.template import parse_template
 from elitelanes_jax.tiles.render import LABEL_COLOURS, render
+from elitelanes_jax.tiles.tileset import load_tiles
 
 HERE = Path(__file__).parent
 PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
@@ -62,11 +66,24 @@ def a_ride(codes):
     return {"format": RIDES, "codes": codes.tolist(), "rides": [{"goal": [0, 4], "success": True, **track}]}
 
 
+def photographs():
+    """The package's tiles, each in a light of its own."""
+    random, tiles = np.random.default_rng(0), load_tiles()
+    lit = [
+        tile._replace(image=np.clip(tile.image * random.uniform(0.6, 1.1, 3), 0, 255).astype(np.uint8))
+        for tile in tiles.tiles
+    ]
+    return replace(tiles, tiles=tuple(lit), blend=True)
+
+
 @pytest.fixture(scope="module")
 def seen(place, run, drawn):
     (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
     (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
+    (place / "own.html").write_text(page_of(collect_result(own_result())))
     (place / "big.html").write_text(page_of(collect_result(big_result())))
+    for px in (64, 32):
+        (place / f"photo{px}.html").write_text(page_of(collect_maps([read_map(TOWN)], tiles=photographs(), tile_px=px)))
     hostile = collect_maps([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
     hostile.values["runs"][0]["labels"] = [HOSTILE]
     hostile.values["title"] = HOSTILE
@@ -80,7 +97,7 @@ def seen(place, run, drawn):
 
 def test_no_message_no_request_no_dialog(seen):
     assert seen["console"] == []
-    assert set(seen["requests"]) == {"run.html", "big.html", "hostile.html"}
+    assert set(seen["requests"]) == {"run.html", "big.html", "own.html", "photo64.html", "photo32.html", "hostile.html"}
     assert seen["dialogs"] == []
     assert seen["strict"] == 0
     assert seen["refused"] == "refused"
@@ -129,6 +146,18 @@ def test_saved_files_are_those_of_python(seen, drawn, place):
     np.testing.assert_array_equal(cv2.imread(str(place / "labels.png"))[..., ::-1], colours)
 
 
+@pytest.mark.parametrize("px", [64, 32])
+def test_photographed_tiles_are_brought_together_as_render_does_it(seen, place, px):
+    tiles = photographs()
+    plain, expected = (
+        render(read_map(TOWN), tiles, tile_px=px, blend=blend).image.astype(int) for blend in (False, True)
+    )
+    picture = cv2.imread(str(place / f"photo{px}.png"))[..., ::-1].astype(int)
+    assert np.abs(plain - expected).max() > 30
+    assert np.abs(picture - expected).max() <= 1
+    assert (picture == expected).mean() > 0.9999
+
+
 def test_maps_are_filtered_sorted_and_compared(seen, run, place):
     elites = Result.load(run / "archive.npz").elites
     crossings = np.asarray(elites.metrics.crossings)[np.asarray(elites.valid)]
@@ -137,12 +166,40 @@ def test_maps_are_filtered_sorted_and_compared(seen, run, place):
     assert maps["where"] == f"--where crossings={least}.."
     assert int(maps["kept"]) == (crossings >= least).sum()
     assert maps["sorted"] == sorted(crossings, reverse=True)[:12]
-    assert len(json.loads((place / "selection.json").read_text())) == (crossings >= least).sum()
+    listed = read_maps(place / "selection.json")
+    assert sorted(one.metrics["crossings"] for one in listed) == sorted(crossings[crossings >= least])
+    grids, fitness = (np.asarray(array)[np.asarray(elites.valid)] for array in (elites.grids, elites.fitness))
+    for one in listed:
+        assert one.fitness == fitness[(grids == one.codes).all(axis=(1, 2)).argmax()]
+        assert one.metrics == {
+            name: float(value) if name == "coverage" else value for name, value in plain_measure(one.codes).items()
+        }
+    assert DatasetSpec(maps_from=place / "selection.json", split=(1, 0, 0)).shapes == [(5, 6)]
     assert (maps["compared"], maps["left"]) == (2, 1)
     assert maps["rows"] > 20
     assert re.search(r"pins=0\.\d+,0\.\d+", maps["compareHash"])
     assert seen["run"]["charts"] == 2
     assert "evaluations per second" in seen["run"]["settings"]
+
+
+def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, place):
+    result = own_result()
+    elites, own = result.elites, seen["own"]
+    symmetry, corners = (elites.features[name] for name in ("symmetry", "corners"))
+    kept = (symmetry >= 600) & (symmetry <= 900) & (corners >= 2)
+    assert (own["kept"], own["where"], own["legend"]) == (str(kept.sum()), "--where symmetry=0.6..0.9", "Corners")
+    assert own["note"] == "Corners: not in the text, as --where does not take it."
+    listed = read_maps(place / "own.json")
+    assert sorted(one.metrics["symmetry"] for one in listed) == sorted(symmetry[kept] / 1000)
+    assert sorted(one.metrics["corners"] for one in listed) == sorted(corners[kept])
+    best = np.unravel_index(elites.fitness.argmin(), elites.fitness.shape)
+    town = measure_town(elites.grids[best])
+    assert own["values"]["Corners"] == str(corners[best])
+    assert own["values"]["Longest street"] == str(town.longest_street)
+    assert own["values"]["Mean detour"] == f"{town.mean_detour / 1000:.2f}"
+    assert own["values"]["Repetition"] == f"{town.repetition / 10:.1f} %"
+    assert own["drawn"].replace("−", "-").replace(",", "") == str(elites.fitness[best] - 50 * corners[best])
+    assert own["left"] == "Corners: a search alone can measure it; the fitness here leaves it out."
 
 
 def test_drawing(seen, place):

@@ -15,6 +15,8 @@ from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import stack_counts
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.town_features import TownFeatures
+from elitelanes_jax.problem.extras import measure_extras
 
 HERE = Path(__file__).parent
 MODULE = HERE.parents[1] / "elitelanes_jax" / "explorer" / "static" / "explorer.js"
@@ -25,10 +27,10 @@ WEIGHTS = Weights(turns=7, off_alphabet=-13, components=31, constant=5)
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="the kernel runs in Node")
 
 
-def run_kernel(grids, tmp_path):
-    """What the kernel makes of grids, each with the masks of its repair or none."""
+def run_kernel(grids, tmp_path, *, town=False):
+    """What the kernel makes of grids, each with the masks of its repair or none; with the features of a town or not."""
     file = tmp_path / "grids.json"
-    file.write_text(json.dumps({"grids": grids, "weights": WEIGHTS._asdict(), "alphabet": ALPHABET}))
+    file.write_text(json.dumps({"grids": grids, "weights": WEIGHTS._asdict(), "alphabet": ALPHABET, "town": town}))
     ran = subprocess.run(["node", HERE / "kernel.mjs", MODULE, file], capture_output=True, text=True, check=True)
     return json.loads(ran.stdout)
 
@@ -63,6 +65,28 @@ def test_metrics_and_fitness_are_equal_on_ten_thousand_grids(sample, made):
 def test_repair_is_equal_on_ten_thousand_grids(sample, made, fill):
     expected = jax.vmap(lambda grid, dirty, fixed: repair(grid, dirty, fixed=fixed, fill=fill))(*sample)
     np.testing.assert_array_equal([one["repaired"][fill] for one in made], np.asarray(expected).reshape(-1, 144))
+
+
+@pytest.mark.parametrize("step", [100, pytest.param(1, marks=pytest.mark.slow)])
+def test_the_features_of_a_town_are_equal(sample, step, tmp_path):
+    grids = sample[0][::step]
+    made = run_kernel([{"rows": rows} for rows in grids.tolist()], tmp_path, town=True)
+    town = measure_extras(grids, TownFeatures._fields, {})
+    np.testing.assert_array_equal([[one["town"][name] for name in TownFeatures._fields] for one in made], town)
+
+
+def test_the_features_of_towns_within_larger_grids_are_equal(tmp_path):
+    """Sparse ones, of one tile and of none too, of several parts, and beyond the sides where detours are measured."""
+    random = np.random.default_rng(0)
+    codes = random.integers(1, 16, (60, 33, 5))
+    grids = np.where(random.random((60, 33, 5)) < np.linspace(0, 1, 60)[:, None, None], codes, 0).astype(np.int8)
+    grids[1] = 0
+    grids[1, 20, 3] = 6
+    for some, names in ((grids[:, :32], TownFeatures._fields), (grids, TownFeatures._fields[:-1])):
+        made = run_kernel([{"rows": grid.tolist()} for grid in some], tmp_path, town=True)
+        assert [list(one["town"]) for one in made] == [list(names)] * 60
+        town = measure_extras(some, names, {})
+        np.testing.assert_array_equal([[one["town"][name] for name in names] for one in made], town)
 
 
 def test_grids_of_all_sizes_are_measured_alike(tmp_path):

@@ -1,5 +1,6 @@
 /** Features: the whole metrics, and shares in thousandths; niches of axes that cut them into bins. */
 import { COUNT_NAMES, type CountName } from "./measure";
+import { TOWN_NAMES, TOWN_PARTS, TOWN_RATIOS } from "./town";
 
 export const SHARE_UNIT = 1000;
 
@@ -13,7 +14,14 @@ const SHARES: Readonly<Record<string, readonly [CountName, readonly CountName[]]
 
 export const FEATURES: readonly string[] = [...COUNT_NAMES, ...Object.keys(SHARES)];
 
-export const isShare = (name: string): boolean => name in SHARES;
+/** Tells whether a feature is a part of 1, kept in thousandths. */
+export const isShare = (name: string): boolean => Object.hasOwn(SHARES, name) || TOWN_PARTS.includes(name);
+
+/** Returns the number that stands for 1 of a feature. */
+export const unitOf = (name: string): number => (isShare(name) || TOWN_RATIOS.includes(name) ? SHARE_UNIT : 1);
+
+/** Tells whether a feature is one of the package, which the command line knows; others are a search's own. */
+export const isOurs = (name: string): boolean => FEATURES.includes(name) || (TOWN_NAMES as readonly string[]).includes(name);
 
 const COUNT_PLACE = Object.fromEntries(COUNT_NAMES.map((name, place) => [name, place])) as Record<CountName, number>;
 
@@ -62,6 +70,7 @@ export function binName(axis: Axis, bin: number): string {
   const first = axis.start + bin * axis.width;
   const last = first + axis.width - 1;
   const open = bin === axis.bins - 1;
+  if (unitOf(axis.metric) > 1 && !isShare(axis.metric)) return `${+(first / SHARE_UNIT).toFixed(2)}${open ? "+" : ""}`;
   if (isShare(axis.metric)) return `${+((100 * first) / SHARE_UNIT).toFixed(1)}%${open && last < SHARE_UNIT - 1 ? "+" : ""}`;
   if (open) return `${first}+`;
   return first === last ? `${first}` : `${first}–${last}`;

@@ -145,12 +145,13 @@ export function measure(grid: Grid, alphabet = ANY_CODE, into: Int32Array = new 
 /** The amount that one unit of each metric adds to the fitness; of components, each beyond the first. */
 export type Weights = Readonly<Record<string, number>>;
 
-/** Sums the metrics by weight; lower is better. */
-export function fitness(counts: ArrayLike<number>, weights: Weights): number {
+/** Sums the metrics, and features beside them, by weight; lower is better. */
+export function fitness(counts: ArrayLike<number>, weights: Weights, extras: Readonly<Record<string, number>> = {}): number {
   let sum = weights.constant ?? 0;
   COUNT_NAMES.forEach((name, place) => {
     const units = name === "components" ? Math.max(counts[place] - 1, 0) : counts[place];
     sum += (weights[name] ?? 0) * units;
   });
+  for (const [name, value] of Object.entries(extras)) sum += (weights[name] ?? 0) * value;
   return sum;
 }

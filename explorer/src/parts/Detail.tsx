@@ -4,10 +4,10 @@ import { useShared } from "../context";
 import { OVERLAY_COLOURS, OVERLAYS, sceneOf, toSvg, type Overlay } from "../drawing";
 import { save, savePng } from "../files";
 import { FileError, stubs, toDuckietown, toMapJson } from "../network/formats";
-import { binsOf, feature, FEATURES, isShare } from "../network/features";
+import { feature } from "../network/features";
 import { LAYERS, paintTiles, type Blend, type Layer } from "../tiles";
 import { number } from "../words";
-import type { Data, Run } from "../data";
+import { mapFields, picturesOf } from "../record";
 import { Segments, Switch, toggled } from "./Controls";
 import { MapPicture } from "./MapPicture";
 import { Metrics } from "./Metrics";
@@ -110,35 +110,6 @@ export function LookSwitches() {
   );
 }
 
-/** Returns the tile pictures that a map of a run was drawn with, if they are known. */
-export const picturesOf = (run: Run, elite: number): readonly number[] | null =>
-  run.maps.find((map) => map.place === elite)?.pictures ?? null;
-
-/** Returns the fields of an elite's map file beside its codes. */
-function mapFields(run: Run, elite: number, data: Data): Record<string, unknown> {
-  const counts = run.countsOf(elite);
-  const metrics = Object.fromEntries(
-    FEATURES.filter((name) => !isShare(name)).map((name) => [name, feature(name, counts)]),
-  );
-  metrics.coverage = Math.fround(feature("tiles", counts) / (run.height * run.width));
-  const pictures = picturesOf(run, elite);
-  const table = (cell: (picture: number) => unknown) =>
-    Array.from({ length: run.height }, (_, row) => pictures!.slice(row * run.width, (row + 1) * run.width).map(cell));
-  return {
-    metrics,
-    fitness: run.fitness[elite],
-    descriptor: Object.fromEntries(run.axes.map((axis) => [axis.metric, run.feature(axis.metric, elite)])),
-    niche: binsOf(run.axes, run.niche[elite]),
-    ...(pictures && {
-      drawn: {
-        tile_set: data.tiles.name,
-        tiles: table((picture) => data.tiles.pictures[picture >> 2].name),
-        quarter_turns: table((picture) => picture & 3),
-      },
-    }),
-  };
-}
-
 /** The panel of one map of a run. */
 export function Detail({ elite }: { readonly elite: number }) {
   const { data, run, view, tiles, show, draw, say } = useShared();
@@ -199,7 +170,7 @@ export function Detail({ elite }: { readonly elite: number }) {
           </button>
         </span>
       </div>
-      <Metrics run={run} counts={counts} fitness={run.fitness[elite]} above={floor === undefined ? undefined : run.fitness[elite] - floor} extras={extras} />
+      <Metrics run={run} grid={grid} counts={counts} fitness={run.fitness[elite]} above={floor === undefined ? undefined : run.fitness[elite] - floor} extras={extras} />
     </section>
   );
 }

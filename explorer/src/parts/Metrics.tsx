@@ -1,6 +1,9 @@
 /** The metrics of a map beside the quantiles of a run. */
 import { quantile, quantileOf, type Run } from "../data";
+import { useMemo, useState } from "preact/hooks";
+import type { Grid } from "../network/codes";
 import { feature, FEATURES } from "../network/features";
+import { measureTown, TOWN_NAMES } from "../network/town";
 import { nameOf, valueText, WORDS } from "../words";
 
 /** The metrics that are shown at first; the rest is folded away. */
@@ -9,16 +12,19 @@ const FIRST = [
   "straight_score", "coverage",
 ];
 
+const NONE = new Float64Array(0);
+
 interface Props {
   readonly run: Run;
+  readonly grid: Grid;
   readonly counts: ArrayLike<number>;
   readonly fitness: number;
   readonly above?: number;
-  /** Features that a search measured beside the metrics. */
+  /** Features beside the metrics; not a number where a search alone can measure one. */
   readonly extras?: Readonly<Record<string, number>>;
 }
 
-export function Metrics({ run, counts, fitness, above, extras = {} }: Props) {
+export function Metrics({ run, grid, counts, fitness, above, extras = {} }: Props) {
   const value = (name: string): number =>
     name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : (extras[name] ?? feature(name, counts));
   const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST, ...Object.keys(extras)];
@@ -38,12 +44,27 @@ export function Metrics({ run, counts, fitness, above, extras = {} }: Props) {
           <tbody>{rows(rest)}</tbody>
         </table>
       </details>
+      <Town run={run} grid={grid} shown={Object.keys(extras)} />
     </div>
   );
 }
 
+/** The features of a town that are not shown yet; measured once they are looked at. */
+function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; readonly shown: readonly string[] }) {
+  const [open, setOpen] = useState(false);
+  const town = useMemo(() => (open ? measureTown(grid) : {}), [grid, open]);
+  const names = TOWN_NAMES.filter((name) => !shown.includes(name));
+  if (!names.length) return null;
+  return (
+    <details onToggle={(event) => setOpen(event.currentTarget.open)}>
+      <summary>As a town</summary>
+      {open && <table><tbody>{names.map((name) => <Row key={name} run={run} name={name} value={town[name] ?? NaN} />)}</tbody></table>}
+    </details>
+  );
+}
+
 function Row({ run, name, value }: { readonly run: Run; readonly name: string; readonly value: number }) {
-  const sorted = run.sorted(name);
+  const sorted = run.quantities.includes(name) && !Number.isNaN(value) ? run.sorted(name) : NONE;
   const share = Math.round(100 * quantileOf(sorted, value));
   return (
     <tr title={WORDS[name]?.meaning}>

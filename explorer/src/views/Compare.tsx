@@ -1,10 +1,11 @@
 /** Up to four maps side by side. */
 import { useShared } from "../context";
 import { FEATURES } from "../network/features";
-import { LookSwitches, blendOf, picturesOf, OVERLAY_NAMES } from "../parts/Detail";
+import { LookSwitches, blendOf, OVERLAY_NAMES } from "../parts/Detail";
 import { Switch, toggled } from "../parts/Controls";
 import { MapPicture } from "../parts/MapPicture";
 import { OVERLAY_COLOURS, OVERLAYS } from "../drawing";
+import { picturesOf } from "../record";
 import { nameOf, valueText, WORDS } from "../words";
 
 export function Compare() {

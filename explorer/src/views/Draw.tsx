@@ -7,13 +7,14 @@ import { save, savePng } from "../files";
 import { emptyGrid, KIND_OF, type Grid } from "../network/codes";
 import { FileError, readMap, toDuckietown, toFix, toMapJson } from "../network/formats";
 import { COUNT_NAMES, fitness, measure, type Weights } from "../network/measure";
-import { feature, FEATURES, isShare } from "../network/features";
+import { feature, FEATURES, isOurs, isShare } from "../network/features";
+import { measureTown } from "../network/town";
 import { useFittedCanvas } from "../parts/canvas";
 import { OverlaySwitches } from "../parts/Detail";
 import { Metrics } from "../parts/Metrics";
 import { Switch } from "../parts/Controls";
 import { paintTiles } from "../tiles";
-import { nameOf, number, valueText } from "../words";
+import { nameOf, number } from "../words";
 
 const TOOL_WORDS: Readonly<Record<Tool, readonly [name: string, what: string]>> = {
   road: ["Road", "drag from tile to tile to link them"],
@@ -44,8 +45,13 @@ export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) 
   const { grid, given } = editor;
   const counts = useMemo(() => measure(grid, run.alphabet), [grid, run]);
   const before = useMemo(() => measure(editor.start, run.alphabet), [editor.start, run]);
-  const total = fitness(counts, weights);
-  const change = total - fitness(before, weights);
+  const others = [...new Set([...run.extras.keys(), ...Object.keys(weights)])].filter((name) => !FEATURES.includes(name) && name !== "constant");
+  const town = useMemo(() => (others.some(isOurs) ? measureTown(grid) : {}), [grid, others.join()]);
+  const townBefore = useMemo(() => (others.some(isOurs) ? measureTown(editor.start) : {}), [editor.start, others.join()]);
+  const extras = Object.fromEntries([...run.extras.keys()].map((name) => [name, town[name as keyof typeof town] ?? NaN]));
+  const unknown = others.filter((name) => !(name in town));
+  const total = fitness(counts, weights, town);
+  const change = total - fitness(before, weights, townBefore);
 
   const open = async (file: File | undefined) => {
     if (!file) return;
@@ -129,8 +135,14 @@ export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) 
           <b>{number(total)}</b>
           {change !== 0 && <em class={change < 0 ? "better" : "worse"}>{change < 0 ? "▼" : "▲"} {number(Math.abs(change))} {change < 0 ? "better" : "worse"} than at first</em>}
         </div>
-        <WeightSliders weights={weights} counts={counts} usual={run.weights} onWeights={onWeights} />
-        <Metrics run={run} counts={counts} fitness={total} />
+        {unknown.length > 0 && (
+          <p class="note">
+            {unknown.map(nameOf).join(", ")}: a search alone can measure {unknown.length > 1 ? "them" : "it"}
+            {unknown.some((name) => weights[name]) && "; the fitness here leaves it out"}.
+          </p>
+        )}
+        <WeightSliders weights={weights} counts={counts} town={town} usual={run.weights} onWeights={onWeights} />
+        <Metrics run={run} grid={grid} counts={counts} fitness={total} extras={extras} />
       </section>
     </div>
   );
@@ -293,22 +305,24 @@ interface WeightProps {
   readonly weights: Weights;
   readonly usual: Weights;
   readonly counts: ArrayLike<number>;
+  /** Features beside the metrics that have a weight or may have one. */
+  readonly town: Readonly<Record<string, number>>;
   readonly onWeights: (weights: Weights | null) => void;
 }
 
 /** The weights of the fitness as sliders, with what each adds. */
-function WeightSliders({ weights, usual, counts, onWeights }: WeightProps) {
-  const names = [...COUNT_NAMES].sort((one, other) => +(usual[other] !== 0) - +(usual[one] !== 0));
+function WeightSliders({ weights, usual, counts, town, onWeights }: WeightProps) {
+  const names = [...COUNT_NAMES, ...Object.keys(usual).filter((name) => name in town)].sort((one, other) => +(usual[other] !== 0) - +(usual[one] !== 0));
   const used = names.filter((name) => usual[name] || weights[name]);
   const others = names.filter((name) => !used.includes(name));
   const changed = names.filter((name) => weights[name] !== usual[name]);
   const sliders = (list: readonly string[]) => list.map((name) => {
-    const units = name === "components" ? Math.max(feature(name, counts) - 1, 0) : feature(name, counts);
+    const units = name in town ? town[name] : name === "components" ? Math.max(feature(name, counts) - 1, 0) : feature(name, counts);
     return (
       <label key={name} class="weight">
         <span>{nameOf(name)}</span>
         <input type="range" min="-100" max="1000" step="1" value={weights[name]} onInput={(event) => onWeights({ ...weights, [name]: Number(event.currentTarget.value) })} />
-        <output>{number(weights[name])} × {valueText(name, units)}</output>
+        <output>{number(weights[name])} × {number(units)}</output>
       </label>
     );
   });

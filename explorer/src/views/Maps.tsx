@@ -3,11 +3,11 @@ import { useMemo, useState } from "preact/hooks";
 import { useShared } from "../context";
 import type { Run } from "../data";
 import { save } from "../files";
-import { rowsOf } from "../network/codes";
-import { FEATURES, isShare, SHARE_UNIT } from "../network/features";
+import { isOurs, unitOf } from "../network/features";
 import { Choice, quantityOptions, Switch } from "../parts/Controls";
 import { Detail } from "../parts/Detail";
 import { MapPicture } from "../parts/MapPicture";
+import { listOf } from "../record";
 import { whereText, type Ranges } from "../state";
 import { nameOf, number, valueText } from "../words";
 
@@ -40,11 +40,13 @@ export function Maps() {
     return [...among].filter((elite) => !chosen || written.has(elite)).sort((one, other) => value(one) - value(other) || one - other);
   }, [run, among, chosen, view.sort, view.descending]);
   const open = view.map !== null && view.map < run.count ? view.map : (kept[0] ?? -1);
-  const names = [...FIRST, ...run.quantities.filter((name) => !FIRST.includes(name))];
+  const first = [...new Set([...run.axes.map((axis) => axis.metric), ...run.extras.keys(), ...FIRST])];
+  const rest = run.quantities.filter((name) => !first.includes(name));
   const where = whereText(
-    Object.fromEntries(Object.entries(view.where).filter(([name]) => FEATURES.includes(name))),
-    (name) => (isShare(name) ? SHARE_UNIT : 1),
+    Object.fromEntries(Object.entries(view.where).filter(([name]) => isOurs(name))),
+    unitOf,
   );
+  const unsaid = Object.keys(view.where).filter((name) => run.quantities.includes(name) && !isOurs(name));
   const copy = async () => {
     try {
       await navigator.clipboard.writeText(`--where ${where}`);
@@ -64,10 +66,10 @@ export function Maps() {
     <div class="split three">
       <section class="panel filters" aria-label="Ranges">
         <h2>Ranges</h2>
-        {names.slice(0, FIRST.length).map(range)}
-        <details open={names.slice(FIRST.length).some((name) => name in view.where)}>
+        {first.map(range)}
+        <details class="filters" open={rest.some((name) => name in view.where)}>
           <summary>More metrics</summary>
-          {names.slice(FIRST.length).map(range)}
+          {rest.map(range)}
         </details>
       </section>
       <section class="panel" aria-label="Maps">
@@ -83,8 +85,9 @@ export function Maps() {
           <code class="where">{where ? `--where ${where}` : "no ranges: all maps"}</code>
           <button type="button" disabled={!where} onClick={() => void copy()}>Copy</button>
           <button type="button" disabled={!Object.keys(view.where).length} onClick={() => show({ where: {} })}>Clear</button>
-          <button type="button" disabled={!kept.length} onClick={() => save("selection.json", selection(run, kept), "application/json")}>Save the list</button>
+          <button type="button" disabled={!kept.length} onClick={() => save("selection.json", listOf(run, kept), "application/json")}>Save the list</button>
         </div>
+        {unsaid.length > 0 && <p class="note">{unsaid.map(nameOf).join(", ")}: not in the text, as --where does not take {unsaid.length > 1 ? "them" : "it"}.</p>}
         <ul class="gallery">
           {kept.slice(0, shown).map((elite) => (
             <li key={elite}>
@@ -98,14 +101,9 @@ export function Maps() {
         {kept.length > shown && <button type="button" onClick={() => setShown(shown + 2 * PAGE)}>Show more</button>}
         {!kept.length && <p class="note">No map is in all ranges.</p>}
       </section>
-      <div class="panel side">{open >= 0 && <Detail elite={open} />}</div>
+      {open >= 0 && <div class="panel side"><Detail elite={open} /></div>}
     </div>
   );
-}
-
-/** Writes maps as JSON Lines within a list: a map a line. */
-function selection(run: Run, kept: readonly number[]): string {
-  return `[\n${kept.map((elite) => JSON.stringify({ codes: rowsOf(run.grid(elite)), fitness: run.fitness[elite] })).join(",\n")}\n]\n`;
 }
 
 interface RangeProps {

@@ -1,5 +1,5 @@
 /** The runs: their histories over seeds, box plots of any quantity, settings, versions, times. */
-import { useMemo, useState } from "preact/hooks";
+import { useId, useMemo, useState } from "preact/hooks";
 import { DISTINCT } from "../colours";
 import { useShared } from "../context";
 import { quantile, type Run } from "../data";
@@ -103,6 +103,7 @@ function ticks(low: number, high: number, wanted: number): number[] {
 
 function Chart({ runs, all, series }: { readonly runs: readonly Run[]; readonly all: readonly Run[]; readonly series: Series }) {
   const [at, setAt] = useState<number | null>(null);
+  const plot = useId();
   const lines = useMemo(
     () =>
       runs.map((run) => {
@@ -141,7 +142,7 @@ function Chart({ runs, all, series }: { readonly runs: readonly Run[]; readonly 
         }}
         onMouseLeave={() => setAt(null)}
       >
-        <clipPath id="plot"><rect x={LEFT} y={TOP - 4} width={WIDE - LEFT - RIGHT + 2} height={HIGH - TOP - BOTTOM + 8} /></clipPath>
+        <clipPath id={plot}><rect x={LEFT} y={TOP - 4} width={WIDE - LEFT - RIGHT + 2} height={HIGH - TOP - BOTTOM + 8} /></clipPath>
         {ticks(low, high, 5).map((mark) => (
           <g key={mark}>
             <path class="grid" d={`M${LEFT} ${y(mark)}H${WIDE - RIGHT}`} />
@@ -152,7 +153,7 @@ function Chart({ runs, all, series }: { readonly runs: readonly Run[]; readonly 
           <text key={mark} class="bin" x={x(mark)} y={HIGH - 20} text-anchor="middle">{number(mark)}</text>
         ))}
         <text class="title" x={(LEFT + WIDE - RIGHT) / 2} y={HIGH - 3} text-anchor="middle">Evaluations of a seed</text>
-        <g clip-path="url(#plot)">
+        <g clip-path={`url(#${plot})`}>
           {lines.map(({ run, evaluations, bands }) => {
             const colour = DISTINCT[all.indexOf(run) % DISTINCT.length];
             const band = (from: number, to: number) =>

@@ -1,0 +1,172 @@
+/** Photographs that belong together: a gain and an offset for each tile, and feathered seams, as the package's `tiles/blend.py` has them. */
+import { EAST, NORTH, SOUTH, WEST, type Grid } from "./network/codes";
+
+/** One tile's picture: levels R, G, B, and labels, both of size · size pixels, row after row. */
+export interface Pixels {
+  readonly size: number;
+  readonly levels: Uint8ClampedArray;
+  readonly labels: Uint8Array;
+}
+
+/** Returns the pixels of a picture: its place times 4, plus quarter turns counter-clockwise. */
+export type PixelsOf = (picture: number) => Pixels;
+
+/** What squared 255 · (gain - 1) and offset cost, beside squared grey levels. */
+const GAIN = 1, OFFSET = 0.01;
+const STRIP = 1 / 8, FEATHER = 0.02;
+const CLOSE = 1e-9, MOST_ROUNDS = 2000;
+
+export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: number): Pixels {
+  const turned = { size, levels: new Uint8ClampedArray(levels.length), labels: new Uint8Array(labels.length) };
+  for (let row = 0, to = 0; row < size; row++) {
+    for (let column = 0; column < size; column++, to++) {
+      let [y, x] = [row, column];
+      for (let turn = 0; turn < quarterTurns; turn++) [y, x] = [x, size - 1 - y];
+      const from = y * size + x;
+      turned.labels[to] = labels[from];
+      for (let channel = 0; channel < 3; channel++) turned.levels[3 * to + channel] = levels[3 * from + channel];
+    }
+  }
+  return turned;
+}
+
+/** Calls `each` for every two neighbours whose roads meet: the cells, and whether the second lies to the south. */
+function meetings({ height, width, codes }: Grid, each: (one: number, other: number, south: boolean) => void): void {
+  codes.forEach((code, place) => {
+    if (place % width < width - 1 && code & EAST && codes[place + 1] & WEST) each(place, place + 1, false);
+    if (place < (height - 1) * width && code & SOUTH && codes[place + width] & NORTH) each(place, place + width, true);
+  });
+}
+
+interface Equations {
+  /** Of each channel, 4 x 4 products and 4 right sides. */
+  readonly products: Float64Array;
+  readonly sides: Float64Array;
+}
+
+/** Compares the strips on both sides of a seam: the second picture lies east of the first, or south of it. */
+function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
+  const { size } = one;
+  const depth = Math.max(1, Math.round(STRIP * size));
+  const products = new Float64Array(48), sides = new Float64Array(12);
+  let count = 0;
+  for (let along = 0; along < size; along++) {
+    for (let away = 0; away < depth; away++) {
+      const near = south ? (size - 1 - away) * size + along : along * size + size - 1 - away;
+      const far = south ? away * size + along : along * size + away;
+      if (!one.labels[near] || one.labels[near] !== other.labels[far]) continue;
+      count++;
+      for (let channel = 0; channel < 3; channel++) {
+        const here = one.levels[3 * near + channel], there = other.levels[3 * far + channel];
+        const row = [here / 255, 1, -there / 255, -1];
+        for (let y = 0; y < 4; y++) {
+          for (let x = 0; x < 4; x++) products[16 * channel + 4 * y + x] += row[y] * row[x];
+          sides[4 * channel + y] += row[y] * (there - here);
+        }
+      }
+    }
+  }
+  const part = 1 / Math.max(count, 1);
+  return { products: products.map((value) => value * part), sides: sides.map((value) => value * part) };
+}
+
+/**
+ * Solves for the gain and the offset of each cell and channel, by conjugate gradients.
+ *
+ * @param pictures of the cells, -1 where there is none
+ * @returns per channel, gain and offset of cell after cell
+ */
+export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: PixelsOf): Float64Array[] {
+  const known = new Map<string, Equations>();
+  const seams: { readonly one: number; readonly other: number; readonly equations: Equations }[] = [];
+  meetings(grid, (one, other, south) => {
+    if (pictures[one] < 0 || pictures[other] < 0) return;
+    const key = `${pictures[one]} ${pictures[other]} ${south}`;
+    if (!known.has(key)) known.set(key, equationsOf(pixelsOf(pictures[one]), pixelsOf(pictures[other]), south));
+    seams.push({ one, other, equations: known.get(key)! });
+  });
+  return [0, 1, 2].map((channel) => {
+    const size = 2 * grid.codes.length;
+    const times = (vector: Float64Array): Float64Array => {
+      const product = vector.map((value, place) => value * (place % 2 ? OFFSET : GAIN));
+      for (const { one, other, equations } of seams) {
+        const places = [2 * one, 2 * one + 1, 2 * other, 2 * other + 1];
+        for (let y = 0; y < 4; y++) {
+          for (let x = 0; x < 4; x++) product[places[y]] += equations.products[16 * channel + 4 * y + x] * vector[places[x]];
+        }
+      }
+      return product;
+    };
+    const rest = new Float64Array(size), scale = Float64Array.from({ length: size }, (_, place) => (place % 2 ? OFFSET : GAIN));
+    for (const { one, other, equations } of seams) {
+      [2 * one, 2 * one + 1, 2 * other, 2 * other + 1].forEach((place, y) => {
+        rest[place] += equations.sides[4 * channel + y];
+        scale[place] += equations.products[16 * channel + 5 * y];
+      });
+    }
+    const dot = (a: Float64Array, b: Float64Array): number => a.reduce((sum, value, place) => sum + value * b[place], 0);
+    const found = new Float64Array(size);
+    let way = rest.map((value, place) => value / scale[place]);
+    let product = dot(rest, way);
+    const enough = CLOSE * CLOSE * product;
+    for (let round = 0; round < MOST_ROUNDS && product > enough; round++) {
+      const changed = times(way);
+      const step = product / dot(way, changed);
+      for (let place = 0; place < size; place++) {
+        found[place] += step * way[place];
+        rest[place] -= step * changed[place];
+      }
+      const scaled = rest.map((value, place) => value / scale[place]);
+      const next = dot(rest, scaled);
+      const more = next / product;
+      way = way.map((value, place) => scaled[place] + more * value);
+      product = next;
+    }
+    return found.map((value, place) => (place % 2 ? value : 1 + value / 255));
+  });
+}
+
+/** Rounds to the nearest whole number, halves to the even one. */
+function rint(value: number): number {
+  const near = Math.round(value);
+  return Math.abs(value % 1) === 0.5 && near % 2 ? near - 1 : near;
+}
+
+/** Draws a map whose tiles have been brought together into `target`, of R, G, B and opacity; bare cells stay as they are. */
+export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: PixelsOf, pixelsOf: PixelsOf, target: Uint8ClampedArray): void {
+  const { width } = grid;
+  const tones = solveTones(grid, pictures, compared);
+  const size = pixelsOf(Array.from(pictures).find((picture) => picture >= 0) ?? 0).size;
+  const stride = width * size;
+  const start = (cell: number): number => Math.floor(cell / width) * size * stride + (cell % width) * size;
+  grid.codes.forEach((_, cell) => {
+    if (pictures[cell] < 0) return;
+    const { levels } = pixelsOf(pictures[cell]);
+    const tables = tones.map((values) => Uint8ClampedArray.from({ length: 256 }, (_, level) => rint(level * values[2 * cell] + values[2 * cell + 1])));
+    for (let row = 0, from = 0; row < size; row++) {
+      for (let to = 4 * (start(cell) + row * stride), end = to + 4 * size; to < end; to += 4) {
+        for (let channel = 0; channel < 3; channel++) target[to + channel] = tables[channel][levels[from++]];
+      }
+    }
+  });
+  const reach = Math.max(FEATHER * size, 2);
+  const shares = Array.from({ length: Math.ceil(reach - 0.5) }, (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4);
+  const changes = new Map<number, number>(); // by place in the target: a pixel near a corner has two
+  meetings(grid, (one, other, south) => {
+    if (pictures[one] < 0 || pictures[other] < 0) return;
+    const [first, second] = [pixelsOf(pictures[one]), pixelsOf(pictures[other])];
+    shares.forEach((share, away) => {
+      for (let along = 0; along < size; along++) {
+        const [y, x, y2, x2] = south ? [size - 1 - away, along, away, along] : [along, size - 1 - away, along, away];
+        if (first.labels[y * size + x] !== second.labels[y2 * size + x2]) continue;
+        for (let channel = 0; channel < 3; channel++) {
+          const left = 4 * (start(one) + y * stride + x) + channel, right = 4 * (start(other) + y2 * stride + x2) + channel;
+          const step = share * (target[right] - target[left]);
+          changes.set(left, (changes.get(left) ?? 0) + step);
+          changes.set(right, (changes.get(right) ?? 0) - step);
+        }
+      }
+    });
+  });
+  for (const [place, change] of changes) target[place] = rint(target[place] + change);
+}

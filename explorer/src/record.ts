@@ -1,0 +1,45 @@
+/** The fields of map files. */
+import type { Data, Run } from "./data";
+import { rowsOf } from "./network/codes";
+import { binsOf, feature, FEATURES, isShare, unitOf } from "./network/features";
+
+/** Returns the tile pictures that a map of a run was drawn with, if they are known. */
+export const picturesOf = (run: Run, elite: number): readonly number[] | null =>
+  run.maps.find((map) => map.place === elite)?.pictures ?? null;
+
+/** Returns what is known of an elite, as its map file has it. */
+function known(run: Run, elite: number): Record<string, unknown> {
+  const counts = run.countsOf(elite);
+  const metrics = Object.fromEntries(FEATURES.filter((name) => !isShare(name)).map((name) => [name, feature(name, counts)]));
+  metrics.coverage = Math.fround(feature("tiles", counts) / (run.height * run.width));
+  for (const name of run.extras.keys()) metrics[name] = run.feature(name, elite) / unitOf(name);
+  return {
+    metrics,
+    fitness: run.fitness[elite],
+    descriptor: Object.fromEntries(run.axes.map((axis) => [axis.metric, run.feature(axis.metric, elite)])),
+    niche: binsOf(run.axes, run.niche[elite]),
+  };
+}
+
+/** Returns the fields of an elite's map file beside its codes. */
+export function mapFields(run: Run, elite: number, data: Data): Record<string, unknown> {
+  const pictures = picturesOf(run, elite);
+  const table = (cell: (picture: number) => unknown) =>
+    Array.from({ length: run.height }, (_, row) => pictures!.slice(row * run.width, (row + 1) * run.width).map(cell));
+  return {
+    ...known(run, elite),
+    ...(pictures && {
+      drawn: {
+        tile_set: data.tiles.name,
+        tiles: table((picture) => data.tiles.pictures[picture >> 2].name),
+        quarter_turns: table((picture) => picture & 3),
+      },
+    }),
+  };
+}
+
+/** Writes a list of maps, a map a line, as `elitelanes dataset --maps-from` takes it. */
+export function listOf(run: Run, elites: readonly number[]): string {
+  const lines = elites.map((elite) => JSON.stringify({ codes: rowsOf(run.grid(elite)), ...known(run, elite) }));
+  return `[\n${lines.join(",\n")}\n]\n`;
+}
