@@ -138,13 +138,17 @@ def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     return jax.tree.map(joined, *parts)
 
 
-def side_by_side(calls: Iterable[Callable[[], T]]) -> list[T]:
+def side_by_side(calls: Iterable[Callable[[], T]], *, left: bool = False) -> list[T]:
     """Calls functions at once, in a thread each; returns what they return, in order.
 
     Each begins as soon as the iterable gives it. An error in one of them, or an interruption, is raised when all have
     ended. The wait is at a simple queue, which an interruption leaves intact.
+
+    Args:
+      calls: the functions.
+      left: whether an interruption is raised at once, and leaves the calls to end by themselves.
     """
-    if isinstance(calls, Sequence) and len(calls) == 1:
+    if isinstance(calls, Sequence) and len(calls) == 1 and not left:
         return [calls[0]()]
     ended: SimpleQueue[tuple[int, Pytree, BaseException | None]] = SimpleQueue()
 
@@ -158,13 +162,18 @@ def side_by_side(calls: Iterable[Callable[[], T]]) -> list[T]:
     found: dict[int, T] = {}
     try:
         for numbered in enumerate(calls):
-            threads.append(Thread(target=call, args=numbered, daemon=True))
+            # The interpreter crashes where it ends before a compiler that a daemon is at.
+            threads.append(Thread(target=call, args=numbered, daemon=not left))
             threads[-1].start()
         for _ in threads:
             number, value, error = ended.get()
             if error is not None:
                 raise error
             found[number] = value
+    except KeyboardInterrupt:
+        if left:
+            threads = []
+        raise
     finally:
         for thread in threads:
             if thread.is_alive():

@@ -401,7 +401,8 @@ def _compile(search: _Search, states: Pytree, *, starts: bool, runs: bool) -> di
                     yield advances[device].compile
 
     known = (program, search.keys.size, search.single, *search.devices)
-    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers())
+    # In threads, as an interruption does not wait for those.
+    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers(), left=True)
     _KNOWN.add(known)
     return dict(zip(advances, compiled[-len(advances) :], strict=True)) if advances else {}
 

@@ -104,11 +104,11 @@ def interrupt_at(patch, number):
     """Interrupts a search that was compiled before in its call of this number, as Ctrl-C does."""
     side_by_side, calls = search.side_by_side, []
 
-    def interrupted(functions):
+    def interrupted(functions, **options):
         calls.append(None)
         if len(calls) == number:
             raise KeyboardInterrupt
-        return side_by_side(functions)
+        return side_by_side(functions, **options)
 
     patch.setattr(search, "side_by_side", interrupted)
 

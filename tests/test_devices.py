@@ -123,7 +123,7 @@ def test_calls_run_at_once_and_return_in_order():
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-def test_errors_and_interruptions_come_when_all_have_ended():
+def test_errors_and_interruptions_come_when_all_have_ended_or_are_left():
     ended = []
 
     def fail():
@@ -144,6 +144,9 @@ def test_errors_and_interruptions_come_when_all_have_ended():
     try:
         with pytest.raises(KeyboardInterrupt):
             side_by_side([work, interrupt, work])
+        assert len(ended) == 3
+        with pytest.raises(KeyboardInterrupt):
+            side_by_side([work, interrupt], left=True)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(ended) == 3
