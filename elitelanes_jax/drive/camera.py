@@ -5,6 +5,7 @@ there: the nearest pixel, so that picture and labels agree exactly. Where a ray 
 above the horizon the sky.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 
-__all__ = ["Atlas", "Camera", "View", "look", "make_atlas", "rays"]
+__all__ = ["Atlas", "Camera", "Sight", "View", "look", "look_around", "make_atlas", "make_sight", "rays"]
 
 
 class Atlas(NamedTuple):
@@ -95,6 +96,46 @@ class View(NamedTuple):
     labels: UInt8[Array, "rows columns"]
 
 
+class Sight(NamedTuple):
+    """A camera and the pictures that it sees, for observations of environments.
+
+    Attributes:
+      camera: its settings.
+      atlas: of the tile set.
+      places: int32 ``[16, V]``, the atlas' tiles for each code; a code's pictures take turns from cell to cell.
+    """
+
+    camera: Camera
+    atlas: Atlas
+    places: Int[Array, "16 V"]
+
+
+def make_sight(
+    images: AnyArray, labels: AnyArray, rotations: Mapping[int, Sequence[tuple[int, int]]], camera: Camera | None = None
+) -> Sight:
+    """Makes what environments see of a tile set.
+
+    Args:
+      images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
+      labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
+      rotations: by code, (place in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
+        without a picture is shown as that of code 0.
+      camera: by default `Camera()`.
+
+    Raises:
+      InputError: for arrays of other shapes or types, no picture of code 0, or a bad setting of the camera.
+    """
+    atlas = make_atlas(images, labels)
+    if not rotations.get(0):
+        raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
+    most = max(len(drawn) for drawn in rotations.values())
+    listed = [rotations.get(code) or rotations[0] for code in range(16)]
+    places = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
+    if not 0 <= places.min() <= places.max() < len(atlas.pixels):
+        raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {places.max()}")
+    return Sight((Camera() if camera is None else camera).checked("camera"), atlas, jnp.asarray(places))
+
+
 def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
     """Computes where the ray of each pixel's centre meets the ground, as seen from the middle between the wheels.
 
@@ -164,3 +205,21 @@ def look(key: Key[Array, ""], pose: Pose, place: Int[ArrayLike, "H W"], atlas: A
         colours += camera.noise * jax.random.normal(key, colours.shape)
     image = jnp.clip(jnp.round(colours), 0, 255).astype(jnp.uint8)
     return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8))
+
+
+def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
+    """Renders what is seen from a pose on a grid. The camera's noise depends on the pose alone.
+
+    Args:
+      pose: of the middle between the wheels, in tiles.
+      grid: integer codes ``[H, W]``.
+      sight: of `make_sight`.
+    """
+    grid = jnp.asarray(grid)
+    height, width = grid.shape
+    number = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
+    place = sight.places[grid.astype(jnp.int32), number % sight.places.shape[1]]
+    key = jax.random.key(0)
+    for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
+        key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
+    return look(key, pose, place, sight.atlas, sight.camera)

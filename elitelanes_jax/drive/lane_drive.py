@@ -14,6 +14,7 @@ from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
+from elitelanes_jax.drive.camera import Sight, look_around
 from elitelanes_jax.drive.distances import NO_WAY
 from elitelanes_jax.drive.environment import Environment, Transition
 from elitelanes_jax.drive.lanes import (
@@ -36,6 +37,12 @@ from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.random_bits import randint, random_bits
 
 __all__ = ["LaneDrive", "LaneDriveInfo", "LaneDriveObservation", "LaneDriveParams", "LaneDriveState", "next_movement"]
+
+
+def _check_sight(value: UserValue) -> Sight | None:
+    if value is None or isinstance(value, Sight):
+        return value
+    raise InputError(f"expected what make_sight returns, or None, got {type(value).__name__}")
 
 
 def _check_ahead(value: UserValue) -> tuple[float, ...]:
@@ -66,6 +73,8 @@ class LaneDriveParams(Config):
       action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
         top speed and top turn; static.
       ahead: tiles ahead of the robot, up to 1, at which the lane's curvature is observed; static.
+      observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
+      sight: the camera and the tiles that it sees, of `camera.make_sight`; None for none.
     """
 
     levels: Level = field(metadata={"check": check_batch})
@@ -82,6 +91,17 @@ class LaneDriveParams(Config):
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
     ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
+    observe: str = static("lane", one_of("lane", "camera"))
+    sight: Sight | None = field(default=None, metadata={"check": _check_sight})
+
+    def check_together(self) -> None:
+        """Checks that there is a camera where one is observed.
+
+        Raises:
+          InputError: if there is none.
+        """
+        if self.observe == "camera" and self.sight is None:
+            raise InputError("sight: expected what make_sight returns, to observe the camera, got None")
 
     @property
     def max_steps_in_episode(self) -> Numeric:
@@ -124,7 +144,7 @@ class LaneDriveState(NamedTuple):
 
 
 class LaneDriveObservation(NamedTuple):
-    """An observation of the lane.
+    """An observation of the lane or, alone, of the camera. Parts that are not observed are None.
 
     Attributes:
       d: float32, tiles to the left of the lane's centre.
@@ -132,13 +152,15 @@ class LaneDriveObservation(NamedTuple):
       speed: float32, metres a second.
       turn: float32, radians a second.
       curvature: float32 ``[N]``, 1 / tiles, to the left, at the distances ahead.
+      image: uint8 ``[rows, columns, 3]``, RGB, what the camera sees.
     """
 
-    d: Float[Array, ""]
-    phi: Float[Array, ""]
-    speed: Float[Array, ""]
-    turn: Float[Array, ""]
-    curvature: Float[Array, " N"]
+    d: Float[Array, ""] | None
+    phi: Float[Array, ""] | None
+    speed: Float[Array, ""] | None
+    turn: Float[Array, ""] | None
+    curvature: Float[Array, " N"] | None
+    image: UInt8[Array, "rows columns 3"] | None = None
 
 
 class LaneDriveInfo(NamedTuple):
@@ -313,6 +335,9 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
 
 
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
+    if params.observe == "camera" and params.sight is not None:
+        image = look_around(state.pose, state.grid, params.sight).image
+        return LaneDriveObservation(None, None, None, None, None, image)
     beyond = state.s + jnp.asarray(params.ahead, jnp.float32) > lane_length(state.movement.turn)
     curvature = jnp.where(beyond, lane_curvature(state.next_turn), lane_curvature(state.movement.turn))
     return LaneDriveObservation(state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature)

@@ -1,7 +1,7 @@
 """The environments in the interfaces of Gymnax, JaxUED and Gymnasium; none of them is imported here.
 
 Where a wrapper needs classes of the other library, it is given the module that has them. Observations become one vector
-(see `flatten`).
+(see `flatten`), or stay the camera's picture.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import Pytree, Untyped
@@ -19,15 +19,21 @@ from elitelanes_jax.drive.levels import Level
 __all__ = ["GymnaxEnv", "JaxUedEnv", "flatten", "gymnasium_env", "gymnasium_vector_env"]
 
 
-def flatten(observation: Pytree) -> Float[Array, " N"]:
-    """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W."""
+def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
+    """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W.
+
+    A camera's picture stays what it is.
+    """
+    parts = [jnp.asarray(part) for part in jax.tree.leaves(observation)]
+    if len(parts) == 1 and parts[0].dtype == jnp.uint8:
+        return parts[0]
 
     def numbers(part: Array) -> Array:
         if part.dtype == jnp.int8:
             part = part[..., None] & jnp.array([8, 4, 2, 1], jnp.int8) > 0
         return part.astype(jnp.float32).reshape(-1)
 
-    return jnp.concatenate([numbers(jnp.asarray(part)) for part in jax.tree.leaves(observation)])
+    return jnp.concatenate([numbers(part) for part in parts])
 
 
 def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -38,6 +44,8 @@ def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
 
 def _observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
     seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), jax.random.key(0))
+    if seen.dtype == jnp.uint8:
+        return spaces.Box(0, 255, seen.shape, np.uint8)
     return spaces.Box(-np.inf, np.inf, seen.shape)
 
 
@@ -188,7 +196,14 @@ def gymnasium_env(
     return Env()
 
 
-def gymnasium_vector_env(environment: Environment, params: Pytree, gymnasium: Untyped, count: int) -> Untyped:
+def gymnasium_vector_env(
+    environment: Environment,
+    params: Pytree,
+    gymnasium: Untyped,
+    count: int,
+    *,
+    render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
+) -> Untyped:
     """Makes a vector environment of Gymnasium, which resets in the step that ends an episode.
 
     Args:
@@ -196,8 +211,10 @@ def gymnasium_vector_env(environment: Environment, params: Pytree, gymnasium: Un
       params: its settings.
       gymnasium: the module ``gymnasium``.
       count: B, the number of environments.
+      render: from the state of one to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array", and
+        `render` returns a picture of each.
     """
-    resetting = auto_reset(environment)
+    resetting, draw = auto_reset(environment), render
 
     def first(key: Array) -> Pytree:
         observation, state = environment.reset(key, params)
@@ -215,7 +232,12 @@ def gymnasium_vector_env(environment: Environment, params: Pytree, gymnasium: Un
         """The environments."""
 
         num_envs = count
-        metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP}  # noqa: RUF012
+        metadata = {  # noqa: RUF012
+            "autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP,
+            "render_modes": ["rgb_array"],
+            "render_fps": 30,
+        }
+        render_mode = None if draw is None else "rgb_array"
         single_action_space = _action_space(environment, gymnasium.spaces)
         single_observation_space = _observation_space(environment, params, gymnasium.spaces)
         action_space = batched(single_action_space, count)
@@ -237,5 +259,11 @@ def gymnasium_vector_env(environment: Environment, params: Pytree, gymnasium: Un
             for number in np.flatnonzero(ended):
                 final[number] = reached[number]
             return observation, reward, terminated, truncated, info | {"final_obs": final, "_final_obs": ended}
+
+        def render(self) -> Untyped:
+            if draw is None:
+                return None
+            every = [jax.tree.map(lambda part, number=number: part[number], self._states) for number in range(count)]
+            return tuple(np.asarray(draw(state)) for state in every)
 
     return VectorEnv()

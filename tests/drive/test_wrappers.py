@@ -7,17 +7,20 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import random_grids, repair
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive.camera import Camera, look, look_around, make_sight
 from elitelanes_jax.drive.environment import auto_reset
 from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive.levels import make_levels
 from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive.wrappers import GymnaxEnv, JaxUedEnv, flatten, gymnasium_env, gymnasium_vector_env
+from elitelanes_jax.tiles.render import scale_tiles
+from elitelanes_jax.tiles.tileset import load_tiles
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
 
-SPACES = SimpleNamespace(Discrete=lambda n: ("discrete", n), Box=lambda low, high, shape: ("box", low, high, shape))
+SPACES = SimpleNamespace(Discrete=lambda n: ("discrete", n), Box=lambda *limits: ("box", *limits))
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +32,42 @@ def levels():
 @pytest.fixture(scope="module")
 def params(levels):
     return RoadNavParams(levels, limit=6, window=3).checked()
+
+
+@pytest.fixture(scope="module")
+def seeing(levels):
+    tiles = load_tiles()
+    scaled = scale_tiles(tiles, 16)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=12, columns=16, noise=2.0))
+    return LaneDriveParams(levels, limit=20, observe="camera", sight=sight).checked()
+
+
+def test_the_camera_is_an_observation_of_all_wrappers(seeing):
+    env, ued = GymnaxEnv(LaneDrive, seeing, SPACES, values=5), JaxUedEnv(LaneDrive, seeing, SPACES)
+    assert env.observation_space() == ("box", 0, 255, (12, 16, 3), np.uint8)
+    key, level = jax.random.key(0), pick(seeing.levels, 3)
+    image, state = jax.jit(env.reset)(key)
+    assert image.dtype == jnp.uint8 and image.shape == (12, 16, 3)
+    pose, grid = state.pose, np.asarray(state.grid)
+    np.testing.assert_array_equal(image, jax.jit(look_around)(pose, grid, seeing.sight).image)
+    action = jnp.array([0.3, 0.5])
+    moved, after, *_, info = jax.jit(env.step)(key, state, action)
+    assert (moved != image).any() and (moved == info["final_observation"]).all()
+    np.testing.assert_array_equal(moved, LaneDrive.observe(after, seeing).image)
+    again, _ = jax.jit(ued.reset_to_level)(key, level)
+    assert again.shape == (12, 16, 3)
+    # What is seen is what is rendered of the map's own pictures, where a code has one.
+    places = seeing.sight.places[grid.astype(int), 0]
+    plain = seeing.sight.camera.__class__(rows=12, columns=16)
+    assert (look(key, pose, places, seeing.sight.atlas, plain).labels > 0).any()
+    with pytest.raises(InputError, match="sight: expected what make_sight returns, to observe the camera, got None"):
+        LaneDriveParams(seeing.levels, observe="camera").checked()
+    with pytest.raises(InputError, match="rotations: expected a picture of code 0"):
+        make_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
+
+
+def pick(tree, number):
+    return jax.tree.map(lambda part: part[number], tree)
 
 
 def test_gymnax_has_our_values_as_vectors(params):
@@ -75,15 +114,29 @@ def test_jaxued_stays_on_the_level_that_it_is_given(params):
     assert done and env.action_space() == ("discrete", 3) and "spl" in info and observation.shape == (42,)
 
 
-@pytest.mark.parametrize("environment", ["road-nav", "lane-drive"])
-def test_gymnasium_accepts_them(environment, params, levels):
+@pytest.mark.parametrize("environment", ["road-nav", "lane-drive", "camera"])
+def test_gymnasium_accepts_them(environment, params, levels, seeing):
     gymnasium = pytest.importorskip("gymnasium")
     from gymnasium.utils.env_checker import check_env
 
-    given = (RoadNav, params) if environment == "road-nav" else (LaneDrive, LaneDriveParams(levels, limit=20))
-    picture = np.zeros((4, 4, 3), np.uint8)
-    check_env(gymnasium_env(*given, gymnasium, render=lambda state: picture), skip_render_check=True)
-    many = gymnasium_vector_env(*given, gymnasium, 5)
+    given = {
+        "road-nav": (RoadNav, params),
+        "lane-drive": (LaneDrive, LaneDriveParams(levels, limit=20)),
+        "camera": (LaneDrive, seeing),
+    }[environment]
+
+    def render(state):
+        return look_around(state.pose, state.grid, seeing.sight).image
+
+    if environment == "road-nav":
+        render = lambda state: np.zeros((4, 4, 3), np.uint8)  # noqa: E731
+    alone = gymnasium_env(*given, gymnasium, render=render)
+    check_env(alone, skip_render_check=True)
+    alone.reset(seed=1)
+    assert alone.render_mode == "rgb_array" and alone.render().dtype == np.uint8
+    many = gymnasium_vector_env(*given, gymnasium, 5, render=render)
+    many.reset(seed=1)
+    assert many.render_mode == "rgb_array" and [picture.ndim for picture in many.render()] == [3] * 5
     observation, _ = many.reset(seed=3)
     again, _ = many.reset(seed=3)
     np.testing.assert_array_equal(observation, again)
