@@ -1,19 +1,24 @@
 """How like people's maps ours are: features of both, and measures of how far two sets of them lie apart.
 
-    python experiments/realism.py [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--out DIR]
+    python experiments/realism.py [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--splits N]
+                                  [--out DIR]
 
 People's maps are those in the package duckietown-world-daffy 6.4.3, cut to their roads. Their features are kept in
-results/people.json; `--people` takes the folder of the unpacked package and writes that file again.
+results/people.json; `--people` takes the folder of the unpacked package and writes that file again. Ours have the
+sizes of people's, equally many of each; where there are fewer towns of a size, these are taken more than once.
 
 The measures are taken on standardised features: energy distance (Székely and Rizzo, 2013); precision, recall, density
 and coverage (Naeem et al., 2020); and how well a logistic regression and a random forest tell the two sets apart, as
 the area under the ROC curve on maps that they were not fitted to. The first half of the features is the one that the
-style `town` was tuned on.
+style `town` was tuned on. `--splits` picks the towns again, by a random half of the features each time, and tells both
+sets apart by the other half.
 """
 
 import argparse
 import json
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +27,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import evolve
+from elitelanes_jax import Result, evolve
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.errors import InputError
@@ -35,6 +40,7 @@ from elitelanes_jax.network.codes import EAST, SOUTH
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.problem.extras import measure_missing
 
 __all__ = ["FEATURES", "TUNED", "apart", "coverage_and_co", "cut", "energy_distance", "features_of", "read_people"]
 
@@ -51,12 +57,16 @@ FEATURES = (
 )
 """All features, sizes left out: these are given."""
 
-SIZES = ((4, 4), (5, 4), (6, 5), (6, 7), (5, 9), (7, 7), (6, 10), (12, 10))
-"""Sizes between people's 3 x 3 and 19 x 10, at each of which equally many maps are made."""
+SIZES = (
+    *((3, 3), (3, 5), (4, 4), (4, 5), (5, 5), (4, 6), (5, 6), (5, 6), (5, 6), (5, 9), (6, 7), (4, 10), (6, 10), (7, 7)),
+    *((7, 7), (3, 27), (10, 19), (10, 19)),
+)
+"""The sizes of people's maps, shorter side first."""
 
 STYLES: dict[str, dict[str, Any]] = {
     "paper": {},
     "duckietown": {"rules": "duckietown"},
+    "irregular": {"rules": "duckietown", "preset": "irregular"},
     "town": {"style": "town"},
 }
 """Searches by name."""
@@ -142,11 +152,12 @@ def coverage_and_co(real: NDArray[np.float64], made: NDArray[np.float64]) -> dic
     }
 
 
-def apart(real: NDArray[np.float64], made: NDArray[np.float64]) -> dict[str, list[float]]:
+def apart(real: NDArray[np.float64], made: NDArray[np.float64], repeats: int = _REPEATS) -> dict[str, list[float]]:
     """Returns the area under the ROC curve by classifier, with the ends of its 90 % interval.
 
-    Maps are scored by a classifier that was fitted without them, in several ways of parting them; intervals are of
-    bootstraps over maps.
+    Maps are scored by a classifier that was fitted without them, in several ways of parting them, and the scores are
+    added up; intervals are of bootstraps over maps. By the name of the classifier with "by parting" stand the mean, the
+    lowest and the highest area of the several ways, each alone.
     """
     import_optional("sklearn", "telling maps apart needs scikit-learn", "scikit-learn")
     from sklearn.ensemble import RandomForestClassifier
@@ -164,15 +175,36 @@ def apart(real: NDArray[np.float64], made: NDArray[np.float64]) -> dict[str, lis
     found = {}
     rng = np.random.default_rng(0)
     for name, make in makers.items():
-        scores = np.zeros(len(labels))
-        for repeat in range(_REPEATS):
+        each = []
+        for repeat in range(repeats):
             folds = StratifiedKFold(_FOLDS, shuffle=True, random_state=repeat)
-            scores += cross_val_predict(make(), samples, labels, cv=folds, method="predict_proba")[:, 1]
+            each.append(cross_val_predict(make(), samples, labels, cv=folds, method="predict_proba")[:, 1])
+        scores = np.sum(each, axis=0)
         areas = []
         for _ in range(200):
             drawn = np.concatenate([rng.choice(np.flatnonzero(labels == one), (labels == one).sum()) for one in (1, 0)])
             areas.append(roc_auc_score(labels[drawn], scores[drawn]))
         found[name] = [float(roc_auc_score(labels, scores)), *np.quantile(areas, [0.05, 0.95]).tolist()]
+        alone = [roc_auc_score(labels, one) for one in each]
+        found[f"{name} by parting"] = [float(np.mean(alone)), float(np.min(alone)), float(np.max(alone))]
+    return found
+
+
+def apart_by_chance(real: NDArray[np.float64], made: NDArray[np.float64], draws: int = 10) -> dict[str, Any]:
+    """Returns the areas under the ROC curve where there is nothing to tell: mean, lowest and highest of some draws.
+
+    Sets are random halves of people's maps; and as many of ours as people's, in their place, against the rest.
+    """
+    rng = np.random.default_rng(0)
+    found = {}
+    for words, among, part in (("people's halves", real, len(real) // 2), ("ours among ours", made, len(real))):
+        each = []
+        for _ in range(draws):
+            order = rng.permutation(len(among))
+            each.append(apart(among[order[:part]], among[order[part:]], repeats=1))
+        for name in ("logistic", "forest"):
+            areas = [one[name][0] for one in each]
+            found[f"{words}, {name}"] = [float(np.mean(areas)), float(np.min(areas)), float(np.max(areas))]
     return found
 
 
@@ -186,15 +218,38 @@ def halves(real: NDArray[np.float64], count: int = 200) -> dict[str, float]:
     return {"energy": float(np.mean(energies)), "precision": float(np.mean([one["precision"] for one in alone]))}
 
 
-def make_maps(style: str, count: int, evaluations: int) -> list[NDArray[np.int8]]:
-    """Makes about as many maps at each size."""
-    made: list[NDArray[np.int8]] = []
-    for number, size in enumerate(SIZES):
-        wanted = count * (number + 1) // len(SIZES) - len(made)
-        result = evolve(0, size, seeds=4, evaluations=evaluations, **STYLES[style])
-        made += [road_map.codes for road_map in result.maps(wanted)]
-        say(f"{style} {size[0]} x {size[1]}: {len(made)} maps")
-    return made
+def make_pools(style: str, evaluations: int) -> dict[tuple[int, int], Result]:
+    """Searches for maps of each size."""
+    pools = {}
+    for size in dict.fromkeys(SIZES):
+        pools[size] = evolve(0, size, seeds=4, evaluations=evaluations, **STYLES[style])
+        say(f"{style} {size[0]} x {size[1]}: searched")
+    return pools
+
+
+def pick_maps(pools: dict[tuple[int, int], Result], count: int) -> list[NDArray[np.int8]]:
+    """Picks equally many maps of each of people's sizes, those of a size with fewer more than once."""
+    picked: list[NDArray[np.int8]] = []
+    done = 0
+    for size, times in Counter(SIZES).items():
+        done += times
+        wanted = round(count * done / len(SIZES)) - len(picked)
+        found = [road_map.codes for road_map in pools[size].maps(wanted)]
+        picked += [found[place % len(found)] for place in range(wanted if found else 0)]
+    return picked
+
+
+def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]) -> Result:
+    """Returns a search whose maps are picked by some columns of people's features, as the style's are by its own."""
+    targets = {}
+    for name in columns:
+        values = rows[:, FEATURES.index(name)]
+        if name in ("unlinked_per_tile", "crowded_per_tile"):  # the rules keep both at 0
+            continue
+        targets[name] = values.tolist()
+    spec = pool.spec.but({"targets": targets})
+    features: dict[str, Any] = dict(measure_missing(pool.elites.features, spec.extras, pool.elites.grids))
+    return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
 
 
 def line_drawing(grid: NDArray[np.int8], side: int = 120) -> str:
@@ -259,18 +314,35 @@ def draw_sheet(file: Path, rows: dict[str, Sequence[NDArray[np.int8]]]) -> None:
     figure.savefig(file, dpi=80, metadata={"Software": None})
 
 
-def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]) -> dict[str, Any]:
-    """Measures made maps beside people's on some of the features, standardised by people's."""
+def standardised(
+    real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns some of the features of people's and of made maps, in standard deviations from people's mean."""
     places = [FEATURES.index(name) for name in columns]
     mean, scale = real[:, places].mean(axis=0), real[:, places].std(axis=0)
     scale = np.where(scale > 0, scale, 1)
-    mine, theirs = (made[:, places] - mean) / scale, (real[:, places] - mean) / scale
+    return (real[:, places] - mean) / scale, (made[:, places] - mean) / scale
+
+
+def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]) -> dict[str, Any]:
+    """Measures made maps beside people's on some of the features, standardised by people's."""
+    theirs, mine = standardised(real, made, columns)
     return {
         "energy": energy_distance(theirs, mine),
         "people": halves(theirs),
         **coverage_and_co(theirs, mine),
         **apart(theirs, mine),
     }
+
+
+def split(
+    pools: dict[tuple[int, int], Result], real: NDArray[np.float64], count: int, seed: int
+) -> dict[str, list[float]]:
+    """Picks maps by a random half of the features, and tells them from people's by the other half."""
+    order = np.random.default_rng(seed).permutation(FEATURES).tolist()
+    chosen, others = order[: len(FEATURES) // 2], order[len(FEATURES) // 2 :]
+    aimed = {size: with_targets(pool, real, chosen) for size, pool in pools.items()}
+    return apart(*standardised(real, features_of(pick_maps(aimed, count)), others))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -280,6 +352,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--evaluations", type=checked_by(whole(1)), default=100_000, metavar="N")
     parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=list(STYLES), metavar="NAME")
     parser.add_argument("--people", type=checked_by(path), metavar="FOLDER", help="read people's maps again")
+    parser.add_argument("--splits", type=checked_by(whole(0)), default=0, metavar="N", help="random halves of features")
     parser.add_argument("--out", type=checked_by(path), default=Path("results/realism"), metavar="DIR")
     options = parser.parse_args(arguments)
     return guarded("realism", lambda: _main(options), interrupted="nothing is kept")
@@ -298,10 +371,15 @@ def _main(options: argparse.Namespace) -> int:
     real = np.array([[row[name] for name in FEATURES] for row in known.values()])
     found = {}
     for style in options.styles:
-        grids = make_maps(style, options.maps, options.evaluations)
+        pools = make_pools(style, options.evaluations)
+        grids = pick_maps(pools, options.maps)
+        if not grids:
+            say(f"{style}: no maps")
+            continue
         np.savez_compressed(options.out / f"{style}.npz", *grids)
         if style == "town" and maps:
-            shown = [grids[place] for place in np.random.default_rng(0).permutation(len(grids))]
+            order = np.random.default_rng(0).permutation(len(grids))
+            shown = list({canonical_form(grids[place]): grids[place] for place in order}.values())
             theirs = list(maps.values())
             draw_sheet(options.out / "towns-and-people.png", {"made by people": theirs, "--style town": shown[:24]})
             write_atomic(options.out / "blind-test.html", blind_page(theirs, shown).encode())
@@ -312,9 +390,13 @@ def _main(options: argparse.Namespace) -> int:
         }
         held_out = [name for name in FEATURES if name not in TUNED]
         sets = {"tuned on": TUNED, "held out": held_out, "all": FEATURES}
-        found[style] = {"maps": len(made), "features": medians} | {
+        distinct = len({canonical_form(grid) for grid in grids})
+        found[style] = {"maps": len(made), "distinct": distinct, "features": medians} | {
             name: report(real, made, columns) for name, columns in sets.items()
         }
+        if style == "town":
+            found[style]["by chance"] = apart_by_chance(*standardised(real, made, FEATURES))
+            found[style]["splits"] = [split(pools, real, options.maps, seed) for seed in range(options.splits)]
         say(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
     write_atomic(options.out / "realism.json", (json.dumps(found, indent=1) + "\n").encode())
     return 0

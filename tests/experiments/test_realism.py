@@ -1,7 +1,9 @@
 """The measures of realism against their definitions, and the way from maps to features."""
 
 import json
+from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 from realism import (
@@ -14,12 +16,16 @@ from realism import (
     coverage_and_co,
     energy_distance,
     features_of,
+    pick_maps,
     read_people,
+    with_targets,
 )
 
+from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.spec import SearchSpec
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)
@@ -93,7 +99,7 @@ def test_the_kept_features_are_peoples():
     kept = json.loads(PEOPLE.read_text())
     assert len(kept) == 18 and all(tuple(row) == FEATURES for row in kept.values())
     assert np.median([row["turn_share"] for row in kept.values()]) == pytest.approx(0.33, abs=0.01)
-    assert set(TUNED) < set(FEATURES) and len(SIZES) == 8
+    assert set(TUNED) < set(FEATURES) and len(SIZES) == 18
 
 
 def test_the_blind_test_says_which_were_made_by_people():
@@ -103,3 +109,35 @@ def test_the_blind_test_says_which_were_made_by_people():
     said = [int(word) for word in page.split("People made ")[1].split(".")[0].split(", ")]
     rings = [number for number, picture in enumerate(pictures, start=1) if 'viewBox="-1 -1 5 5"' in picture]
     assert said == rings
+
+
+def test_maps_of_a_size_with_fewer_come_more_than_once():
+    class Pool:
+        def __init__(self, size):
+            self.found = [np.full(size, code, np.int8) for code in range(1, 4)]
+
+        def maps(self, count):
+            return [SimpleNamespace(codes=grid) for grid in self.found[:count]]
+
+    picked = pick_maps({size: Pool(size) for size in SIZES}, 90)
+    assert [sum(grid.shape == size for grid in picked) for size in ((3, 3), (5, 6), (10, 19))] == [5, 15, 10]
+    assert [int(grid[0, 0]) for grid in picked[:5]] == [1, 2, 3, 1, 2] and len(picked) == 90
+
+
+def test_maps_are_picked_by_other_columns_too():
+    real = np.array([[row[name] for name in FEATURES] for row in json.loads(PEOPLE.read_text()).values()])
+    pool = evolve(jax.random.split(jax.random.key(0), 2), (5, 5), style="town", evaluations=4_000)
+    aimed = with_targets(pool, real, ["border_share", "crowded_per_tile", "turn_share"])
+    assert [target.name for target in aimed.spec.targets] == ["border_share", "turn_share"]
+    maps = aimed.maps(4)
+    assert len(maps) == 4
+    for road_map in maps:
+        assert road_map.metrics["border_share"] == int(measure_town(road_map.codes).border_share) / 1000
+
+
+def test_the_styles_targets_are_peoples_features():
+    people = json.loads(PEOPLE.read_text()).values()
+    targets = {target.name: target.values for target in SearchSpec(style="town").targets}
+    assert set(targets) == set(TUNED) - {"unlinked_per_tile", "crowded_per_tile"}
+    for name, values in targets.items():
+        assert sorted(values) == pytest.approx(sorted(row[name] for row in people), abs=6e-4)
