@@ -5,6 +5,7 @@ Where a wrapper needs classes of the other library, it is given the module that 
 """
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -34,6 +35,11 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
         return part.astype(jnp.float32).reshape(-1)
 
     return jnp.concatenate([numbers(part) for part in parts])
+
+
+def _makers(spaces: Untyped) -> Untyped:
+    """Takes what is needed out of a module: Rejax copies environments, which modules do not allow."""
+    return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
 
 
 def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -68,7 +74,7 @@ class GymnaxEnv:
             5 as before and in Rejax 0.1 (observation, state, reward, done, info).
         """
         self._environment, self._resetting = environment, auto_reset(environment)
-        self._spaces, self._six = spaces, values == 6
+        self._spaces, self._six = _makers(spaces), values == 6
         self.default_params = params
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
@@ -123,7 +129,7 @@ class JaxUedEnv:
           params: its settings.
           spaces: the module ``gymnax.environments.spaces``.
         """
-        self._environment, self._spaces = environment, spaces
+        self._environment, self._spaces = environment, _makers(spaces)
         self.default_params = params
 
     def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:

@@ -1,6 +1,7 @@
 """The environments in other libraries' interfaces; with these installed, in their own loops."""
 
-from types import SimpleNamespace
+from copy import deepcopy
+from types import ModuleType, SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -150,6 +151,15 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
         )
         ended += info["_final_obs"].sum()
     assert ended > 3
+
+
+def test_they_can_be_copied(params, seeing):
+    # Rejax copies environments; a module, such as ``gymnax.environments.spaces``, cannot be copied.
+    for kind in (GymnaxEnv, JaxUedEnv):
+        for environment, settings in ((RoadNav, params), (LaneDrive, seeing)):
+            spaces = ModuleType("spaces")
+            spaces.Discrete, spaces.Box = SPACES.Discrete, SPACES.Box
+            assert deepcopy(kind(environment, settings, spaces)).action_space()
 
 
 @pytest.mark.slow
