@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -49,6 +49,16 @@ sumo: .venv-sumo/.ready
 	rm -rf .venv-sumo
 	$(PYTHON) -m venv .venv-sumo
 	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,plots,sumo]'
+	touch $@
+
+# marimo,
+marimo: .venv-marimo/.ready explorer/node_modules/.ready
+	.venv-marimo/bin/python -m pytest -m slow tests/explorer/test_explorer_widget.py
+
+.venv-marimo/.ready: pyproject.toml constraints.txt
+	rm -rf .venv-marimo
+	$(PYTHON) -m venv .venv-marimo
+	.venv-marimo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,marimo]'
 	touch $@
 
 # QDax, evosax and pyribs,
@@ -110,7 +120,7 @@ throughput: $(READY)
 	$(BIN)/python experiments/throughput.py
 
 clean:
-	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-sumo $(DEMO) $(SITE)
+	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-sumo $(DEMO) $(SITE)
 
 $(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -8,7 +8,8 @@ each seed. The folder of results keeps every finished run: after an interruption
 
 import argparse
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,11 +20,12 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
+from elitelanes_jax import Result
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.explorer.collect import collect_maps
+from elitelanes_jax.explorer.collect import collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.table import table_to_csv
@@ -32,6 +34,7 @@ from elitelanes_jax.tiles.render import render, write_picture
 from elitelanes_jax.tiles.tileset import load_tiles
 
 _PICTURED = (14, 14)
+_MOST_BYTES = 8 * 2**20  # of the page to explore
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -48,7 +51,7 @@ def _compare(options: argparse.Namespace) -> int:
     use_compile_cache()
     began = time.perf_counter()
     rows: list[dict[str, Any]] = []
-    best: dict[str, list[RoadMap]] = {}
+    shown: dict[str, Result | list[RoadMap]] = {}
     texts, times = [], []
     for shape in options.sizes:
         name = f"{shape[0]}x{shape[1]}"
@@ -57,7 +60,8 @@ def _compare(options: argparse.Namespace) -> int:
             file = options.out / "runs" / f"{method}-{name}.json"
             found = kept_runs(file, method, shape, options, READINGS[options.reading], alone=True)
             here += found["rows"]
-            best[f"{method} {name}"] = _best_maps(found, options.seed)
+            archive = file.with_suffix(".npz")
+            shown[f"{method} {name}"] = Result.load(archive) if archive.exists() else _best_maps(found, options.seed)
             timings[method] = found["timing"]
             succeeded = sum(row["elite"] == "best" for row in found["rows"])
             say(f"{method} {name}: {succeeded} of {options.seeds} runs succeeded, {found['timing']['all seeds']:.2f} s")
@@ -74,11 +78,21 @@ def _compare(options: argparse.Namespace) -> int:
     if not options.no_maps:
         _draw_maps(options)
     say(f"{len(rows)} rows in {options.out / 'results.csv'}, {time.perf_counter() - began:.0f} s")
-    if any(best.values()):
-        page = options.out / "explore.html"
-        write_atomic(page, page_of(collect_maps(best)).encode())
-        say(f"{page} shows the best maps")
+    if shown := {name: one for name, one in shown.items() if one}:
+        say(_write_page(shown, options.seeds, options.out / "explore.html"))
     return 0
+
+
+def _write_page(shown: Mapping[str, Result | Sequence[RoadMap]], seeds: int, page: Path) -> str:
+    """Writes the page of all archives, of as many seeds as fit; returns what it shows."""
+    content = page_of(collect_results(shown)).encode()
+    count = seeds
+    while len(content) > _MOST_BYTES and count > 1:
+        count //= 2
+        content = page_of(collect_results(shown, seeds=count)).encode()
+    write_atomic(page, content)
+    fewer = "" if count == seeds else " of the first seed" if count == 1 else f" of the first {count} seeds"
+    return f"{page} shows all maps{fewer}"
 
 
 def _best_maps(found: dict[str, Any], seed: int) -> list[RoadMap]:

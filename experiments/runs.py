@@ -53,6 +53,7 @@ def run_method(
     reading: Reading,
     *,
     alone: bool = True,
+    archive: Path | None = None,
 ) -> Runs:
     """Runs a method with seeds 0, 1, ... of `seed`; a run does not depend on their number.
 
@@ -65,6 +66,7 @@ def run_method(
       generations: of a search, 40 grids each.
       reading: of the paper.
       alone: whether to time one seed alone as well, which is compiled separately.
+      archive: file to keep all elites of a search in, to be explored.
     """
     if method == "wfc":
         return _collapse(shape, seeds, seed, reading)
@@ -77,6 +79,8 @@ def run_method(
     result = evolve(keys, shape, spec=spec, config=config)
     best = np.asarray(result.best())
     total = time.perf_counter() - began
+    if archive is not None:
+        result.save(archive, state=False, seed=seed)
     working = result.history.seconds
     timing = {"all seeds": working, "a seed among them": working / seeds, "first call, compiling": total}
     if alone:
@@ -115,9 +119,13 @@ def kept_runs(
     *,
     alone: bool = False,
 ) -> dict[str, Any]:
-    """Returns the fields of `Runs` from a file. If it does not exist, the method is run and the file written."""
+    """Returns the fields of `Runs` from a file. If it does not exist, the method is run and the file written.
+
+    Where a seed is timed alone, the elites are kept beside it, in ``.npz``.
+    """
     numbers = options.seeds, options.seed, options.generations
-    return kept(file, lambda: run_method(method, shape, *numbers, reading, alone=alone)._asdict())
+    archive = file.with_suffix(".npz") if alone else None
+    return kept(file, lambda: run_method(method, shape, *numbers, reading, alone=alone, archive=archive)._asdict())
 
 
 def _collapse(shape: tuple[int, int], seeds: int, seed: int, reading: Reading) -> Runs:

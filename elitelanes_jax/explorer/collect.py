@@ -28,7 +28,7 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 if TYPE_CHECKING:
     from elitelanes_jax.result import History, Result
 
-__all__ = ["collect", "collect_maps", "collect_result"]
+__all__ = ["collect", "collect_maps", "collect_result", "collect_results"]
 
 _FORMAT = "elitelanes explorer, version 1"
 
@@ -145,27 +145,53 @@ def collect_result(
     return _pack([_from_result(result, name)], tiles or load_tiles(), tile_px, name)
 
 
-def collect_maps(
-    maps: Iterable[RoadMap] | Mapping[str, Iterable[RoadMap]], *, tiles: TileSet | None = None, tile_px: int = 64
+def collect_results(
+    results: "Mapping[str, Result | Iterable[RoadMap]]",
+    *,
+    seeds: int | None = None,
+    tiles: TileSet | None = None,
+    tile_px: int = 64,
 ) -> Payload:
+    """Collects results of searches, and maps of other methods, to be shown side by side; see `collect_result`.
+
+    Args:
+      results: at least one, by name.
+      seeds: how many of each result to show, the first ones; by default all.
+      tiles: the tile pictures; by default the package's own.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+
+    Raises:
+      InputError: for no result, or one without elites.
+    """
+    runs: list[_Finds] = []
+    for name, one in results.items():
+        runs += _of_maps(one, name) if isinstance(one, Iterable) else [_from_result(one, name, seeds)]
+    if not runs:
+        raise InputError("results: expected at least one, got none")
+    return _pack(runs, tiles or load_tiles(), tile_px, "")
+
+
+def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64) -> Payload:
     """Collects maps in memory; see `collect_result`.
 
     Args:
-      maps: at least one, or groups of them by name, to be shown side by side as runs are.
+      maps: at least one.
       tiles: the tile pictures; by default the package's own.
       tile_px: side of a tile's picture in pixels, 16 to 512.
 
     Raises:
       InputError: for no map.
     """
-    runs: list[_Finds] = []
-    for group, listed in maps.items() if isinstance(maps, Mapping) else [("", maps)]:
-        found = _by_size([(f"map {number}", road_map) for number, road_map in enumerate(listed)])
-        names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
-        runs += [run._replace(name=name) for run, name in zip(found, names, strict=True)]
+    runs = _of_maps(maps, "")
     if not runs:
         raise InputError("maps: expected at least one, got none")
     return _pack(runs, tiles or load_tiles(), tile_px, "")
+
+
+def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:
+    found = _by_size([(f"map {number}", road_map) for number, road_map in enumerate(maps)])
+    names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
+    return [run._replace(name=name) for run, name in zip(found, names, strict=True)]
 
 
 def _run_folders(folder: Path) -> list[Path]:
@@ -221,12 +247,13 @@ def _read_archive(file: Path, name: str) -> _Finds:
     return _from_result(Result.load(file), name)
 
 
-def _from_result(result: "Result", name: str) -> _Finds:
-    """Takes the elites of all seeds, and the history."""
+def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Finds:
+    """Takes the elites of all seeds, or of the first ones, and the history."""
     elites = result.elites
     single = elites.valid.ndim == 1
+    some = slice(None if single else seeds)
     valid, fitness, grids = (
-        np.asarray(array)[None] if single else np.asarray(array)
+        np.asarray(array)[None] if single else np.asarray(array)[some]
         for array in (elites.valid, elites.fitness, elites.grids)
     )
     if not valid.any():
@@ -243,11 +270,15 @@ def _from_result(result: "Result", name: str) -> _Finds:
         result.spec.all_weights,
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
         extra_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
-        extras={name: np.asarray(values).reshape(valid.shape)[valid] for name, values in elites.features.items()},
-        history=result.history,
+        extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
+        history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
         floors=_floors(result, (grids.shape[2], grids.shape[3])),
         record={"settings": {"search": result.spec.to_plain()}},
     )
+
+
+def _of_seeds(history: "History", seeds: int) -> "History":
+    return history._replace(best_fitness=history.best_fitness[:seeds], elite_count=history.elite_count[:seeds])
 
 
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 from itertools import combinations
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 import runs
 from ambiguities import main as ambiguities
+from compare import _write_page
 from compare import main as compare
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
@@ -19,7 +21,7 @@ from scaling import main as scaling
 from significance import bootstrap_interval, compare_all, holm
 from throughput import main as throughput
 
-from elitelanes_jax import InputError, Weights
+from elitelanes_jax import InputError, Result, Weights
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.weights import check_weights
 from elitelanes_jax.network.wfc import generate
@@ -113,13 +115,30 @@ def test_every_reading_has_valid_settings_and_differs():
 
 def test_a_study_writes_tables_plots_and_its_runs(compared):
     assert set(contents(compared)) == {
-        "settings.json", SEARCHED, COLLAPSED,
+        "settings.json", SEARCHED, SEARCHED.replace("json", "npz"), COLLAPSED,
         "results.csv", "tables.md", "timing.md", "comparison.png", "comparison.pdf", "explore.html",
     }  # fmt: skip
     text = (compared / "tables.md").read_text()
     for words in ("5 x 5 tiles, 3 seeds, 4 generations of 40", "| MAP-Elites, random elite over WFC |", "QD score"):
         assert words in text
     assert "| WFC |" in (compared / "timing.md").read_text()
+
+
+def test_the_page_has_the_archives_of_all_seeds(compared):
+    page = (compared / "explore.html").read_text()
+    values = json.loads(re.search(r'id="elitelanes-values">(.*?)</script>', page)[1])
+    searched, collapsed = values["runs"]
+    elites = Result.load(compared / "runs" / "map-elites-5x5.npz").elites
+    assert (searched["name"], searched["seeds"]) == ("map-elites 5x5", 3)
+    assert searched["seed"]["array"][2] == elites.valid.sum() > 3
+    assert (collapsed["name"], len(collapsed["labels"])) == ("wfc 5x5", 3)
+
+
+def test_a_page_that_would_be_too_large_shows_fewer_seeds(compared, tmp_path, monkeypatch):
+    shown = {"map-elites": Result.load(compared / "runs" / "map-elites-5x5.npz")}
+    assert _write_page(shown, 3, tmp_path / "all.html").endswith("all.html shows all maps")
+    monkeypatch.setattr("compare._MOST_BYTES", (tmp_path / "all.html").stat().st_size - 1)
+    assert _write_page(shown, 3, tmp_path / "few.html").endswith("few.html shows all maps of the first seed")
 
 
 def test_rows_agree_with_the_grids(compared):
@@ -165,7 +184,7 @@ def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, 
         patch.setattr(runs, "generate", interrupt)
         assert compare([*SMALL, "--out", str(out)]) == 130
     assert capsys.readouterr().err == "compare: interrupted; what is done is kept; start again to continue\n"
-    assert set(contents(out)) == {"settings.json", SEARCHED}
+    assert set(contents(out)) == {"settings.json", SEARCHED, SEARCHED.replace("json", "npz")}
     # The kept run is used as it is: no search could take so long.
     found = json.loads((out / SEARCHED).read_text())
     found["rows"] = [row | {"seconds": 12345.0} for row in found["rows"]]

@@ -10,12 +10,12 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from explored import big_result, write_run
+from explored import big_result, own_result, write_run
 
 from elitelanes_jax import Result
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result, collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
 from elitelanes_jax.tiles.render import choose_tiles, recall_choice
@@ -173,6 +173,16 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
 
 
+def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
+    (own, big) = collect_results({"own": own_result(), "big": big_result()}, seeds=1).values["runs"]
+    assert [(one["name"], one["seeds"], one["seed"]["array"][2]) for one in (own, big)] == [
+        ("own", 1, 20),
+        ("big", 1, 400),
+    ]
+    assert own["extras"]["corners"]["array"][2] == 20 and own["weights"]["symmetry"] == -3
+    assert big["history"]["best_fitness"]["array"][2] == big["history"]["steps"]
+
+
 def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     maps = [RoadMap(LOOP), RoadMap(np.array([[6, 5, 3], [12, 5, 9]], np.int8)), RoadMap(LOOP)]
     runs = collect_maps(maps).values["runs"]
@@ -180,8 +190,10 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         ("maps of 2 x 2", [2, 2], 2),
         ("maps of 2 x 3", [2, 3], 1),
     ]
-    groups = collect_maps({"one": maps[:1], "both": maps}).values["runs"]
+    groups = collect_results({"one": maps[:1], "both": maps}).values["runs"]
     assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
+    with pytest.raises(InputError, match="results: expected at least one"):
+        collect_results({})
     with pytest.raises(InputError, match="maps: expected at least one"):
         collect_maps([])
     with pytest.raises(InputError, match="sources: expected a folder"):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import socket
 import subprocess
@@ -14,6 +15,7 @@ import pytest
 from explored import big_result
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.explorer.page import static_text
 from elitelanes_jax.explorer.widget import continue_search, show
 from elitelanes_jax.formats.road_map import RoadMap
 
@@ -33,6 +35,35 @@ CELLS = [
     "print(explorer.grid.dtype, explorer.grid.tolist())",
     "print(explorer.result.spec.initial)",
 ]
+
+
+MARIMO = """
+import marimo
+
+app = marimo.App()
+
+
+@app.cell
+def _():
+    import marimo as mo
+    from elitelanes_jax import evolve
+    from elitelanes_jax.explorer import show
+
+    search = dict(method="ea", preset="paper", generations=5)
+    explorer = mo.ui.anywidget(show(evolve(0, (5, 6), seeds=2, progress=False, **search)))
+    explorer
+    return explorer, mo
+
+
+@app.cell
+def _(explorer, mo):
+    mo.plain_text("not drawn" if explorer.grid is None else f"drawn {explorer.grid.dtype} {explorer.grid.tolist()}")
+    return
+
+
+if __name__ == "__main__":
+    app.run()
+"""
 
 
 def test_a_drawing_comes_back_as_a_grid_and_continues_the_search():
@@ -70,25 +101,24 @@ def free_port():
         return listener.getsockname()[1]
 
 
-@pytest.mark.skipif(
+IN_BROWSER = pytest.mark.skipif(
     not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
     reason="the browser's tests need make explorer and chromium",
 )
-def test_the_widget_in_jupyterlab(tmp_path):
-    pytest.importorskip("jupyterlab")
-    import nbformat
 
-    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in CELLS])
-    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
-    nbformat.write(notebook, tmp_path / "explorer.ipynb")
+
+def seen_in(program, address, place, command):
+    """What a program for Node saw at the address of a notebook's server, which runs meanwhile."""
     port = free_port()
-    command = [sys.executable, "-m", "jupyterlab", f"--port={port}", "--ServerApp.port_retries=0", "--no-browser"]
-    command += ["--allow-root", "--ServerApp.token=", "--ServerApp.password=", f"--ServerApp.root_dir={tmp_path}"]
-    home = {name: str(tmp_path / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "IPYTHONDIR")}
+    home = {name: str(place / name.lower()) for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "IPYTHONDIR")}
     paths = os.pathsep.join([str(HERE.parents[1]), os.environ.get("PYTHONPATH", "")])
-    with (tmp_path / "server.log").open("w") as log:
+    with (place / "server.log").open("w") as log:
         server = subprocess.Popen(
-            command, env=os.environ | home | {"PYTHONPATH": paths}, stdout=log, stderr=log, cwd=tmp_path
+            [*command, f"--port={port}"],
+            env=os.environ | home | {"PYTHONPATH": paths},
+            stdout=log,
+            stderr=log,
+            cwd=place,
         )
     try:
         for _ in range(300):
@@ -96,16 +126,73 @@ def test_the_widget_in_jupyterlab(tmp_path):
                 if probe.connect_ex(("127.0.0.1", port)) == 0:
                     break
             time.sleep(0.2)
-        address = f"http://127.0.0.1:{port}/lab/tree/explorer.ipynb?reset"
-        browser = ["node", HERE / "jupyter.mjs", address, os.environ.get("SHOT", "")]
+        browser = ["node", HERE / program, f"http://127.0.0.1:{port}{address}", os.environ.get("SHOT", "")]
         ran = subprocess.run(browser, capture_output=True, text=True, check=False, timeout=400)
     finally:
         server.terminate()
         server.wait(20)
     assert ran.returncode == 0, ran.stderr
-    seen = json.loads(ran.stdout)
+    return json.loads(ran.stdout)
+
+
+DRAWN = [[0, 0, 0, 0, 0, 0], [0, 4, 5, 1, 0, 0], *[[0] * 6] * 3]
+
+
+@IN_BROWSER
+def test_the_widget_in_jupyterlab(tmp_path):
+    pytest.importorskip("jupyterlab")
+    import nbformat
+
+    notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in CELLS])
+    notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    nbformat.write(notebook, tmp_path / "explorer.ipynb")
+    command = [sys.executable, "-m", "jupyterlab", "--ServerApp.port_retries=0", "--no-browser", "--allow-root"]
+    command += ["--ServerApp.token=", "--ServerApp.password=", f"--ServerApp.root_dir={tmp_path}"]
+    seen = seen_in("jupyter.mjs", "/lab/tree/explorer.ipynb?reset", tmp_path, command)
     assert seen["errors"] == []
     assert seen["map"].startswith("niche ")
-    drawn = [[0, 0, 0, 0, 0, 0], [0, 4, 5, 1, 0, 0], *[[0] * 6] * 3]
-    assert seen["grid"] == f"int8 {drawn}"
-    assert seen["result"] == str((tuple(map(tuple, drawn)),))
+    assert seen["grid"] == f"int8 {DRAWN}"
+    assert seen["result"] == str((tuple(map(tuple, DRAWN)),))
+
+
+@IN_BROWSER
+@pytest.mark.slow
+def test_the_widget_in_marimo(tmp_path):
+    pytest.importorskip("marimo")
+    (tmp_path / "explored.py").write_text(MARIMO)
+    command = [sys.executable, "-m", "marimo", "--quiet", "run", "explored.py", "--headless", "--no-token"]
+    seen = seen_in("marimo.mjs", "", tmp_path, command)
+    assert seen["errors"] == []
+    assert seen["map"].startswith("niche ")
+    assert seen["theme"] == ["elx light", "elx dark"]
+    assert seen["grid"] == f"drawn int8 {DRAWN}"
+    assert seen["heading"] == "700"
+    assert seen["result"].startswith("niche ")
+
+
+def test_the_module_keeps_to_anywidget_s_contract():
+    """VS Code, marimo and JupyterLab give a module a model and an element; its styles stay within that element."""
+    module, style = static_text("explorer.js"), static_text("explorer.css")
+    assert re.search(r"export\{\w+ as default,\w+ as kernel\};?\s*$", module)
+    for word in (
+        "require(",
+        "import(",
+        "requirejs",
+        "Jupyter",
+        "@jupyter",
+        "acquireVsCodeApi",
+        "eval(",
+        "new Function",
+        "fetch(",
+    ):
+        assert word not in module, word
+    for selectors in re.findall(r"(?:^|[{}])([^{}@]+)\{", style):
+        for selector in re.split(r",(?![^(]*\))", selectors):
+            assert selector.strip().startswith(
+                (
+                    ".elx",
+                    "#elitelanes-explorer",
+                    "html:has(>body>#elitelanes-explorer)",
+                    "body:has(>#elitelanes-explorer)",
+                )
+            ), selector

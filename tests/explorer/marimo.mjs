@@ -1,0 +1,35 @@
+// Opens a marimo notebook with the widget and prints what it saw as JSON: `node marimo.mjs ADDRESS [PICTURE]`.
+import { browser } from "./chromium.mjs";
+
+const [address, picture] = process.argv.slice(2);
+
+const page = await browser.newPage({ viewport: { width: 1400, height: 1000 }, colorScheme: "dark" }); // the notebook is light
+const errors = [];
+page.on("pageerror", (error) => errors.push(error.message));
+page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
+await page.goto(address, { timeout: 120_000 });
+const widget = page.locator(".elx");
+await widget.locator(".detail h2").waitFor({ timeout: 240_000 });
+const map = await widget.locator(".detail h2").textContent();
+const heading = await widget.locator(".detail h2").evaluate((title) => getComputedStyle(title).fontWeight);
+const theme = [await widget.getAttribute("class")];
+await page.evaluate(() => (document.body.dataset.theme = "dark"));
+await page.waitForTimeout(300);
+theme.push(await widget.getAttribute("class"));
+await widget.getByRole("tab", { name: "Draw" }).click();
+await widget.getByRole("button", { name: "Clear" }).click();
+const box = await widget.locator(".editor").boundingBox();
+const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 5];
+await page.mouse.move(...at(1, 1));
+await page.mouse.down();
+await page.mouse.move(...at(1, 3), { steps: 4 });
+await page.mouse.up();
+if (picture) await page.screenshot({ path: picture });
+const drawn = page.getByText(/^drawn int8 \[\[0.*4, 5, 1/);
+await drawn.waitFor({ timeout: 60_000 });
+const grid = (await drawn.textContent()).trim();
+await widget.getByRole("button", { name: "Continue the search from here" }).click();
+await page.locator(".elx .detail h2").waitFor({ timeout: 240_000 });
+const result = await page.locator(".elx .detail h2").textContent();
+process.stdout.write(JSON.stringify({ map, heading, theme, grid, result, errors }));
+await browser.close();
