@@ -5,8 +5,9 @@ python experiments/board.py ROW ... --tune
 python experiments/board.py --table [--out DIR]
 
 A row is measured by one command. It writes the raw archive of each task, which `elitelanes score` measures anew, and
-its scores. `--tune` tries the row's six settings on 5 x 5 and 6 x 6 alone, with other seeds. `--table` makes the table
-and the curves of all rows that are in the folder. QDax, evosax and pyribs come with the extra `interop`.
+its scores. `--tune` tries six settings, drawn at random, on 5 x 5 and 6 x 6 alone, with other seeds: as many for each
+row of another library. `--table` makes the table and the curves of all rows that are in the folder. QDax, evosax and
+pyribs come with the extra `interop`.
 
 All that a search evaluates is offered to a record of the best network of each niche, which the search does not see. The
 record of the tuned EA has the grids that its chains move to.
@@ -16,6 +17,7 @@ import argparse
 import json
 import sys
 import time
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +39,9 @@ from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 
-TASKS = [f"{size}-10000" for size in ("6x6B", "7x7A", "7x7B", "8x8A")]
-TUNED_ON = [f"{size}-10000" for size in ("5x5A", "5x5B", "6x6A", "6x6B")]
-_TUNING_SEEDS, _FIRST_TUNING_SEED = 4, 1000
+TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
+TUNED_ON = [f"{size}-100000" for size in ("5x5B", "6x6A", "6x6B")]
+_TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 6, 4, 1000
 
 _COLOURS = mpl.color_sequences["tab10"]
 
@@ -71,13 +73,21 @@ def measure_row(name: str, task: Task, runs: int, out: Path) -> None:
 
 
 def tune(name: str) -> None:
-    """Prints how well each setting of a row does."""
-    for settings in ROWS[name].candidates:
+    """Prints how well each of the settings that are tried does: the mean reliability, by budget and in all."""
+    tried: list[dict[str, Any]] = []
+    draws = np.random.default_rng(0)
+    while len(tried) < _TRIALS:
+        settings = {key: values[draws.integers(len(values))] for key, values in ROWS[name].choices.items()}
+        if settings in tried:
+            continue
+        tried.append(settings)
         means = []
         for task in map(find_task, TUNED_ON):
-            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, [task.evaluations], settings)
-            means.append(compute_scores(task, best_of(task, found)).reliability.mean())
-        say(f"{name}, {settings}: reliability {np.mean(means):.3f} ({', '.join(f'{mean:.3f}' for mean in means)})")
+            budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
+            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, budgets, settings)
+            means.append(compute_scores(task, best_of(task, found)).reliability.mean(axis=0))
+        of_tasks = ", ".join("/".join(f"{mean:.3f}" for mean in task) for task in means)
+        say(f"{name}, {settings}: reliability {np.mean(means):.3f} ({of_tasks})")
 
 
 def _steps() -> list[int]:
@@ -91,43 +101,48 @@ def _told(scores: Scores) -> str:
     return ", ".join(f"{field} {mean}" for field, mean in means.items())
 
 
-def _cell(values: list[list[float]]) -> str:
-    last = np.array(values, float)[:, -1]
-    if np.isnan(last).all():
+def _cell(values: NDArray[np.float64]) -> str:
+    if np.isnan(values).all():
         return ""
-    low, high = confidence_interval(last)
-    return f"{np.nanmean(last):.2f} ({low:.2f} to {high:.2f})"
+    low, high = confidence_interval(values)
+    return f"{np.nanmean(values):.2f} ({low:.2f} to {high:.2f})"
 
 
 def write_table(out: Path) -> None:
-    """Writes the table and the curves of all that was measured."""
-    records = {(one["row"], one["task"]): one for one in map(_read, sorted(out.glob("*.json")))}
+    """Writes the table and the curves of all that was measured: of each row and size, the longest runs."""
+    records: dict[tuple[str, str], dict[str, Any]] = {}
+    for one in sorted(map(_read, out.glob("*.json")), key=lambda one: one["evaluations"][-1]):
+        records[one["row"], one["task"].split("-")[0]] = one
     if not records:
         raise InputError(f"{out}: expected scores of rows, got none")
-    tasks = sorted({task for _, task in records}, key=lambda task: (find_task(task).shape, task))
+    sizes = sorted({size for _, size in records})
     lines = []
-    for task in tasks:
-        lines += [f"{task}, {len(records[next(key for key in records if key[1] == task)]['coverage'])} runs", ""]
-        lines += ["| search | coverage | reliability | precision | optimal |", "|---|---:|---:|---:|---:|"]
-        for name, row in ROWS.items():
-            if record := records.get((name, task)):
-                lines.append(f"| {row.title} | {' | '.join(_cell(record[field]) for field in Scores._fields)} |")
-        lines.append("")
+    for size, budget in product(sizes, BUDGETS):
+        rows = {name: records[name, size] for name in ROWS if (name, size) in records}
+        rows = {name: record for name, record in rows.items() if budget in record["evaluations"]}
+        if rows:
+            lines += [f"{size}-{budget}", "", "| search | coverage | reliability | precision | optimal |"]
+            lines += ["|---|---:|---:|---:|---:|"]
+        for name, of_row in rows.items():
+            at = of_row["evaluations"].index(budget)
+            cells = [_cell(np.array(of_row[field], float)[:, at]) for field in Scores._fields]
+            lines.append(f"| {ROWS[name].title} | {' | '.join(cells)} |")
+        lines += [""] * bool(rows)
     write_atomic(out / "board.md", "\n".join(lines).encode())
     figure, axes = plt.subplots(
         2,
-        len(tasks),
-        figsize=(max(8, 3.1 * len(tasks)), 6.5),
+        len(sizes),
+        figsize=(max(8, 3.1 * len(sizes)), 6.5),
         layout="constrained",
         sharex=True,
         sharey=True,
         squeeze=False,
     )
-    for column, task in zip(axes.T, tasks, strict=True):
-        column[0].set_title(task.split("-")[0])
+    for column, size in zip(axes.T, sizes, strict=True):
+        column[0].set_title(size)
         for axis, field in zip(column, ("reliability", "optimal"), strict=True):
             for colour, (name, row) in zip(_COLOURS, ROWS.items(), strict=True):
-                if record := records.get((name, task)):
+                if record := records.get((name, size)):
                     values = np.array(record[field], float)
                     ends = np.array([confidence_interval(at) for at in values.T])
                     axis.plot(record["evaluations"], values.mean(axis=0), color=colour, label=row.title)

@@ -6,7 +6,6 @@ A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds of it side by s
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -57,13 +56,13 @@ class Row(NamedTuple):
       title: what stands in the table.
       play: (task, first seed, runs, budgets, settings) -> `Found`.
       settings: that `--tune` chose; none for the presets of this package.
-      candidates: that `--tune` tries: as many in each row.
+      choices: for each setting the values that `--tune` draws from; none where nothing is tuned.
     """
 
     title: str
     play: Play
     settings: Mapping[str, Any] = MappingProxyType({})
-    candidates: tuple[Mapping[str, Any], ...] = ()
+    choices: Mapping[str, tuple[Any, ...]] = MappingProxyType({})
 
 
 def _found(task: Task, kept: Sequence[Any]) -> Found:
@@ -247,8 +246,8 @@ def _in_ribs(make: Callable[..., Any]) -> Play:
     return play
 
 
-def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float) -> Any:
-    """CMA-ME of pyribs on logits: five emitters of separable CMA-ES with batches of 36, as in its tutorials."""
+def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: int) -> Any:
+    """CMA-ME of pyribs on logits: five emitters of separable CMA-ES, as in its tutorials."""
     from ribs.archives import GridArchive
     from ribs.emitters import EvolutionStrategyEmitter
     from ribs.schedulers import Scheduler
@@ -262,7 +261,7 @@ def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float) -> Any:
             sigma0=sigma,
             ranker=ranker,
             es="sep_cma_es",
-            batch_size=36,
+            batch_size=batch,
             seed=5 * seed + number,
         )
         for number in range(5)
@@ -300,12 +299,7 @@ def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, fillin
     return Scheduler(archive, [emitter]), as_grids
 
 
-def _grid(**choices: Sequence[Any]) -> tuple[dict[str, Any], ...]:
-    return tuple(dict(zip(choices, values, strict=True)) for values in product(*choices.values()))
-
-
-_FIRST = {"batch": 32, "share": 0.5, "filling": 0.05}
-_MOVES = _grid(batch=(32,), share=(0.2, 0.5, 0.8), filling=(0.05, 0.3))
+_MOVES = {"batch": (16, 32, 64, 128), "share": (0.0, 0.2, 0.5, 0.8), "filling": (0.0, 0.05, 0.1, 0.3)}
 
 ROWS = {
     **{
@@ -315,31 +309,31 @@ ROWS = {
     "tuned-mirrored": Row("MAP-Elites, `tuned`, with mirrored moves and little filling", _in_jax(_mirrored)),
     "ea": Row("EA with restarts, `tuned`", _in_jax(_ea)),
     "qdax-moves": Row(
-        "QDax: MAP-Elites, our moves", _in_jax(_qdax_moves), {"batch": 32, "share": 0.5, "filling": 0.05}, _MOVES
+        "QDax: MAP-Elites, our moves", _in_jax(_qdax_moves), {"batch": 32, "share": 0.2, "filling": 0.0}, _MOVES
     ),
     "qdax-line": Row(
         "QDax: MAP-Elites, Iso+LineDD on logits",
         _in_jax(_qdax_line),
         {"batch": 32, "iso": 0.3, "line": 0.2},
-        _grid(batch=(32,), iso=(0.1, 0.3, 1.0), line=(0.2, 0.5)),
+        {"batch": (16, 32, 64, 128), "iso": (0.03, 0.1, 0.3, 1.0, 3.0), "line": (0.0, 0.2, 0.5, 1.0)},
     ),
     "ribs-cma": Row(
         "pyribs: CMA-ME on logits",
         _in_ribs(_ribs_cma),
-        {"ranker": "2imp", "sigma": 0.5},
-        _grid(ranker=("imp", "2imp", "obj"), sigma=(0.3, 1.0)),
+        {"ranker": "obj", "sigma": 1.0, "batch": 72},
+        {"ranker": ("imp", "2imp", "2rd", "obj"), "sigma": (0.1, 0.3, 1.0, 3.0), "batch": (12, 36, 72)},
     ),
     "ribs-moves": Row(
         "pyribs: genetic emitter, our moves",
         _in_ribs(_ribs_moves),
-        {"batch": 32, "share": 0.5, "filling": 0.05},
+        {"batch": 32, "share": 0.2, "filling": 0.0},
         _MOVES,
     ),
     "evosax": Row(
         "evosax: SNES on logits, with restarts",
         _in_jax(_evosax),
-        {"population": 32, "restart": 100},
-        _grid(population=(32, 128), restart=(50, 100, 200)),
+        {"population": 64, "restart": 50},
+        {"population": (16, 32, 64, 128), "restart": (25, 50, 100, 200, 400)},
     ),
 }
 """The rows by their names on the command line."""
