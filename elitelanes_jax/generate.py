@@ -114,7 +114,7 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     choice, maps, chosen = None, [], began
     if spec.part is None:
         with Progress("choosing maps"):
-            choice = choose_maps(run.result, spec.maps, spec.seed, known=_of_size(spec.search.like, spec.size))
+            choice = choose_maps(run.result, spec.maps, spec.seed)
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             words = remedy(choice, spec.search.method, spec.size)
@@ -143,11 +143,6 @@ def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
     search = drawable(spec.search, tiles)
     search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
     return search, tiles
-
-
-def _of_size(given: Sequence[AnyArray], size: tuple[int, int]) -> list[NDArray[np.int8]]:
-    grids = [np.array(grid, np.int8) for grid in given]
-    return [grid for grid in grids if sorted(grid.shape) == sorted(size)]
 
 
 def _with_difference(road_map: RoadMap, given: Sequence[AnyArray]) -> RoadMap:

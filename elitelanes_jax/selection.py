@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import niche_bins
@@ -73,11 +74,11 @@ def choose_maps(
 
     A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
     alphabet, but for empty ones where rules or given cells ask for them. It is in the ranges and keeps the rules of the
-    run's specification. Of maps that are the same but for rotation and mirroring, the fittest is taken. Maps that
-    hardly differ are taken only where there are too few others; among the others every niche gives one before any gives
-    a second, and all seeds as equally many as can be. Where the specification has targets, maps are chosen one by one
-    so that the energy distance between the features of all chosen ones and the targets is least. Niches in the axes'
-    target bins come before all others.
+    run's specification, and is none of the maps that it is to be like. Of maps that are the same but for rotation and
+    mirroring, the fittest is taken. Maps that hardly differ are taken only where there are too few others; among the
+    others every niche gives one before any gives a second, and all seeds as equally many as can be. Where the
+    specification has targets, maps are chosen one by one so that the energy distance between the features of all
+    chosen ones and the targets is least. Niches in the axes' target bins come before all others.
 
     Args:
       result: of `elitelanes_jax.evolve`, with a leading seed axis.
@@ -104,7 +105,9 @@ def choose_maps(
     useful &= satisfied
 
     fitness, grids = np.asarray(elites.fitness), np.asarray(elites.grids)
-    kept = _distinct(grids, fitness, useful, known)
+    given = [np.array(grid, np.int8) for grid in result.spec.like]
+    known = [*known, *(grid for grid in given if sorted(grid.shape) == sorted(grids.shape[2:]))]
+    kept = _distinct(grids, fitness, useful, known, given)
     descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]
     bins = np.asarray(niche_bins(descriptor, result.axes))
     extent = np.array([max(1, axis.bins - 1) for axis in result.axes])
@@ -186,15 +189,21 @@ def _distinct(
     fitness: NDArray[np.int32],
     useful: NDArray[np.bool_],
     known: Sequence[NDArray[np.int8]],
+    given: Sequence[NDArray[np.int8]],
 ) -> NDArray[np.int_]:
-    """Returns the (seed, place) of useful elites, fittest first, each unlike all before and all known ones."""
+    """Returns the (seed, place) of useful elites, fittest first, each unlike all before, all known and all given ones.
+
+    Wherever a given map's roads lie in a larger grid, it is that map.
+    """
     places = np.argwhere(useful)
     places = places[np.argsort(fitness[useful], kind="stable")]
     seen = {canonical_form(grid) for grid in known}
+    roads = {canonical_form(cut_to_roads(grid)) for grid in given}
     distinct: dict[bytes, NDArray[np.int_]] = {}
     for place in places:
-        form = canonical_form(grids[tuple(place)])
-        if form not in seen:
+        grid = grids[tuple(place)]
+        form = canonical_form(grid)
+        if form not in seen and not (roads and canonical_form(cut_to_roads(grid)) in roads):
             distinct.setdefault(form, place)
     return np.array(list(distinct.values()), int).reshape(-1, 2)
 

@@ -33,7 +33,7 @@ from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, extra_names
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.targets import Target, parse_targets
 from elitelanes_jax.problem.template import Template, parse_template
-from elitelanes_jax.styles.like import settings_like
+from elitelanes_jax.styles.like import ranges_like, settings_like
 from elitelanes_jax.styles.read import read_style
 
 __all__ = [
@@ -207,6 +207,8 @@ class SearchSpec(Settings):
         object.__setattr__(self, "like", check_named("like", parse_initial, self.like))
         defaults = {one.name: one.default for one in fields(self)}
         given = {field: value for field, value in vars(self).items() if value != defaults[field]}
+        if self.like and ranges_like() <= {item.name for item in parse_ranges(self.where, None)}:
+            del given["like"]  # a record made of another's fields: they are taken already, and may have been changed
         for field, value in self._with_taken(given, self.features).items():
             object.__setattr__(self, field, value)
         object.__setattr__(self, "style", None)
@@ -236,6 +238,8 @@ class SearchSpec(Settings):
                 if field in taken and field in more:
                     joined = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
                     more = {**more, field: tuple(joined.values())}
+            if "method" in more and "preset" not in more:
+                taken.pop("preset", None)  # presets are a method's
             if "axes" in more and "targets" not in more:
                 more = {**more, "targets": ()}
             taken = {**taken, **more}

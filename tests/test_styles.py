@@ -1,6 +1,7 @@
 """Styles: settings as data, of the package and of one's own; and maps like given ones."""
 
 import json
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -16,7 +17,7 @@ from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
-from elitelanes_jax.styles.like import difference_from, settings_like
+from elitelanes_jax.styles.like import difference_from, ranges_like, settings_like
 from elitelanes_jax.styles.read import STYLES
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
@@ -142,3 +143,25 @@ def test_maps_like_given_ones_are_written_with_their_difference(tmp_path, any_ty
         low = next(item.low for item in search.where if item.name == "box_fill")
         assert int(measure_town(road_map.codes).box_fill) >= 1000 * low
     assert describe_maps(maps, 4, tmp_path).endswith("of their cells")
+
+
+def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
+    moved = np.pad(rotate(RING), [(1, 1), (0, 2)])
+    found = evolve(jax.random.split(jax.random.key(0), 1), (6, 6), rules="duckietown", initial=[moved], generations=0)
+    assert moved.tolist() in [road_map.codes.tolist() for road_map in found.maps(99)]
+    for given in (RING, moved):
+        like = replace(found, spec=replace(found.spec, like=[given], where=_anything()))
+        assert all(difference_from(road_map.codes, [given]) for road_map in like.maps(99))
+
+
+def _anything():
+    """Ranges of the features that `like` has ranges of, so that it sets nothing else."""
+    return [f"{name}=0.." for name in ranges_like()]
+
+
+def test_given_settings_stay_beside_maps_to_be_like():
+    spec = SearchSpec().but({"like": [RING], "preset": "tuned", "rules": None})
+    assert (spec.preset, spec.rules) == ("tuned", None) and len(spec.where) == 6 and spec.targets
+    assert SearchSpec().but({"like": [RING], "method": "ea"}).preset == "tuned"
+    assert SearchSpec().but({"style": "town", "method": "ea"}).preset == "tuned"
+    assert not SearchSpec().but({"like": [RING], "axes": "turns:5"}).targets

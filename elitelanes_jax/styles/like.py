@@ -13,7 +13,7 @@ from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.styles.read import read_style
 
-__all__ = ["difference_from", "settings_like"]
+__all__ = ["difference_from", "ranges_like", "settings_like"]
 
 # The features that make maps alike, those with axes first; and the least that a range leaves on either side, a part of
 # 1 or a ratio: so much do maps of one hand differ.
@@ -21,6 +21,11 @@ _SPREAD = ("loops_per_tile", "turn_share", "box_fill", "symmetry")
 _HELD = ("crossing_share", "adjacent_turns_per_tile")
 _LEAST = {"loops_per_tile": 0.02, "crossing_share": 0.04}
 _USUAL_LEAST, _BINS = 0.1, 4
+
+
+def ranges_like() -> frozenset[str]:
+    """Returns the features of which `settings_like` gives ranges."""
+    return frozenset((*_SPREAD, *_HELD))
 
 
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
