@@ -17,6 +17,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
@@ -104,7 +105,8 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
 
     Over axes that are given the maps are spread, in place of the search's targets.
     """
-    ranges = {item.name: item for item in (*search.where, *spec.where)}
+    asked = parse_ranges(map(str, spec.where), search.features)
+    ranges = {item.name: item for item in (*search.where, *asked)}
     targets = search.targets if spec.axes is None else ()
     return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules, "targets": targets})
 
