@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -118,6 +118,9 @@ navigation: $(READY)
 
 throughput: $(READY)
 	$(BIN)/python experiments/throughput.py
+
+driving-speed: $(READY)
+	$(BIN)/python experiments/driving_speed.py
 
 clean:
 	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-sumo $(DEMO) $(SITE)
