@@ -48,6 +48,9 @@ __all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare
 _SECONDS_A_CALL = 0.2
 _MOST = 256
 
+# The bytes without which the compiler ends the whole process: 0.1 GB are too few at 12 x 12, 0.3 GB are enough.
+_COMPILER = 200_000_000
+
 # What was compiled before: threads would take longer than JAX does to find it again.
 _KNOWN: set[tuple[Hashable, ...]] = set()
 
@@ -162,13 +165,18 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
 
 
 def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
-    """Checks that states fit into the free memory twice, as those before and after a step are there at once."""
+    """Checks that the compiler fits into the free memory, and the states twice: before and after a step."""
     stats = jax.local_devices()[0].memory_stats()  # of an accelerator
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
-    needed = 2 * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(states))
+    taken = 2 * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(states))
+    needed = taken + _COMPILER
     if free is None or needed <= free:
         return
-    fitting = free * seeds // needed
+    if free < _COMPILER:
+        raise NotEnoughMemoryError(
+            f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
+        )
+    fitting = (free - _COMPILER) * seeds // taken
     fewer = f"{many(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
         f"not enough memory: {many(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} or "

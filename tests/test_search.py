@@ -350,13 +350,16 @@ def test_a_state_of_another_run_is_refused():
 
 
 def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
-    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 2_000_000)
+    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 202_000_000)
     monkeypatch.setattr("elitelanes_jax.search._run", None)
     took = (
-        r"not enough memory: 40 seeds of 6 x 7 tiles take 0\.0 GB or more, and 0\.0 GB are free; [0-9]+ seeds? at most"
+        r"not enough memory: 40 seeds of 6 x 7 tiles take 0\.2 GB or more, and 0\.2 GB are free; [0-9]+ seeds? at most"
     )
     with pytest.raises(MemoryError, match=f"{took} would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
-    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 10)
+    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 200_000_010)
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
+        evolve(0, (6, 7), seeds=40, generations=1)
+    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 10)
+    with pytest.raises(MemoryError, match=r"to compile a search takes 0\.2 GB, and 0\.0 GB are free$"):
         evolve(0, (6, 7), seeds=40, generations=1)
