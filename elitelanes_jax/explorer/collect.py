@@ -21,7 +21,7 @@ from elitelanes_jax.formats.rides import RecordedRide, read_rides
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.descriptor import Axis, tuned_axes
+from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.tiles.render import COMPARED_PX, png_of, recall_choice, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -52,6 +52,7 @@ class _Finds(NamedTuple):
       seed: int ``[E]``, the number of the run's seed that found each, from 0.
       seeds: how many.
       axes: of the niches.
+      niche: int32 ``[E]``, of each the number of its niche, the last axis running fastest; None where metrics tell it.
       weights: of the fitness.
       alphabet: the codes that `off_alphabet` lets pass; None for all.
       extra_weights: of features that the search measured beside the metrics.
@@ -74,6 +75,7 @@ class _Finds(NamedTuple):
     alphabet: tuple[int, ...] | None
     extra_weights: Mapping[str, int] = {}
     extras: Mapping[str, NDArray[np.int32]] = {}
+    niche: NDArray[np.int32] | None = None
     labels: tuple[str, ...] | None = None
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
     rides: tuple[tuple[int, RecordedRide], ...] = ()
@@ -252,9 +254,9 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
     elites = result.elites
     single = elites.valid.ndim == 1
     some = slice(None if single else seeds)
-    valid, fitness, grids = (
+    valid, fitness, grids, descriptor = (
         np.asarray(array)[None] if single else np.asarray(array)[some]
-        for array in (elites.valid, elites.fitness, elites.grids)
+        for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
     )
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
@@ -269,6 +271,7 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
         result.axes,
         result.spec.all_weights,
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
+        niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
         extra_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
         extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
         history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
@@ -386,6 +389,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "grids": blob.add_codes(run.grids),
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
         "seed": blob.add(run.seed, "int32"),
+        "niche": None if run.niche is None else blob.add(run.niche, "int32"),
         "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
         "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],

@@ -39,6 +39,7 @@ interface RunValues {
   readonly grids: ArrayRef;
   readonly fitness: ArrayRef | null;
   readonly seed: ArrayRef;
+  readonly niche: ArrayRef | null;
   readonly extras: Readonly<Record<string, ArrayRef>>;
   readonly labels: readonly string[] | null;
   readonly maps: readonly ChosenMap[];
@@ -121,7 +122,8 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
       return { place, goal, success, x, y, theta };
     });
-    return new Run(run, codes, run.fitness && read("int32", run.fitness), read("int32", run.seed), extras, history, rides);
+    const [fit, niche] = [run.fitness, run.niche].map((ref) => ref && read("int32", ref));
+    return new Run(run, codes, fit, niche, read("int32", run.seed), extras, history, rides);
   });
   return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
 }
@@ -152,6 +154,7 @@ export class Run {
   readonly fitness: Int32Array;
   readonly niche: Int32Array;
   private readonly counts: Int32Array;
+  private readonly measured: Uint8Array;
   private readonly columns = new Map<string, Float64Array>();
   private readonly sortedColumns = new Map<string, Float64Array>();
   private readonly tables = new Map<Seed, Int32Array<ArrayBuffer>>();
@@ -160,6 +163,7 @@ export class Run {
     values: RunValues,
     private readonly codes: Uint8Array,
     fit: Int32Array | null,
+    niche: Int32Array | null,
     readonly seed: Int32Array,
     /** Features that the search measured beside the metrics. */
     readonly extras: ReadonlyMap<string, Int32Array>,
@@ -174,11 +178,8 @@ export class Run {
     this.count = seed.length;
     const metrics = COUNT_NAMES.length;
     this.counts = new Int32Array(this.count * metrics);
-    this.niche = new Int32Array(this.count);
-    for (let elite = 0; elite < this.count; elite++) {
-      measure(this.grid(elite), this.alphabet, this.counts, elite * metrics);
-      this.niche[elite] = nicheOf(this.axes, (name) => this.feature(name, elite));
-    }
+    this.measured = new Uint8Array(this.count);
+    this.niche = niche ?? Int32Array.from({ length: this.count }, (_, elite) => nicheOf(this.axes, (name) => this.feature(name, elite)));
     this.fitness = fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.countsOf(elite), this.weights));
   }
 
@@ -187,7 +188,12 @@ export class Run {
     return { height: this.height, width: this.width, codes: this.codes.subarray(elite * cells, (elite + 1) * cells) };
   }
 
+  /** Returns the metrics of an elite, measured once they are asked for. */
   countsOf(elite: number): Int32Array {
+    if (!this.measured[elite]) {
+      measure(this.grid(elite), this.alphabet, this.counts, elite * COUNT_NAMES.length);
+      this.measured[elite] = 1;
+    }
     return this.counts.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
   }
 
@@ -201,7 +207,7 @@ export class Run {
   }
 
   feature(name: string, elite: number): number {
-    return this.extras.get(name)?.[elite] ?? feature(name, this.counts, elite * COUNT_NAMES.length);
+    return this.extras.get(name)?.[elite] ?? feature(name, this.countsOf(elite));
   }
 
   /** Returns a quantity of all elites; not a number where it has no meaning. */

@@ -61,7 +61,9 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
 /** Stands in for a notebook's model on a page: values that nobody listens to. */
 function pageModel(): Model {
   const text = (id: string) => document.getElementById(id)!.textContent!;
-  const packed = Uint8Array.from(atob(text("elitelanes-blob")), (letter) => letter.charCodeAt(0));
+  const letters = atob(text("elitelanes-blob"));
+  const packed = new Uint8Array(letters.length);
+  for (let place = 0; place < letters.length; place++) packed[place] = letters.charCodeAt(place);
   const values = new Map<string, unknown>([["values", JSON.parse(text("elitelanes-values"))], ["blob", packed], ["addressed", true]]);
   return {
     get: (name) => values.get(name),

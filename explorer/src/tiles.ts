@@ -15,8 +15,8 @@ const MOST_PX = 8192;
 
 export interface TilePictures {
   readonly px: number;
-  /** Of each tile, a picture for each layer. */
-  readonly layers: Readonly<Record<Layer, readonly CanvasImageSource[]>>;
+  /** Returns a layer's picture of each tile, made once it is asked for. */
+  readonly layerOf: (layer: Layer) => readonly CanvasImageSource[];
   /** In the size in which they are drawn, and in that at which their light is compared; none where it is not. */
   readonly blended: { readonly drawn: PixelsOf; readonly compared: PixelsOf; readonly maps: Map<string, HTMLCanvasElement> } | null;
 }
@@ -32,9 +32,11 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
   const { px } = values;
   const images = await Promise.all(values.pictures.map((picture) => decode(picture.image)));
   const masks = await Promise.all(values.pictures.map((picture) => decode(picture.masks)));
-  const bits = masks.map(levelsOf);
+  const known: Partial<Record<Layer, readonly CanvasImageSource[]>> = { image: images };
+  let read: Uint8ClampedArray[] | null = null;
+  const bits = (): Uint8ClampedArray[] => (read ??= masks.map(levelsOf));
   const coloured = (colour: (mask: number) => Rgb | null): HTMLCanvasElement[] =>
-    bits.map((mask) => {
+    bits().map((mask) => {
       const canvas = canvasOf(px, px);
       const context = canvas.getContext("2d")!;
       const pixels = context.createImageData(px, px);
@@ -46,9 +48,16 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
       return canvas;
     });
   const { background, road, red, yellow } = LABEL_COLOURS;
+  const colours: Readonly<Record<Layer, (mask: number) => Rgb | null>> = {
+    image: () => null,
+    road: (mask) => (mask & MASK_BITS.road ? road : null),
+    red: (mask) => (mask & MASK_BITS.red ? red : null),
+    yellow: (mask) => (mask & MASK_BITS.yellow ? yellow : null),
+    labels: (mask) => (mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background),
+  };
   let blended = null;
   if (values.blend) {
-    const drawn = turned(images.map((image, place) => pixelsOf(levelsOf(image), bits[place])));
+    const drawn = turned(images.map((image, place) => pixelsOf(levelsOf(image), bits()[place])));
     const compared = await Promise.all(
       values.pictures.map(async ({ compared: small }) => small && pixelsOf(levelsOf(await decode(small.image)), levelsOf(await decode(small.masks)))),
     );
@@ -57,13 +66,7 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
   return {
     px,
     blended,
-    layers: {
-      image: images,
-      road: coloured((mask) => (mask & MASK_BITS.road ? road : null)),
-      red: coloured((mask) => (mask & MASK_BITS.red ? red : null)),
-      yellow: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : null)),
-      labels: coloured((mask) => (mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background)),
-    },
+    layerOf: (layer) => (known[layer] ??= coloured(colours[layer])),
   };
 }
 
@@ -137,6 +140,7 @@ export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: r
   for (const layer of LAYERS) {
     const opacity = blend[layer] ?? 0;
     if (opacity <= 0) continue;
+    const pictures = tiles.layerOf(layer);
     context.globalAlpha = opacity;
     if (layer === "image" && tiles.blended && px === tiles.px) {
       context.setTransform(1, 0, 0, 1, 0, 0);
@@ -148,7 +152,7 @@ export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: r
       const [a, b, c, d] = turned[picture & 3];
       const x = ((place % grid.width) + 0.5) * px, y = (Math.floor(place / grid.width) + 0.5) * px;
       context.setTransform(a, b, c, d, x, y);
-      context.drawImage(tiles.layers[layer][picture >> 2], -px / 2, -px / 2, px, px);
+      context.drawImage(pictures[picture >> 2], -px / 2, -px / 2, px, px);
     });
   }
   return canvas;

@@ -53,8 +53,12 @@ def big_result():
     shape = (32, 400)
     grids = np.random.default_rng(0).integers(0, 16, (*shape, 12, 12), np.int8)
     zeros = np.zeros(shape, np.int32)
+    bins = np.stack(np.unravel_index(np.arange(400), (25, 2, 2, 2, 2)), axis=-1)
+    axes = paper_axes((12, 12))
+    niches = bins * [axis.width for axis in axes] + [axis.start for axis in axes]
+    descriptor = np.broadcast_to(niches, (*shape, 5)).astype(np.int32)
     metrics = Metrics(*[zeros] * 19, zeros.astype(np.float32))
-    elites = MeasuredElites(grids, zeros, np.zeros((*shape, 5), np.int32), np.ones(shape, bool), metrics, {})
+    elites = MeasuredElites(grids, zeros, descriptor, np.ones(shape, bool), metrics, {})
     steps = np.arange(1, 501)
     history = History(steps, steps * 40, np.zeros((32, 500), np.int32), np.zeros((32, 500), np.int32), steps * 1.0)
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))

@@ -2,6 +2,7 @@
 import { quantile, quantileOf, type Run } from "../data";
 import { useMemo, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
+import { useShown } from "./canvas";
 import { feature, FEATURES } from "../network/features";
 import { measureTown, TOWN_NAMES } from "../network/town";
 import { nameOf, valueText, WORDS } from "../words";
@@ -29,7 +30,8 @@ export function Metrics({ run, grid, counts, fitness, above, extras = {} }: Prop
     name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : (extras[name] ?? feature(name, counts));
   const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST, ...Object.keys(extras)];
   const rest = FEATURES.filter((name) => !FIRST.includes(name));
-  const rows = (names: readonly string[]) => names.map((name) => <Row key={name} run={run} name={name} value={value(name)} />);
+  const shown = useShown();
+  const rows = (names: readonly string[]) => names.map((name) => <Row key={name} run={run} name={name} value={value(name)} beside={shown} />);
   return (
     <div class="metrics">
       <p class="note">
@@ -58,13 +60,21 @@ function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; re
   return (
     <details onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary>As a town</summary>
-      {open && <table><tbody>{names.map((name) => <Row key={name} run={run} name={name} value={town[name] ?? NaN} />)}</tbody></table>}
+      {open && <table><tbody>{names.map((name) => <Row key={name} run={run} name={name} value={town[name] ?? NaN} beside />)}</tbody></table>}
     </details>
   );
 }
 
-function Row({ run, name, value }: { readonly run: Run; readonly name: string; readonly value: number }) {
-  const sorted = run.quantities.includes(name) && !Number.isNaN(value) ? run.sorted(name) : NONE;
+interface RowProps {
+  readonly run: Run;
+  readonly name: string;
+  readonly value: number;
+  /** Whether the run's quantiles stand beside it. */
+  readonly beside: boolean;
+}
+
+function Row({ run, name, value, beside }: RowProps) {
+  const sorted = beside && run.quantities.includes(name) && !Number.isNaN(value) ? run.sorted(name) : NONE;
   const share = Math.round(100 * quantileOf(sorted, value));
   return (
     <tr title={WORDS[name]?.meaning}>

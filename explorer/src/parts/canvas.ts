@@ -1,6 +1,6 @@
 /** A canvas as wide as its place, with the pixels of the screen. */
 import type { RefObject } from "preact";
-import { useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
 
 interface Fitted {
@@ -9,6 +9,16 @@ interface Fitted {
   readonly width: number;
   /** Clears the canvas for a map, and returns what to draw with: pixels of the screen a cell, and one of the page. */
   readonly clear: (grid: Grid) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
+}
+
+/** Tells whether a part has been on the screen: what it can do without at first may come then. */
+export function useShown(): boolean {
+  const [shown, setShown] = useState(false);
+  useEffect(() => {
+    const frame = requestAnimationFrame(() => setTimeout(() => setShown(true)));
+    return () => cancelAnimationFrame(frame);
+  }, []);
+  return shown;
 }
 
 export function useFittedCanvas(): Fitted {

@@ -6,6 +6,7 @@ import { bisect, type Run, type Seed } from "../data";
 import { binName, binsOf, nicheAt, type Axis } from "../network/features";
 import { Choice, quantityOptions, Segments } from "../parts/Controls";
 import { Detail } from "../parts/Detail";
+import { useShown } from "../parts/canvas";
 import { MapPicture } from "../parts/MapPicture";
 import { flagWords, nameOf, number, valueText } from "../words";
 
@@ -114,12 +115,13 @@ const MOST_OTHERS = 40;
 
 /** All maps in a niche, the fittest first: those of other seeds, or of a population. */
 function Others({ run, niche, open, onOpen }: { readonly run: Run; readonly niche: number; readonly open: number; readonly onOpen: (elite: number) => void }) {
+  const shown = useShown();
   const all = useMemo(() => {
     const found: number[] = [];
     run.niche.forEach((place, elite) => place === niche && found.push(elite));
     return found.sort((one, other) => run.fitness[one] - run.fitness[other] || one - other);
   }, [run, niche]);
-  if (all.length < 2) return null;
+  if (all.length < 2 || !shown) return null;
   return (
     <>
       <h2 class="others">
