@@ -1,16 +1,18 @@
 """A run whose seeds are searched elsewhere, in parts: by any executor, or by the workers of a Dask cluster."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 
 from elitelanes_jax._util.atomic_io import compare_settings, new_folder, write_json
 from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.compile_cache import use_compile_cache
@@ -20,7 +22,9 @@ from elitelanes_jax.map_folder import foreign_to_maps
 from elitelanes_jax.parts import RECORD
 from elitelanes_jax.spec import GenerateSpec
 
-__all__ = ["dask_executor", "generate_on"]
+__all__ = ["dask_executor", "generate_on", "run_on"]
+
+T = TypeVar("T")
 
 # Fewer seeds side by side do not keep the cores of a worker busy.
 _SEEDS_A_PART = 16
@@ -46,9 +50,9 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
       The maps, as they were written.
 
     Raises:
-      InputError: as `generate` does, for a specification with a part, or if a worker fails.
+      InputError: as `generate` does, or for a specification with a part.
       NotEnoughMapsError: if there are fewer valid and different maps than asked for.
-      OSError: if the folder cannot be written.
+      OSError: if the folder cannot be written, or a worker fails.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
     if spec.part is not None:
@@ -69,23 +73,46 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
 
 
 def _run_parts(executor: Executor, specs: dict[Path, GenerateSpec]) -> None:
-    """Runs the parts that are not yet done; what is not begun at an error or an interruption is called off."""
+    """Runs the parts that are not yet done."""
     waiting = {folder: spec for folder, spec in specs.items() if not (folder / RECORD).exists()}
     announce(f"searching {many(len(waiting), 'part')} of {len(specs)} on workers")
-    futures = {executor.submit(_run_part, spec, folder): folder for folder, spec in waiting.items()}
+    jobs = {f"part {folder.name} of {len(specs)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
+    with Progress("searching", len(specs), "parts", done=len(specs) - len(waiting)) as bar:
+        run_on(executor, _run_part, jobs, lambda _: bar.count())
+
+
+def run_on(
+    executor: Executor,
+    function: Callable[..., T],
+    jobs: Mapping[str, tuple[Pytree, ...]],
+    ended: Callable[[T], None],
+) -> None:
+    """Calls a function on an executor's workers, once for each job.
+
+    What is not begun at an error or an interruption is called off.
+
+    Args:
+      executor: of threads, processes or machines.
+      function: takes a job's arguments; it and they can be pickled.
+      jobs: the arguments, by a name for messages.
+      ended: is called in this thread with what each job returns, as soon as it does.
+
+    Raises:
+      ConnectionError: if a worker dies, or cannot import what it needs.
+      InputError, NotEnoughMapsError, OSError: as the function raises it.
+    """
+    futures = {executor.submit(function, *arguments): name for name, arguments in jobs.items()}
     try:
-        with Progress("searching", len(specs), "parts", done=len(specs) - len(waiting)) as bar:
-            for future in as_completed(futures):
-                try:
-                    future.result()
-                except (InputError, OSError):
-                    raise
-                except Exception as error:  # a worker that died, or cannot import what it needs
-                    name = f"part {futures[future].name} of {len(specs)}"
-                    raise InputError(
-                        f"{name}: expected a worker to run it, got {type(error).__name__}: {error}"
-                    ) from None
-                bar.count()
+        for future in as_completed(futures):
+            try:
+                value = future.result()
+            except (InputError, NotEnoughMapsError, OSError):
+                raise
+            except Exception as error:
+                raise ConnectionError(
+                    f"{futures[future]}: expected a worker to run it, got {type(error).__name__}: {error}"
+                ) from None
+            ended(value)
     finally:
         for future in futures:
             future.cancel()
@@ -109,7 +136,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
       MissingPackageError: without Dask.
       InputError: if no scheduler answers there.
     """
-    distributed = import_optional("distributed", "searching on a cluster needs Dask", "distributed")
+    distributed = import_optional("distributed", "a cluster needs Dask", "distributed")
     try:
         client = distributed.Client(address, timeout=_SECONDS_TO_ANSWER)
     except (OSError, ValueError, TypeError) as error:

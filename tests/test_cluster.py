@@ -1,12 +1,13 @@
 """Parts of a run on an executor's workers: the bytes of the one run."""
 
 import os
+import pickle
 import re
 import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,9 @@ from killed_runs import digest
 from elitelanes_jax import InputError, SearchSpec, cluster
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cluster import dask_executor, generate_on
+from elitelanes_jax.dataset import make
+from elitelanes_jax.dataset.make import make_dataset
+from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.generate import generate
 from elitelanes_jax.spec import GenerateSpec
 
@@ -48,7 +52,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
     monkeypatch.setattr(cluster, "_SEEDS_A_PART", 3)
     out = tmp_path / "maps"
     executor = Lossy(lost=3)
-    with executor, pytest.raises(InputError) as error:
+    with executor, pytest.raises(ConnectionError) as error:
         generate_on(executor, SPEC, out)
     assert str(error.value) == "part 3 of 3: expected a worker to run it, got RuntimeError: the machine is gone"
     assert executor.ran == [1, 2, 3] and not out.exists()
@@ -79,11 +83,50 @@ def test_bad_requests_are_refused_before_anything_runs(tmp_path):
     assert [entry.name for entry in out.iterdir()] == ["mine.txt"]
 
 
-def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
+def contents(folder):
+    return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+class Pickling(Executor):
+    """A worker that is given pickled calls, as one on another machine is, and dies at the call of a number."""
+
+    def __init__(self, dies_at=None):
+        self.dies_at, self.calls = dies_at, []
+
+    def submit(self, function, *arguments):
+        self.calls.append(function.__name__)
+        future = Future()
+        if len(self.calls) == self.dies_at:
+            future.set_exception(RuntimeError("the machine is gone"))
+        else:
+            function, arguments = pickle.loads(pickle.dumps((function, arguments)))
+            future.set_result(pickle.loads(pickle.dumps(function(*arguments))))
+        return future
+
+
+def test_workers_search_and_draw_the_dataset_of_one_machine(tmp_path, monkeypatch):
+    monkeypatch.setattr(make, "_PICTURES_A_JOB", 3)
+    spec = DatasetSpec(maps=4, split=(0.5, 0.5, 0), views=2, size=((4, 5), (5, 5)), tile_px=16, search=SEARCH)
+    make_dataset(spec, tmp_path / "one")
+    monkeypatch.chdir(tmp_path)
+    out = Path("many")  # a worker has a folder of its own to be in
+    with pytest.raises(ConnectionError) as error:
+        make_dataset(spec, out, executor=Pickling(dies_at=4))
+    assert str(error.value) == "pictures 3 to 5: expected a worker to run it, got RuntimeError: the machine is gone"
+    drawn = Pickling()
+    make_dataset(spec, out, executor=drawn)
+    assert drawn.calls.count("_evolve_on_worker") == 2
+    assert contents(out) == contents(tmp_path / "one")
+    make_dataset(spec, out, executor=(again := Pickling()))
+    assert again.calls == []
+
+
+@pytest.mark.parametrize("command", ["generate", "dataset"])
+def test_a_scheduler_that_does_not_answer(command, tmp_path, capsys, monkeypatch):
     pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "_SECONDS_TO_ANSWER", 0.2)
     for address in ("tcp://127.0.0.1:9", "nonsense://"):
-        assert main(["generate", "--scheduler", address, "--out", str(tmp_path / "maps")]) == 2
+        assert main([command, "--scheduler", address, "--out", str(tmp_path / "maps")]) == 2
         said = capsys.readouterr().err
         assert (
             re.match(r".*scheduler: expected the address of a Dask scheduler, such as tcp:\S+, got '(.*?)':", said)[1]
@@ -94,7 +137,7 @@ def test_a_scheduler_that_does_not_answer(tmp_path, capsys, monkeypatch):
 def test_without_dask_it_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert main(["generate", "--scheduler", "tcp://127.0.0.1:9", "--out", str(tmp_path / "maps")]) == 2
-    assert "searching on a cluster needs Dask: pip install distributed" in capsys.readouterr().err
+    assert "a cluster needs Dask: pip install distributed" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -132,3 +175,24 @@ def test_the_command_on_a_dask_cluster(whole, tmp_path):
         )
     assert re.search("searching 1 part of 1 on workers", ran.stderr)
     assert digest(Path(tmp_path / "maps")) == whole
+
+
+@pytest.mark.slow
+def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    spec = DatasetSpec(maps=16, views=25, size=((5, 6), (6, 6)), tile_px=64, search=SEARCH)
+    make_dataset(spec, tmp_path / "one")
+    out = tmp_path / "many"
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
+
+        def kill_one():
+            while len(list(out.glob(".unfinished/records/*/*.json"))) < 50:
+                time.sleep(0.01)
+            with distributed.Client(workers.scheduler_address) as client:
+                os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
+
+        with ThreadPoolExecutor(1) as killer, dask_executor(workers.scheduler_address) as executor:
+            killed = killer.submit(kill_one)
+            make_dataset(spec, out, executor=executor)
+            killed.result()
+    assert contents(out) == contents(tmp_path / "one")

@@ -24,6 +24,7 @@ __all__ = [
     "add_loudness",
     "add_map",
     "add_options",
+    "add_scheduler",
     "add_tile_pictures",
     "checked_by",
     "descriptions",
@@ -154,6 +155,15 @@ def add_cores(command: argparse.ArgumentParser) -> None:
 class _Cores(argparse.Action):
     def __call__(self, *given: Untyped) -> None:
         use_cores(given[2])
+
+
+def add_scheduler(command: argparse.ArgumentParser) -> None:
+    """Adds ``--scheduler`` to a command that a cluster can work for."""
+    command.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="work on the workers of a Dask cluster, which share the disk: that of its scheduler, tcp://HOST:8786",
+    )
 
 
 def read_options(given: argparse.Namespace, defaults: Settings) -> UserValue:

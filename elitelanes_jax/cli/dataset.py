@@ -12,6 +12,7 @@ from elitelanes_jax.cli.arguments import (
     add_force,
     add_loudness,
     add_options,
+    add_scheduler,
     checked_by,
     naming_options,
     read_options,
@@ -42,6 +43,7 @@ def add_dataset(commands: Commands) -> None:
         help="folder to write to: new, empty or begun before",
     )
     add_options(command, DatasetSpec())
+    add_scheduler(command)
     add_force(command)
     add_cores(command)
     add_loudness(command)
@@ -61,7 +63,13 @@ def _dataset(options: argparse.Namespace) -> int:
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
         with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from"):
-            about = make_dataset(spec, options.out, force=options.force)
+            if options.scheduler is None:
+                about = make_dataset(spec, options.out, force=options.force)
+            else:
+                from elitelanes_jax.cluster import dask_executor
+
+                with dask_executor(options.scheduler) as executor:
+                    about = make_dataset(spec, options.out, force=options.force, executor=executor)
     except OSError as error:
         return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]

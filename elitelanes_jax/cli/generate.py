@@ -16,6 +16,7 @@ from elitelanes_jax.cli.arguments import (
     add_force,
     add_loudness,
     add_options,
+    add_scheduler,
     checked_by,
     read_options,
 )
@@ -66,11 +67,7 @@ def add_generate(commands: Commands) -> None:
         "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_options(command, GenerateSpec())
-    command.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="search on the workers of a Dask cluster, which share the disk: that of its scheduler, tcp://HOST:8786",
-    )
+    add_scheduler(command)
     add_force(command)
     add_cores(command)
     add_loudness(command)

@@ -3,6 +3,7 @@
 import json
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
@@ -18,6 +19,7 @@ from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax.cluster import run_on
 from elitelanes_jax.dataset.card import sample_sheet, write_card
 from elitelanes_jax.dataset.formats import Format, find_format
 from elitelanes_jax.dataset.given import GivenMaps, given
@@ -26,7 +28,7 @@ from elitelanes_jax.dataset.remove import place_for
 from elitelanes_jax.dataset.samples import draw_sample, write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
-from elitelanes_jax.dataset.work import LAST, work_folder
+from elitelanes_jax.dataset.work import LAST, WORK, work_folder
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.generate import drawable
 from elitelanes_jax.tiles.render import LABEL_COLOURS, LABELS, png_of
@@ -36,6 +38,8 @@ __all__ = ["make_dataset"]
 
 _ON_SHEET = 12
 
+_PICTURES_A_JOB = 64
+
 
 def make_dataset(
     spec: DatasetSpec,
@@ -44,6 +48,7 @@ def make_dataset(
     workers: int | None = None,
     force: bool = False,
     maps: Sequence[RoadMap] | None = None,
+    executor: Executor | None = None,
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
@@ -57,6 +62,8 @@ def make_dataset(
       force: whether another dataset in the folder is replaced once this one is complete, unless anything else is in it.
         Until then there has to be room for both.
       maps: to be drawn as they are in place of evolved ones: as many as the specification says, of its sizes.
+      executor: whose workers search and draw in place of this process, such as `cluster.dask_executor`; they share the
+        disk with it.
 
     Returns:
       The record in ``dataset.json``.
@@ -65,7 +72,8 @@ def make_dataset(
       InputError: for constraints that no map can meet, given maps beside those of the specification or that cannot be
         drawn, a bad tile set, or a folder that is anything else.
       NotEnoughMapsError: if the searches give too few maps.
-      OSError: if a file cannot be written; it names the file. What was complete stays, and the next run continues.
+      OSError: if a file cannot be written, or a worker fails; it names it. What was complete stays, and the next run
+        continues.
     """
     out = Path(out)
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
@@ -91,8 +99,10 @@ def make_dataset(
                 if own is not None and own.repeated:
                     which = "that is another one" if own.repeated == 1 else "that are others"
                     announce(f"left out {many(own.repeated, 'map')} {which} rotated or mirrored")
-                found = evolve_maps(spec, search, work) if own is None else given_maps(own.maps, work)
+                found = evolve_maps(spec, search, work, executor) if own is None else given_maps(own.maps, work)
                 splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
+                if executor is not None:
+                    _draw_on_workers(executor, place.absolute(), spec, found, splits)
                 _draw_samples(place, work / "records", spec, found, splits, by_split, workers)
                 _finish(place, work / "records", splits, layout, identity)
         about: dict[str, Plain] = json.loads((place / LAST).read_text(encoding="utf-8"))
@@ -120,6 +130,30 @@ def _record_file(records: Path, number: int) -> Path:
     return records / f"{number // 1000:03d}" / f"{number:06d}.json"
 
 
+def _draw_on_workers(executor: Executor, place: Path, spec: DatasetSpec, maps: Maps, splits: NDArray[np.int_]) -> None:
+    """Draws the samples that have no record yet on an executor's workers."""
+    records = place / WORK / "records"
+    waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
+    spec = spec.but({"tiles": spec.tiles and spec.tiles.absolute(), "maps_from": None})
+    rounds = [file.absolute() for file in maps.rounds]
+    jobs = {
+        f"pictures {share[0]} to {share[-1]}": (place, spec, rounds, {each: int(splits[each]) for each in share})
+        for share in (waiting[first : first + _PICTURES_A_JOB] for first in range(0, len(waiting), _PICTURES_A_JOB))
+    }
+    with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
+        run_on(executor, _draw_share, jobs, bar.count)
+
+
+def _draw_share(place: Path, spec: DatasetSpec, rounds: Sequence[Path], splits: dict[int, int]) -> int:
+    """Draws the samples of some numbers on a worker, each with its split; returns how many."""
+    tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
+    maps = Maps(rounds)
+    with _one_thread_each():
+        for number, split in splits.items():
+            _draw(place, place / WORK / "records", spec, maps, tiles[split], number, split)
+    return len(splits)
+
+
 def _draw_samples(
     place: Path,
     records: Path,
@@ -129,27 +163,32 @@ def _draw_samples(
     tiles: Sequence[TileSet],
     workers: int,
 ) -> None:
-    """Draws and writes the samples that have no record yet; the record of each is written last."""
-    layout = find_format(spec.format)
+    """Draws and writes the samples that have no record yet."""
 
     def draw(number: int) -> None:
         split = int(splits[number])
-        sample = draw_sample(
-            maps[number // spec.views],
-            tiles[split],
-            number,
-            seed=spec.seed,
-            tile_px=spec.pixels,
-            transforms=spec.transforms,
-            camera=spec.camera,
-            layers=layout.layers,
-        )
-        write_sample(sample, layout, split, place)
-        note = layout.note(sample.layers["labels"])
-        write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
+        _draw(place, records, spec, maps, tiles[split], number, split)
 
     waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
     _draw_all(draw, waiting, len(splits), workers)
+
+
+def _draw(place: Path, records: Path, spec: DatasetSpec, maps: Maps, tiles: TileSet, number: int, split: int) -> None:
+    """Draws and writes one sample; its record is written last."""
+    layout = find_format(spec.format)
+    sample = draw_sample(
+        maps[number // spec.views],
+        tiles,
+        number,
+        seed=spec.seed,
+        tile_px=spec.pixels,
+        transforms=spec.transforms,
+        camera=spec.camera,
+        layers=layout.layers,
+    )
+    write_sample(sample, layout, split, place)
+    note = layout.note(sample.layers["labels"])
+    write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
 
 
 def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:

@@ -3,6 +3,7 @@
 import json
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.cluster import run_on
+from elitelanes_jax.compile_cache import use_compile_cache
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import KINDS
@@ -37,8 +40,8 @@ class Maps:
     """
 
     def __init__(self, rounds: Sequence[Path]) -> None:
-        self._rounds = list(rounds)
-        self._ends = list(accumulate(len(_lines(file)) for file in self._rounds))
+        self.rounds = list(rounds)
+        self._ends = list(accumulate(len(_lines(file)) for file in self.rounds))
         self._maps_of = lru_cache(maxsize=8)(_maps_of)  # its own, as other datasets may have files of the same names
 
     def __len__(self) -> int:
@@ -49,10 +52,10 @@ class Maps:
 
     def __getitem__(self, number: int) -> RoadMap:
         place = bisect_right(self._ends, number)
-        return self._maps_of(self._rounds[place])[number - (self._ends[place - 1] if place else 0)]
+        return self._maps_of(self.rounds[place])[number - (self._ends[place - 1] if place else 0)]
 
 
-def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> Maps:
+def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Executor | None = None) -> Maps:
     """Evolves the maps round by round, each round kept in a file as soon as it is done.
 
     All are valid, and no two alike when rotated or mirrored: each differs from all others in `LEAST_DIFFERENT` of its
@@ -62,34 +65,58 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path) -> Maps:
       spec: of the dataset.
       search: its search, of maps that its tiles can draw.
       work: folder for the rounds.
+      executor: whose workers search, one size each, and share the disk.
 
     Raises:
       NotEnoughMapsError: if the searches give too few maps.
+      OSError: if a file cannot be written, or a worker fails.
     """
+    wanted = maps_by_shape(spec)
+    if executor is not None:
+        jobs = {
+            "maps of {} x {} tiles".format(*shape): (spec.seed, search, shape, count, work.absolute())
+            for shape, count in wanted.items()
+        }
+        with Progress("evolving", len(jobs), "sizes") as bar:
+            run_on(executor, _evolve_on_worker, jobs, lambda _: bar.count())
     rounds: list[Path] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        for shape, wanted in maps_by_shape(spec).items():
-            found: list[NDArray[np.int8]] = []
-            number = level = 0
-            while len(found) < wanted:
-                file = work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
-                if not file.exists():
-                    maps = _evolve_round(spec.seed, search, shape, number, wanted, found, LEAST_DIFFERENT[level])
-                    _keep(file, maps)
-                new = [road_map.codes for road_map in _maps_of(file)]
-                # Where few maps differ as much as they should, the next ones may differ less.
-                if len(new) < min(_FEW, wanted - len(found)):
-                    level += 1
-                found += new
-                if level == len(LEAST_DIFFERENT):
-                    raise NotEnoughMapsError(
-                        f"found {len(found)} different ones of {wanted} maps of {shape[0]} x {shape[1]} tiles; larger "
-                        "sizes, more evaluations or fewer maps"
-                    )
+        for shape, count in wanted.items():
+            for file, found in _rounds(spec.seed, search, shape, count, work):
                 rounds.append(file)
-                number += 1
-                bar.count(len(new))
+                bar.count(found)
     return Maps(rounds)
+
+
+def _evolve_on_worker(seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path) -> None:
+    """Keeps all rounds of one size."""
+    use_compile_cache()
+    for _ in _rounds(seed, search, shape, wanted, work):
+        pass
+
+
+def _rounds(
+    seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path
+) -> Iterator[tuple[Path, int]]:
+    """Yields the file of each round of one size and the number of its maps; evolves those that are not there."""
+    found: list[NDArray[np.int8]] = []
+    number = level = 0
+    while len(found) < wanted:
+        file = work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
+        if not file.exists():
+            _keep(file, _evolve_round(seed, search, shape, number, wanted, found, LEAST_DIFFERENT[level]))
+        new = [road_map.codes for road_map in _maps_of(file)]
+        # Where few maps differ as much as they should, the next ones may differ less.
+        if len(new) < min(_FEW, wanted - len(found)):
+            level += 1
+        found += new
+        if level == len(LEAST_DIFFERENT):
+            raise NotEnoughMapsError(
+                f"found {len(found)} different ones of {wanted} maps of {shape[0]} x {shape[1]} tiles; larger sizes, "
+                "more evaluations or fewer maps"
+            )
+        number += 1
+        yield file, len(new)
 
 
 def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:
