@@ -3,6 +3,7 @@
 python experiments/driving_speed.py [--quick] [--duckietown PYTHON]
 
 A thousand environments step at once and start anew, on one of 10,000 maps of 12 x 12 tiles, where an episode ends.
+Seconds are those of the one core that this process is pinned to; those of compiling and of OpenGL, by the clock.
 Peers do the same with their own episodes in the same process, if they can be imported (pip install gymnax jaxued):
 Gymnax' CartPole, and JaxUED's maze with a reset as JaxUED's wrapper has it. PYTHON is an interpreter that imports
 gym_duckietown, which draws frame after frame with OpenGL, without a display. It needs an environment of its own:
@@ -101,9 +102,9 @@ def _row(name: str, batch: int, steps: int, begin: Callable[..., Any], step: Cal
     compiled = run.lower(jax.random.key(0), state).compile()
     compiling, spent = time.perf_counter() - began, []
     for number in range(7):
-        began = time.perf_counter()
+        began = time.process_time()
         state, _ = jax.block_until_ready(compiled(jax.random.key(number), state))
-        spent.append(time.perf_counter() - began)
+        spent.append(time.process_time() - began)
     say(f"| {name} | {batch * steps / np.median(spent[1:]):,.0f} | {compiling:.1f} s |")
 
 

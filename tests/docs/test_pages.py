@@ -47,8 +47,26 @@ HELPERS = [f"elitelanes_jax._util.{name}" for name in ("cores", "errors", "setti
 
 
 @pytest.mark.parametrize(("page", "program"), PROGRAMS)
-def test_programs_run_and_print_what_they_say(page, program, capsys):
+def test_programs_run_and_print_what_they_say(page, program, capsys, tmp_path, monkeypatch):
+    if "maps/maps" in program:  # that the command before it writes
+        monkeypatch.chdir(tmp_path)
+        for number in range(2):
+            file = Path(f"maps/maps/{number:04d}/map.json")
+            file.parent.mkdir(parents=True)
+            file.write_text(map_to_json(RoadMap(np.array([[6, 7, 3], [12, 13, 9]]))))
     run_program(program, page, capsys)
+
+
+@pytest.mark.slow
+def test_the_page_on_driving_leads_from_maps_to_a_film(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("docs").symlink_to(DOCS)
+    generate, film = (command for command in commands(PAGES["docs/drive.md"]) if command[-1] in ("maps", "20"))
+    assert main(generate) == 0
+    (program,) = (text for _, text in blocks(PAGES["docs/drive.md"], "python") if "maps/maps" in text)
+    run_program(program, "docs/drive.md", capsys)
+    assert main(film) == 0
+    assert Path("trained.mp4").stat().st_size > 10_000
 
 
 def test_the_first_program_is_short():
