@@ -118,12 +118,13 @@ def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]
     """Reads the grids that a search begins with, each as a tuple of rows.
 
     Args:
-      initial: grids ``[H, W]``, or paths of map files (see `read_map`); one or several.
+      initial: grids ``[H, W]``, or paths of map files (see `read_map`): one array or path, or several; an array
+        ``[N, H, W]`` is several.
 
     Raises:
       InputError: for a bad grid or file.
     """
-    if isinstance(initial, str | Path):
+    if isinstance(initial, str | Path) or getattr(initial, "ndim", 0) == 2:
         initial = [initial]
     if not isinstance(initial, Iterable):
         raise InputError(f"expected grids or files of maps, got {initial!r}")
@@ -206,7 +207,11 @@ class SearchSpec(Settings):
         """
         object.__setattr__(self, "like", check_named("like", parse_initial, self.like))
         defaults = {one.name: one.default for one in fields(self)}
-        given = {field: value for field, value in vars(self).items() if value != defaults[field]}
+        given = {
+            field: value
+            for field, value in vars(self).items()  # arrays have no truth: they are compared with none of them
+            if not isinstance(value, type(defaults[field])) or value != defaults[field]
+        }
         if self.like and ranges_like() <= {item.name for item in parse_ranges(self.where, None)}:
             del given["like"]  # a record made of another's fields: they are taken already, and may have been changed
         for field, value in self._with_taken(given, self.features).items():

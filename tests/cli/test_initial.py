@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, evolve, repair
+from elitelanes_jax import InputError, SearchSpec, evolve, repair
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.problem.descriptor import paper_axes
@@ -22,6 +22,11 @@ def holds(elites, grid):
     """For each seed, whether the grid is among the elites."""
     alike = (np.asarray(elites.grids) == np.asarray(grid)).all(axis=(-2, -1))
     return (alike & np.asarray(elites.valid)).any(axis=-1)
+
+
+def test_arrays_of_grids_are_taken_as_they_are():
+    one = np.asarray(TOWN)
+    assert SearchSpec(initial=one) == SearchSpec(initial=one[None]) == SearchSpec(initial=[one])
 
 
 def test_given_grids_stand_first_and_are_repaired():
