@@ -88,7 +88,7 @@ def _answers_table(runs: Runs, out: Path) -> list[str]:
     ]
     about = (
         "Means over seeds, and 95 % bootstrap intervals. As expected: yes where the whole interval lies within the "
-        "range, no where it lies outside. Intervals of four seeds hold the true mean about 8 times in ten."
+        "range, no where it lies outside. Intervals of ten seeds hold the true mean about 9 times in ten."
     )
     head = ["", "figure", "mean, interval", "seeds", "expected", "as expected"]
     return ["## The hypotheses", about, table(head, rows)] if rows else []
