@@ -152,10 +152,9 @@ def write_table(out: Path) -> None:
         column[1].set_xlabel("evaluations of a run")
     axes[0, 0].set_ylabel("reliability")
     axes[1, 0].set_ylabel("share of niches at the optimum")
-    handles, titles = axes[0, 0].get_legend_handles_labels()
-    figure.legend(
-        handles, [title.replace("`", "") for title in titles], loc="outside lower center", ncols=2, fontsize=9
-    )
+    lines_of = {line.get_label(): line for axis in axes[0] for line in axis.get_lines()}
+    shown = {row.title.replace("`", ""): lines_of[row.title] for row in ROWS.values() if row.title in lines_of}
+    figure.legend(shown.values(), shown.keys(), loc="outside lower center", ncols=2, fontsize=9)
     figure.savefig(out / "board.png", dpi=110)
     plt.close(figure)
     say(f"written to {out}")
