@@ -20,7 +20,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from frontier import _STRAIGHT, Cell, _find, _rehash, _tile
+from frontier import STRAIGHT, Cell, find_state, rehash, tile_of
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
@@ -100,11 +100,11 @@ def _advance(cell: Any, old: Any, old_values: Any) -> Any:
             right, down = choice >> 1, choice & 1
             if down and cell.row == cell.height - 1:
                 continue
-            gain, right_kind, down_kind = _tile(cell, left, up, right, down)
+            gain, right_kind, down_kind = tile_of(cell, left, up, right, down)
             if gain < 0:
                 continue
-            if last and right_kind > _STRAIGHT:
-                gain += (right_kind - _STRAIGHT) ** 2
+            if last and right_kind > STRAIGHT:
+                gain += (right_kind - STRAIGHT) ** 2
             crossing = max(0, (left > 1) + (up > 1) + right + down - 2)
             for word in range(len(state)):
                 state[word] = 0
@@ -115,12 +115,12 @@ def _advance(cell: Any, old: Any, old_values: Any) -> Any:
                 elif place == cell.column + 1:
                     kind = right_kind
                 state[place + last >> 2] |= np.uint64(kind) << np.uint64(16 * (place + last & 3))
-            place = _find(states, used, state)
+            place = find_state(states, used, state)
             if not used[place]:
                 if 3 * size > 2 * capacity:
                     capacity *= 2
-                    states, values, origins, used = _rehash(capacity, states, values, origins, used)
-                    place = _find(states, used, state)
+                    states, values, origins, used = rehash(capacity, states, values, origins, used)
+                    place = find_state(states, used, state)
                 used[place] = True
                 for word in range(len(state)):
                     states[place, word] = state[word]

@@ -23,11 +23,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Sweep", "sweep"]
+__all__ = ["STRAIGHT", "Cell", "Sweep", "find_state", "rehash", "sweep", "tile_of"]
 
 # Kinds. Without a road: what is before the line is a turn, or anything else. With one: a turn, a crossing, or
-# _STRAIGHT + L for a straight of L tiles so far.
-_CLEAR, _BESIDE_TURN, _TURN, _CROSSING, _STRAIGHT = 0, 1, 2, 3, 3
+# STRAIGHT + L for a straight of L tiles so far.
+_CLEAR, _BESIDE_TURN, _TURN, _CROSSING, STRAIGHT = 0, 1, 2, 3, 3
 
 _WITHOUT_KINDS = np.uint64(0xFFF0FFF0FFF0FFF0)
 _NEVER = 1 << 20
@@ -177,7 +177,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
             right, down = choice >> 1, choice & 1
             if (right and column == width - 1) or (down and row == height - 1):
                 continue
-            gain, right_kind, down_kind = _tile(cell, kinds[column], kinds[column + 1], right, down)
+            gain, right_kind, down_kind = tile_of(cell, kinds[column], kinds[column + 1], right, down)
             if gain < 0:
                 continue
             for place in range(places):
@@ -220,12 +220,12 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
                 _offer(cell, old_values, source, gain, cycle, origin, final, final_origins, 0)
                 continue
             _encode(state, new_kinds, new_blocks, new_splits, new_count, np.int64(column == width - 1))
-            place = _find(states, used, state)
+            place = find_state(states, used, state)
             if not used[place]:
                 if 3 * size > 2 * capacity:
                     capacity *= 2
-                    states, values, origins, used = _rehash(capacity, states, values, origins, used)
-                    place = _find(states, used, state)
+                    states, values, origins, used = rehash(capacity, states, values, origins, used)
+                    place = find_state(states, used, state)
                 used[place] = True
                 for word in range(len(state)):
                     states[place, word] = state[word]
@@ -235,7 +235,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
 
 
 @numba.njit(cache=True)
-def _tile(cell: Any, left: Any, up: Any, right: Any, down: Any) -> Any:
+def tile_of(cell: Any, left: Any, up: Any, right: Any, down: Any) -> Any:
     """Returns what a tile adds to the straight score, and the kinds to its right and below it; -1 if it may not be."""
     has_left, has_up = left >= _TURN, up >= _TURN
     connections = has_left + has_up + right + down
@@ -253,8 +253,8 @@ def _tile(cell: Any, left: Any, up: Any, right: Any, down: Any) -> Any:
         right_kind = _CLEAR if cell.column == cell.width - 1 else _TURN if right else _BESIDE_TURN
         return 0, right_kind, _TURN if down else _BESIDE_TURN
     before = up if has_up else left
-    length = before - _STRAIGHT + 1 if before > _STRAIGHT else 1
-    kind = _STRAIGHT + (length if cell.lengths else 1)
+    length = before - STRAIGHT + 1 if before > STRAIGHT else 1
+    kind = STRAIGHT + (length if cell.lengths else 1)
     return 2 * length - 1, kind * right, kind * down
 
 
@@ -380,7 +380,7 @@ def _encode(state: Any, kinds: Any, blocks: Any, splits: Any, count: Any, shift:
 
 
 @numba.njit(cache=True)
-def _find(states: Any, used: Any, state: Any) -> Any:
+def find_state(states: Any, used: Any, state: Any) -> Any:
     """Returns where a state is in a hash table, or should be."""
     mixed = np.uint64(0)
     for word in range(len(state)):
@@ -399,7 +399,7 @@ def _find(states: Any, used: Any, state: Any) -> Any:
 
 
 @numba.njit(cache=True)
-def _rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) -> Any:
+def rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) -> Any:
     """Moves a hash table to a larger one."""
     new_states = np.zeros((capacity, states.shape[1]), np.uint64)
     new_values = np.zeros((capacity, values.shape[1]), np.int64)
@@ -410,7 +410,7 @@ def _rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) ->
         if used[old]:
             for word in range(len(state)):
                 state[word] = states[old, word]
-            place = _find(new_states, new_used, state)
+            place = find_state(new_states, new_used, state)
             new_used[place] = True
             for word in range(len(state)):
                 new_states[place, word] = state[word]
@@ -459,7 +459,7 @@ def _remove_dominated(cell: Any, states: Any, values: Any, order: Any, starts: A
                 for column in range(places):
                     theirs, mine = kinds[rival, column], kinds[kept, column]
                     if theirs != mine and theirs != _CLEAR:
-                        if theirs <= _STRAIGHT:
+                        if theirs <= STRAIGHT:
                             slack = _NEVER
                             break
                         slack += growth[column] * max(0, mine - theirs)

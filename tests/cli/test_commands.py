@@ -198,7 +198,7 @@ WRONG = {
         "--preset: expected one of tuned, paper, standard, irregular for map-elites, got 'luck'",
     ),
     "no such preset of the method": (["--preset", "standard"], "--preset: expected one of tuned, paper for ea, got"),
-    "no such option": (["--luck"], "unrecognized arguments: --luck"),
+    "no such option": (["--luck"], "generate: unrecognized arguments: --luck"),
     "generations and evaluations": (
         ["--generations", "1", "--evaluations", "1"],
         "--generations: expected it or evaluations, got both, 1 and 1",
