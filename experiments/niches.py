@@ -1,5 +1,7 @@
 """How many of the niches that any of many long runs fills one of them fills.
 
+Filled is a niche whose elite has all that the style asks for.
+
 python experiments/niches.py [--style NAME] [--size ROWS COLUMNS] [--seeds N] [--evaluations N]
 """
 
@@ -33,7 +35,7 @@ def _main(options: argparse.Namespace) -> int:
     result = evolve(
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
-    filled = np.asarray(result.elites.valid)
+    filled = result.satisfies()
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()
     of_runs = np.bincount(filled.sum(axis=0))[1:]
     say(
