@@ -20,7 +20,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from frontier import STRAIGHT, Cell, find_state, rehash, tile_of
+from frontier import STRAIGHT, Cell, insert, tile_of
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.atomic_io import write_atomic
@@ -115,18 +115,11 @@ def _advance(cell: Any, old: Any, old_values: Any) -> Any:
                 elif place == cell.column + 1:
                     kind = right_kind
                 state[place + last >> 2] |= np.uint64(kind) << np.uint64(16 * (place + last & 3))
-            place = find_state(states, used, state)
-            if not used[place]:
-                if 3 * size > 2 * capacity:
-                    capacity *= 2
-                    states, values, origins, used = rehash(capacity, states, values, origins, used)
-                    place = find_state(states, used, state)
-                used[place] = True
-                for word in range(len(state)):
-                    states[place, word] = state[word]
+            before = size
+            place, size, states, values, origins, used = insert(size, states, values, origins, used, state)
+            if size > before:
                 for bin_ in range(bins):
                     values[place, bin_] = _NONE
-                size += 1
             for bin_ in range(bins - crossing):
                 if old_values[source, bin_] >= 0:
                     value = old_values[source, bin_] + gain

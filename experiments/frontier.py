@@ -23,7 +23,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["STRAIGHT", "Cell", "Sweep", "find_state", "rehash", "sweep", "tile_of"]
+__all__ = ["STRAIGHT", "Cell", "Sweep", "insert", "sweep", "tile_of"]
 
 # Kinds. Without a road: what is before the line is a turn, or anything else. With one: a turn, a crossing, or
 # STRAIGHT + L for a straight of L tiles so far.
@@ -220,16 +220,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
                 _offer(cell, old_values, source, gain, cycle, origin, final, final_origins, 0)
                 continue
             _encode(state, new_kinds, new_blocks, new_splits, new_count, np.int64(column == width - 1))
-            place = find_state(states, used, state)
-            if not used[place]:
-                if 3 * size > 2 * capacity:
-                    capacity *= 2
-                    states, values, origins, used = rehash(capacity, states, values, origins, used)
-                    place = find_state(states, used, state)
-                used[place] = True
-                for word in range(len(state)):
-                    states[place, word] = state[word]
-                size += 1
+            place, size, states, values, origins, used = insert(size, states, values, origins, used, state)
             _offer(cell, old_values, source, gain, cycle, origin, values, origins, place)
     return states, values, origins, used
 
@@ -380,7 +371,7 @@ def _encode(state: Any, kinds: Any, blocks: Any, splits: Any, count: Any, shift:
 
 
 @numba.njit(cache=True)
-def find_state(states: Any, used: Any, state: Any) -> Any:
+def _find(states: Any, used: Any, state: Any) -> Any:
     """Returns where a state is in a hash table, or should be."""
     mixed = np.uint64(0)
     for word in range(len(state)):
@@ -398,8 +389,23 @@ def find_state(states: Any, used: Any, state: Any) -> Any:
     return place
 
 
+@numba.njit(inline="always")  # counting takes a quarter longer with a call
+def insert(size: Any, states: Any, values: Any, origins: Any, used: Any, state: Any) -> Any:
+    """Finds a state in a hash table of so many states, or adds it; returns its place, the number, and the table."""
+    place = _find(states, used, state)
+    if not used[place]:
+        if 3 * size > 2 * len(used):
+            states, values, origins, used = _rehash(2 * len(used), states, values, origins, used)
+            place = _find(states, used, state)
+        used[place] = True
+        for word in range(len(state)):
+            states[place, word] = state[word]
+        size += 1
+    return place, size, states, values, origins, used
+
+
 @numba.njit(cache=True)
-def rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) -> Any:
+def _rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) -> Any:
     """Moves a hash table to a larger one."""
     new_states = np.zeros((capacity, states.shape[1]), np.uint64)
     new_values = np.zeros((capacity, values.shape[1]), np.int64)
@@ -410,7 +416,7 @@ def rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) -> 
         if used[old]:
             for word in range(len(state)):
                 state[word] = states[old, word]
-            place = find_state(new_states, new_used, state)
+            place = _find(new_states, new_used, state)
             new_used[place] = True
             for word in range(len(state)):
                 new_states[place, word] = state[word]

@@ -1,5 +1,6 @@
 // Opens a notebook with the widget in JupyterLab and prints what it saw as JSON: `node jupyter.mjs ADDRESS PICTURE`.
 import { browser } from "./chromium.mjs";
+import { drawRoad } from "./draw.mjs";
 
 const [address, picture] = process.argv.slice(2);
 
@@ -19,14 +20,7 @@ await widget.locator(".cells").focus();
 await page.keyboard.press("ArrowRight");
 await page.waitForTimeout(300);
 if (picture) await page.screenshot({ path: picture });
-await widget.getByRole("tab", { name: "Draw" }).click();
-await widget.getByRole("button", { name: "Clear" }).click();
-const box = await widget.locator(".editor").boundingBox();
-const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 5];
-await page.mouse.move(...at(1, 1));
-await page.mouse.down();
-await page.mouse.move(...at(1, 3), { steps: 4 });
-await page.mouse.up();
+await drawRoad(page, widget);
 await page.waitForTimeout(500);
 const read = async (index) => {
   const cell = page.locator(".jp-CodeCell").nth(index);

@@ -1,5 +1,6 @@
 // Opens a marimo notebook with the widget and prints what it saw as JSON: `node marimo.mjs ADDRESS [PICTURE]`.
 import { browser } from "./chromium.mjs";
+import { drawRoad } from "./draw.mjs";
 
 const [address, picture] = process.argv.slice(2);
 
@@ -16,14 +17,7 @@ const theme = [await widget.getAttribute("class")];
 await page.evaluate(() => (document.body.dataset.theme = "dark"));
 await page.waitForTimeout(300);
 theme.push(await widget.getAttribute("class"));
-await widget.getByRole("tab", { name: "Draw" }).click();
-await widget.getByRole("button", { name: "Clear" }).click();
-const box = await widget.locator(".editor").boundingBox();
-const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 5];
-await page.mouse.move(...at(1, 1));
-await page.mouse.down();
-await page.mouse.move(...at(1, 3), { steps: 4 });
-await page.mouse.up();
+await drawRoad(page, widget);
 if (picture) await page.screenshot({ path: picture });
 const drawn = page.getByText(/^drawn int8 \[\[0.*4, 5, 1/);
 await drawn.waitFor({ timeout: 60_000 });
