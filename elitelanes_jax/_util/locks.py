@@ -39,6 +39,9 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
             raise unwritable_error(asked, error) from None
         yield
     finally:
+        if new and not lock.is_locked:  # an interruption while it was taken leaves its file, and the folder with that
+            with suppress(OSError, Timeout):
+                lock.acquire(blocking=False)
         if lock.is_locked:
             with suppress(OSError):  # while it is held, so that nobody else gets it; but Windows removes no open file
                 (folder / LOCK).unlink()
