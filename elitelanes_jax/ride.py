@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive.camera import Camera, look, make_atlas
 from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
-from elitelanes_jax.drive.lanes import Pose
+from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
 from elitelanes_jax.drive.levels import Level, make_levels
 from elitelanes_jax.drive.pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.robot import TILE
@@ -49,6 +49,9 @@ _RATE = 30
 _GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: it is ten times the size of a film
 _COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
 _BATCH = 32  # frames that are rendered at once
+_HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
+_BITS = 4  # of the fraction of a pixel
+_PACE = 0.5  # tiles a second: the expert drives a little more
 
 
 class Rides(NamedTuple):
@@ -74,7 +77,7 @@ class Rides(NamedTuple):
 def make_rides(
     grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
 ) -> Rides:
-    """Drives on a map, from starts and to goals drawn at random.
+    """Drives on a map, from starts and to goals drawn at random: such as the expert reaches in time.
 
     Args:
       grid: codes ``[H, W]``.
@@ -89,7 +92,7 @@ def make_rides(
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     drawing, driving = jax.random.split(jax.random.key(seed))
-    levels = make_levels(drawing, np.asarray(grid)[None], count, least=4)
+    levels = make_levels(drawing, np.asarray(grid)[None], count, least=4, most=max(4, int(_PACE * seconds)))
     steps = max(round(seconds * _RATE), 1)
     drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
     poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))
@@ -192,17 +195,20 @@ def trails(
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
+    The ring is where the lane enters the goal's tile: who comes on another lane has not reached it.
+
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`).
     """
     picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
+    goals = _goals(rides.levels)
     for number in range(len(rides.steps)):
-        _draw_trail(picture, rides, number, rides.steps[number], tile_px)
+        _draw_trail(picture, rides, number, rides.steps[number], goals[number], tile_px)
     return picture
 
 
 def film(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 64, chosen: UserValue = None
+    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 a second: the camera's picture, and beside it the map with the robot.
 
@@ -217,20 +223,22 @@ def film(
     picture = render(grid, tiles, tile_px=size, chosen=chosen)
     # Each cell has a picture of its own: where tiles are blended no two are alike.
     atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
-    place, background = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape), picture.image
-    camera = Camera(rows=480, columns=640)
-    width = round(480 * grid.shape[1] / grid.shape[0]) // 2 * 2  # films have even sides
-    last = int(rides.steps[number])
+    place = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
+    camera = Camera(rows=_HEIGHT, columns=640)
+    side = min(_HEIGHT / grid.shape[0], _WIDEST / grid.shape[1])
+    shape = max(round(side * grid.shape[1]) // 2 * 2, 2), round(side * grid.shape[0])  # films have even sides
+    shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
+    background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
+    last, goal = int(rides.steps[number]), _goals(rides.levels)[number]
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(*(part[number][steps] for part in (rides.x, rides.y, rides.theta)))
         views = np.asarray(_look(poses, place, atlas, camera))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
-            _draw_trail(plan, rides, number, step, size)
-            _draw_robot(plan, rides.x[number, step], rides.y[number, step], rides.theta[number, step], size)
-            shrunk = cv2.resize(plan, (width, 480), interpolation=cv2.INTER_AREA)
-            yield np.concatenate([view, shrunk], axis=1)
+            _draw_trail(plan, rides, number, step, goal, side)
+            _draw_robot(plan, rides.x[number, step], rides.y[number, step], rides.theta[number, step], side)
+            yield np.concatenate([view, plan], axis=1)
 
 
 def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
@@ -304,24 +312,35 @@ def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
     return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
 
 
-def _draw_trail(picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, size: int) -> None:
+def _goals(levels: Level) -> NDArray[np.float32]:
+    """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
+    return np.stack(lane_point(Movement(*levels.goal, turn=jnp.int32(1)), 0.0)[:2], axis=1)
+
+
+def _draw_trail(
+    picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, goal: NDArray[np.float32], side: float
+) -> None:
+    """Draws on a map whose tiles have so many pixels a side."""
     colour = _COLOURS[number % len(_COLOURS)]
     points = np.stack([rides.x[number], rides.y[number]], axis=1)[: int(steps) + 1]
-    thick = max(size // 20, 1)
-    dots = np.rint(points * size * 16).astype(np.int32)
-    cv2.polylines(picture, [dots.reshape(-1, 1, 2)], False, colour, thick, cv2.LINE_AA, 4)
-    start = tuple(int(part) for part in dots[0])
-    cv2.circle(picture, start, size * 16 // 12, colour, -1, cv2.LINE_AA, 4)
-    goal = rides.levels.goal
-    middle = [(int(part[number]) * 2 + 1) * size * 8 for part in (goal.column, goal.row)]
-    cv2.circle(picture, (middle[0], middle[1]), size * 16 // 4, colour, thick, cv2.LINE_AA, 4)
+    thick = max(round(side / 20), 1)
+    dots = _dots(points, side)
+    cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
+    cv2.circle(picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS)
+    ring = _dots(goal, side)[0, 0].tolist()
+    cv2.circle(picture, ring, round(side * 0.18 * 2**_BITS), colour, thick, cv2.LINE_AA, _BITS)
 
 
-def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, size: int) -> None:
+def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
     length, half = 0.18 / TILE, 0.075 / TILE
     ahead, left = np.array([np.cos(theta), -np.sin(theta)]), np.array([-np.sin(theta), -np.cos(theta)])
     middle = np.array([x, y])
     corners = [middle + a * ahead + b * left for a, b in ((-length / 2, half), (-length / 2, -half), (length / 2, 0))]
-    shape = np.rint(np.array(corners) * size * 16).astype(np.int32).reshape(-1, 1, 2)
-    cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, 4)
-    cv2.polylines(picture, [shape], True, (20, 20, 20), max(size // 40, 1), cv2.LINE_AA, 4)
+    shape = _dots(np.array(corners), side)
+    cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, _BITS)
+    cv2.polylines(picture, [shape], True, (20, 20, 20), max(round(side / 40), 1), cv2.LINE_AA, _BITS)
+
+
+def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
+    """Turns places in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
+    return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)

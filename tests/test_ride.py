@@ -13,6 +13,7 @@ from elitelanes_jax.drive.lanes import on_road
 from elitelanes_jax.explorer.collect import collect
 from elitelanes_jax.formats.rides import RIDES, read_rides
 from elitelanes_jax.ride import film, load_policy, make_rides, rides_to_json, trails
+from elitelanes_jax.tiles.render import render
 
 GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
 
@@ -23,6 +24,7 @@ def rides():
 
 
 def test_rides_stay_on_the_road_and_reach_their_goals(rides):
+    assert (rides.levels.shortest <= 10).all()  # what is driven in 20 seconds
     assert rides.success.all() and (rides.steps > 30).all() and rides.x.shape == (1, 601)
     column, row = np.floor(rides.x).astype(int), np.floor(rides.y).astype(int)
     assert np.asarray(on_road(GRID[row, column], rides.x - column, rides.y - row)).all()
@@ -40,6 +42,9 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
     path = np.stack([rides.y[0], rides.x[0]], axis=1) * 16
     distance = np.hypot(*(changed[:, None] + 0.5 - path).transpose(2, 0, 1)).min(axis=1)
     assert len(changed) > 20 and distance.max() < 2.5
+    ringed = np.argwhere((plain != render(GRID, drawn_tiles, tile_px=16).image).any(axis=-1)) + 0.5
+    ends = np.hypot(*(ringed[:, None] - path[[0, -1]]).transpose(2, 0, 1))
+    assert ends.min(axis=1).max() < 5 and (ends[:, 1] < 5).sum() > 8  # a dot, and where the goal's lane is entered
     short = rides._replace(steps=np.array([3]))
     frames = list(film(GRID, drawn_tiles, short, tile_px=16))
     assert [frame.shape for frame in frames] == [(480, 640 + 720, 3)] * 4

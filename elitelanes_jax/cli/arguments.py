@@ -98,7 +98,7 @@ def add_map(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_tile_pictures(command: argparse.ArgumentParser) -> None:
+def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64) -> None:
     """Adds ``--tiles`` and ``--tile-px`` to a command that draws a map."""
     command.add_argument(
         "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
@@ -106,9 +106,9 @@ def add_tile_pictures(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--tile-px",
         type=checked_by(whole(16, 512)),
-        default=64,
+        default=tile_px,
         metavar="N",
-        help="side of a tile in pixels; by default 64",
+        help=f"side of a tile in pixels; by default {tile_px}",
     )
 
 

@@ -46,9 +46,9 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="after which a ride ends; by default 60",
+        help="after which a ride ends, long enough to reach the goals that are drawn; by default 60",
     )
-    add_tile_pictures(command)
+    add_tile_pictures(command, 128)
     add_blend(command)
     command.add_argument(
         "--seed",
