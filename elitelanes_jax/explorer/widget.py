@@ -111,10 +111,15 @@ def _widget_class() -> Untyped:
             self.on_msg(self._hear)
 
         def _hear(self, _: Untyped, content: Untyped, __: Untyped) -> None:
-            if isinstance(content, dict) and "continue" in content and self.result is not None:
+            if not (isinstance(content, dict) and "continue" in content and self.result is not None):
+                return
+            try:
                 self.result = self._continue(np.array(content["continue"], np.int8), self.result)
                 payload = collect_result(self.result, tile_px=self._tile_px)
-                with self.hold_sync():
-                    self.values, self.blob = payload.values, payload.blob
+            except Exception as error:  # else only the notebook's log would have it
+                self.send({"message": str(error)})
+                raise
+            with self.hold_sync():
+                self.values, self.blob = payload.values, payload.blob
 
     return Explorer

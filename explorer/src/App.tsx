@@ -4,6 +4,7 @@ import { SharedContext, type Shared } from "./context";
 import type { Data } from "./data";
 import { editorOf, type Editor } from "./editor";
 import { emptyGrid, rowsOf, type Grid } from "./network/codes";
+import { FileError, readMap } from "./network/formats";
 import type { Weights } from "./network/measure";
 import { Choice } from "./parts/Controls";
 import { fromHash, START, toHash, VIEWS, type View, type ViewName } from "./state";
@@ -27,9 +28,13 @@ interface Props {
   /** Is told the map that is open. */
   readonly onSelect?: (run: number, elite: number) => void;
   readonly onContinue?: (rows: number[][]) => void;
+  /** Listens to what a notebook has to say; returns what ends that. */
+  readonly listen?: (tell: (message: string) => void) => () => void;
 }
 
-export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
+const MOST_BYTES = 8 * 2 ** 20; // of a map file; one of 1024 x 1024 tiles has 3 MB
+
+export function App({ data, addressed, onGrid, onSelect, onContinue, listen }: Props) {
   const [view, setView] = useState<View>(() => (addressed ? fromHash(location.hash) : START));
   const [tiles, setTiles] = useState<TilePictures | null>(null);
   const [theme, setTheme] = useState<Theme>("auto");
@@ -37,7 +42,11 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   const [unseen, setUnseen] = useState(false);
   const [drawn, setDrawn] = useState<Editor | null>(null);
   const [weights, setWeights] = useState<Weights | null>(null);
+  const [searches, setSearches] = useState(false);
+  const [over, setOver] = useState(false);
   const shown = useRef<View>(view);
+  const body = useRef<HTMLDivElement>(null);
+  const first = useRef(true);
   const dark = useDark(theme);
   const place = Math.min(view.run, data.runs.length - 1);
   const run = data.runs[place];
@@ -48,9 +57,10 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   }, []);
   const say = useCallback((text: string, only = false) => {
     setUnseen(only);
-    setMessage(text);
+    setMessage(text.length > 300 ? `${text.slice(0, 299)}…` : text);
   }, []);
-  const elites = run.elites(view.seed === "count" ? "best" : view.seed);
+  const seed = (typeof view.seed === "number" && view.seed >= run.seeds) || run.seeds === 1 ? "best" : view.seed;
+  const elites = run.elites(seed === "count" ? "best" : seed);
   const open = view.map !== null && view.map < run.count ? view.map : elites[selectedNiche(run, view.niche, view.map, elites)];
   const edit = useCallback((editor: Editor) => {
     setDrawn(editor);
@@ -60,6 +70,19 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
     edit(editorOf(grid));
     show({ view: "draw" });
   }, [edit]);
+  const openFiles = async (files: ArrayLike<File>) => {
+    const file = files[0];
+    if (!file) return say("A map.json or a Duckietown map can be dropped here");
+    try {
+      if (file.size > MOST_BYTES) throw new FileError(`${file.name}: expected at most 8 MiB`);
+      const { grid, given } = readMap(await file.text(), file.name);
+      edit(editorOf(grid, given ?? undefined));
+      show({ view: "draw" });
+      say(`${file.name}: ${grid.height} × ${grid.width} tiles${files.length > 1 ? `; the first of ${files.length} files` : ""}`);
+    } catch (error) {
+      say(error instanceof FileError ? error.message : `${file.name}: cannot be read`);
+    }
+  };
 
   useEffect(() => void loadTiles(data.tiles).then(setTiles, () => setMessage("The tile pictures cannot be shown")), [data]);
   useEffect(() => {
@@ -78,29 +101,52 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
   }, []);
   useEffect(() => {
     if (!message) return;
-    const timer = setTimeout(() => setMessage(""), 4000);
+    const timer = setTimeout(() => setMessage(""), 4000 + 40 * message.length);
     return () => clearTimeout(timer);
   }, [message]);
   useEffect(() => void (open >= 0 && onSelect?.(place, open)), [place, open]);
   useEffect(() => setWeights(null), [run]);
+  useEffect(() => listen?.((text) => {
+    setSearches(false);
+    say(text);
+  }), []);
+  useEffect(() => {
+    // What was pressed may be gone with its view: keys go on from the new one.
+    if (!first.current && document.activeElement === document.body) body.current!.focus({ preventScroll: true });
+    first.current = false;
+  }, [view.view, view.pins.length]);
   useEffect(() => void requestAnimationFrame(() => performance.mark("elitelanes-shown")), []);
 
   const editor = drawn ?? editorOf(open >= 0 ? run.grid(open) : emptyGrid(run.height, run.width));
   const shared: Shared = useMemo(
-    () => ({ data, view: { ...view, run: place }, run, tiles, dark, show, draw, say }),
+    () => ({
+      data, run, tiles, dark, show, draw, say,
+      view: { ...view, run: place, seed, pins: view.pins.filter(([one, elite]) => one < data.runs.length && elite < data.runs[one].count) },
+    }),
     [data, view, place, run, tiles, dark],
   );
   const tabs = VIEWS.filter((name) => name !== "run" || data.runs.length > 1 || run.history || Object.keys(run.record).length);
   const tab = (event: KeyboardEvent) => {
-    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (!step) return;
-    const next = tabs[(tabs.indexOf(view.view) + step + tabs.length) % tabs.length];
+    const now = tabs.indexOf(view.view);
+    const place = { ArrowLeft: now - 1 + tabs.length, ArrowRight: now + 1, Home: 0, End: tabs.length - 1 }[event.key];
+    if (place === undefined) return;
+    event.preventDefault();
+    const next = tabs[place % tabs.length];
     show({ view: next });
     ((event.currentTarget as HTMLElement).children[tabs.indexOf(next)] as HTMLElement).focus();
   };
   return (
     <SharedContext.Provider value={shared}>
-      <div class={`elx ${dark ? "dark" : "light"}`}>
+      <div
+        class={`elx ${dark ? "dark" : "light"}${over ? " drop" : ""}`}
+        onDragOver={(event) => (event.preventDefault(), setOver(true))}
+        onDragLeave={() => setOver(false)}
+        onDrop={(event) => {
+          event.preventDefault();
+          setOver(false);
+          void openFiles(event.dataTransfer?.files ?? []);
+        }}
+      >
         <header class="top">
           <h1>
             <svg viewBox="0 0 24 24" aria-hidden="true">
@@ -131,7 +177,7 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
                 onClick={() => show({ view: name })}
               >
                 {VIEW_NAMES[name]}
-                {name === "compare" && view.pins.length > 0 && <b>{view.pins.length}</b>}
+                {name === "compare" && shared.view.pins.length > 0 && <b>{shared.view.pins.length}</b>}
               </button>
             ))}
           </div>
@@ -145,7 +191,7 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
             {dark ? "☀" : "☾"}
           </button>
         </header>
-        <div class="body" role="tabpanel" aria-label={VIEW_NAMES[view.view]}>
+        <div class="body" role="tabpanel" aria-label={VIEW_NAMES[view.view]} tabIndex={-1} ref={body}>
           {view.view === "archive" && <Archive />}
           {view.view === "maps" && <Maps />}
           {view.view === "compare" && <Compare />}
@@ -155,7 +201,9 @@ export function App({ data, addressed, onGrid, onSelect, onContinue }: Props) {
               onEdit={edit}
               weights={weights ?? run.weights}
               onWeights={setWeights}
-              onContinue={onContinue ? () => onContinue(rowsOf(editor.grid)) : null}
+              onFiles={openFiles}
+              onContinue={onContinue ? () => (setSearches(true), onContinue(rowsOf(editor.grid))) : null}
+              searches={searches}
             />
           )}
           {view.view === "run" && <RunView />}

@@ -22,6 +22,12 @@ export const css = ([red, green, blue]: Rgb): string => `rgb(${red},${green},${b
 /** Distinct colours of Okabe and Ito (2008): apart for the colour-blind too. */
 export const DISTINCT = ["#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#8a7a00", "#777777"] as const;
 
+/** The same, lighter, for dark grounds. */
+const DISTINCT_ON_DARK = ["#4fb0f0", "#f0b030", "#2bc495", "#e3a0c5", "#9ad4f5", "#ff8a4a", "#cdbb3a", "#a8a8a8"] as const;
+
+/** Returns a distinct colour that can be seen on the ground of a theme. */
+export const distinct = (place: number, dark: boolean): string => (dark ? DISTINCT_ON_DARK : DISTINCT)[place % DISTINCT.length];
+
 /** Colours of a map's labels, as the package's overlay has them. */
 export const LABEL_COLOURS: Readonly<Record<"background" | "road" | "red" | "yellow", Rgb>> = {
   background: [40, 40, 48],

@@ -13,8 +13,8 @@ interface Model {
   get(name: string): unknown;
   set(name: string, value: unknown): void;
   save_changes(): void;
-  on(event: string, callback: () => void): void;
-  off(event: string, callback: () => void): void;
+  on(event: string, callback: (content: unknown) => void): void;
+  off(event: string, callback: (content: unknown) => void): void;
   send(content: unknown): void;
 }
 
@@ -42,6 +42,11 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
           onGrid={(rows) => tell("grid", rows)}
           onSelect={(run, elite) => tell("selected", [run, elite])}
           onContinue={model.get("continues") ? (rows) => model.send({ continue: rows }) : undefined}
+          listen={(tell_) => {
+            const heard = (content: unknown) => tell_(String((content as { message?: unknown }).message));
+            model.on("msg:custom", heard);
+            return () => model.off("msg:custom", heard);
+          }}
         />,
         el,
       );

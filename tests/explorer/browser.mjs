@@ -148,7 +148,7 @@ const settle = (page) => page.evaluate(() => new Promise((done) => requestAnimat
   await settle(page);
   seen.maps = { kept, where, sorted, compared, rows, compareHash, left: await page.locator(".compare canvas").count() };
   await tab(page, "Run");
-  seen.run = { charts: await page.locator(".chart svg").count(), settings: await page.textContent(".settings") };
+  seen.run = { charts: await page.locator(".chart").count(), settings: await page.textContent(".settings") };
   await page.context().close();
 }
 
@@ -184,7 +184,7 @@ async function drag(page, from, to, steps = 6) {
   await page.mouse.click(...at(1, 1));
   await button(page, "No road");
   await page.mouse.click(...at(2, 2));
-  await saved(page, () => button(page, "--fix"), "fix.json");
+  await saved(page, () => button(page, "fix.json"), "fix.json");
   await button(page, "Tile");
   await page.getByLabel("code 15, four-way crossing").click();
   await page.mouse.click(...at(4, 4));
@@ -217,8 +217,97 @@ async function drag(page, from, to, steps = 6) {
   };
   const dropped = await drop("town.yaml", text);
   await saved(page, () => button(page, "map.json"), "dropped.json");
-  const refused = await drop("x.json", '{"codes": [[1, 99]]}');
-  seen.draw = { open: open_, ring, undone, mended, mismatches, total, weighted, weights, dropped, refused };
+  const refused = [
+    await drop("x.json", '{"codes": [[1, 99]]}'), await drop("x.yaml", "tile_size: 1"), await drop("x.yaml", "tiles:\n- [<b>, {"), await drop("x.png", "\0"),
+  ];
+  await tab(page, "Archive");
+  const elsewhere = await drop("ring.json", "[[6, 3], [12, 9]]");
+  const opened = await hash(page);
+  seen.draw = { open: open_, ring, undone, mended, mismatches, total, weighted, weights, dropped, refused, elsewhere, opened };
+  await page.context().close();
+}
+
+// Keys alone: Tab leads to everything that can be pressed, each is marked while it has the focus, and all of it obeys.
+async function walk(page) {
+  await page.evaluate(() => document.querySelectorAll("details").forEach((part) => (part.open = true)));
+  await page.evaluate(() => document.querySelectorAll("[data-walked]").forEach((one) => delete one.dataset.walked));
+  const unmarked = [];
+  for (let step = 0; step < 120; step++) {
+    await page.keyboard.press("Tab");
+    const stop = await page.evaluate(() => {
+      const now = document.activeElement;
+      if (now.dataset.walked) return null;
+      if (now === document.body) return { marked: true }; // Tab goes on from the top
+      now.dataset.walked = "yes";
+      const style = getComputedStyle(now);
+      const marked = now.matches(":focus-visible") && (now.matches(".two input") || (style.outlineStyle !== "none" && parseFloat(style.outlineWidth) >= 2));
+      return { name: now.outerHTML.slice(0, 80), marked };
+    });
+    if (!stop) break;
+    if (!stop.marked) unmarked.push(stop.name);
+  }
+  const missed = await page.evaluate(() => [...document.querySelectorAll(".elx :is(button, select, input, summary, a, [tabindex])")]
+    .filter((one) => one.checkVisibility() && !one.disabled && one.tabIndex >= 0 && !one.dataset.walked).map((one) => one.outerHTML.slice(0, 80)));
+  return [...unmarked, ...missed];
+}
+{
+  const page = await open("run.html", { hash: `look=tiles&layers=image,road&pins=0.0,0.1&map=${process.argv[3]}` });
+  const missed = [];
+  const press = async (...keys) => {
+    for (const key of keys) await page.keyboard.press(key);
+    await settle(page);
+  };
+  const focused = () => page.evaluate(() => document.activeElement.getAttribute("aria-label") ?? document.activeElement.textContent);
+  const go = async (element) => element.focus();
+  const named = (name, role = "button") => page.getByRole(role, { name, exact: true });
+  for (const view of ["archive", "maps", "compare", "draw", "run"]) {
+    missed.push(...(await walk(page)));
+    if (view === "compare") {
+      await go(page.getByRole("button", { name: /^Take out/ }).first());
+      await press("Enter");
+      missed.push(...((await page.evaluate(() => document.activeElement === document.body)) ? ["what was pressed took the focus along"] : []));
+    }
+    await go(page.getByRole("tab", { selected: true }));
+    await press("ArrowRight");
+  }
+  await press("ArrowRight");
+  await go(page.getByLabel("least Crossings"));
+  await press("ArrowRight");
+  await go(page.getByLabel("most Crossings"));
+  await press("End", "ArrowLeft", "ArrowLeft");
+  const where = await page.textContent("code.where");
+  await go(page.locator('.gallery [tabindex="0"]'));
+  await press("ArrowRight", "ArrowDown", "Enter");
+  const opened = await page.locator(".gallery li").evaluateAll((all) => all.findIndex((one) => one.querySelector('[aria-pressed="true"]')));
+  await go(named("Compare"));
+  await press("Enter");
+  const compared = await page.textContent(".tabs b");
+  await go(named("Edit"));
+  await press("Space");
+  await go(named("Clear"));
+  await press("Enter");
+  await go(page.locator(".editor"));
+  await press("Shift+ArrowRight", "Shift+ArrowRight", "Shift+ArrowDown");
+  const tiles = () => page.locator(".metrics tr", { hasText: "Coverage" }).first().locator(".value").textContent();
+  const drawn = await tiles();
+  await press("Control+z");
+  const undone = await tiles();
+  await press("Control+y");
+  await go(named("Given"));
+  await press("Space");
+  await go(page.locator(".editor"));
+  await press("Enter");
+  const given = await named("fix.json").isEnabled();
+  await page.locator(".weights > summary").focus();
+  await press("Enter");
+  await go(page.locator(".weight input").first());
+  await press("ArrowRight");
+  const weights = await page.textContent(".weights code");
+  await tab(page, "Run");
+  const end = await page.textContent(".key");
+  await go(page.locator(".chart [tabindex]"));
+  await press("Home");
+  seen.keys = { missed, where, opened, compared, drawn, undone, given, weights, read: (await page.textContent(".key")) !== end, chart: await focused() };
   await page.context().close();
 }
 

@@ -225,7 +225,24 @@ def test_drawing(seen, place):
     assert numbers[1] - numbers[0] == 2 * 500
     assert "--weights crossings=500" in draw["weights"]
     np.testing.assert_array_equal(read_map(place / "dropped.json").codes, read_map(TOWN).codes)
-    assert "expected tile codes 0 to 15, got 99" in draw["refused"]
+    assert draw["refused"] == [
+        "x.json: expected tile codes 0 to 15, got 99",
+        'x.yaml: expected a Duckietown map, got no "tiles"',
+        "x.yaml: tiles: expected rows of kinds of tiles",
+        "x.png: expected a map as JSON or Duckietown's YAML",
+    ]
+    assert draw["elsewhere"] == "ring.json: 2 × 2 tiles" and "view=draw" in draw["opened"]
+
+
+def test_keys_alone_reach_and_work_everything(seen):
+    keys = seen["keys"]
+    assert keys["missed"] == []
+    assert re.fullmatch(r"--where crossings=\d+\.\.\d+", keys["where"])
+    assert (keys["opened"], keys["compared"]) == (5, "2")
+    assert (keys["drawn"], keys["undone"]) == ("13.3 %", "10.0 %")
+    assert keys["given"] and keys["read"]
+    assert re.search(r"--weights \w+=-?\d+", keys["weights"])
+    assert keys["chart"].startswith("Best fitness against evaluations")
 
 
 def test_it_is_fast(seen):

@@ -82,8 +82,13 @@ def test_a_drawing_comes_back_as_a_grid_and_continues_the_search():
     explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])
     np.testing.assert_array_equal(asked[0][0], LOOP)
     assert asked[0][1] is result
-    with pytest.raises(InputError, match="grid: expected 12 x 12, as the search's, got 2 x 2"):
+    words = "grid: expected 12 x 12, as the search's, got 2 x 2"
+    with pytest.raises(InputError, match=words):
         continue_search(LOOP, result)
+    explorer, said = show(result), []
+    explorer.send = said.append
+    explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])
+    assert said == [{"message": words}]
 
 
 def test_maps_and_paths_are_shown_and_other_things_refused(tmp_path):

@@ -71,7 +71,7 @@ export function toFix(grid: Grid, given: ArrayLike<number>): string {
 
 /** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML. */
 export function readMap(text: string, name: string): { grid: Grid; given: Uint8Array | null } {
-  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text), given: null };
+  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text, `${name}: `), given: null };
   let values: unknown;
   try {
     values = JSON.parse(text);
@@ -83,7 +83,7 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   const listed = rows as unknown[][];
   checkSides(listed, name);
   for (const cell of listed.flat()) {
-    check(cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15), `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell)}`);
+    check(cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15), `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`);
   }
   const given = listed.flat().some((cell) => cell === null)
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
@@ -91,11 +91,11 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), given };
 }
 
-/** Reads Duckietown's YAML: its table of tiles, in brackets or as lists within a list. */
-export function fromDuckietown(text: string): Grid {
+/** Reads Duckietown's YAML: its table of tiles, in brackets or as lists within a list. Messages begin with the file's name. */
+export function fromDuckietown(text: string, file = ""): Grid {
   const lines = text.split(/\r?\n/).map((line) => line.replace(/(^|\s)#.*$/, ""));
   const start = lines.findIndex((line) => /^tiles\s*:/.test(line));
-  check(start >= 0, 'expected a Duckietown map, got no "tiles"');
+  check(start >= 0, `${file}expected a Duckietown map, got no "tiles"`);
   const body = [lines[start].replace(/^tiles\s*:/, "")];
   for (const line of lines.slice(start + 1)) {
     if (/^[^\s-]/.test(line) && !/^\]/.test(line)) break;
@@ -105,14 +105,14 @@ export function fromDuckietown(text: string): Grid {
   const rows = joined.includes("[")
     ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) => found[1].split(",").map((kind) => kind.trim()).filter(Boolean))
     : blockRows(body);
-  check(rows.length > 0 && rows[0].length > 0, "tiles: expected rows of kinds of tiles");
-  checkSides(rows, "tiles");
+  check(rows.length > 0 && rows[0].length > 0, `${file}tiles: expected rows of kinds of tiles`);
+  checkSides(rows, `${file}tiles`);
   return gridOf(
     rows.map((row, y) =>
       row.map((kind, x) => {
         const plain = kind.replace(/^(["'])(.*)\1$/, "$2").replace(/\s*\/\s*/, "/");
         const code = CODE.get(plain);
-        if (code === undefined) throw new FileError(`tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`);
+        if (code === undefined) throw new FileError(`${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`);
         return code;
       }),
     ),

@@ -1,5 +1,5 @@
 /** Small controls. */
-import type { ComponentChildren } from "preact";
+import type { ComponentChildren, RefObject } from "preact";
 import { nameOf } from "../words";
 
 interface ChoiceProps<T extends string> {
@@ -25,9 +25,14 @@ export function Choice<T extends string>({ label, value, options, onChange }: Ch
   );
 }
 
+interface SegmentsProps<T extends string> extends ChoiceProps<T> {
+  /** Whether the label is seen. */
+  readonly titled?: boolean;
+}
+
 /** A switch between a few. */
-export function Segments<T extends string>({ label, value, options, onChange }: ChoiceProps<T>) {
-  return (
+export function Segments<T extends string>({ label, value, options, onChange, titled }: SegmentsProps<T>) {
+  const buttons = (
     <div class="segments" role="group" aria-label={label}>
       {options.map(([option, name]) => (
         <button key={option} type="button" aria-pressed={option === value} onClick={() => onChange(option)}>
@@ -36,6 +41,7 @@ export function Segments<T extends string>({ label, value, options, onChange }: 
       ))}
     </div>
   );
+  return titled ? <div class="choice"><span aria-hidden="true">{label}</span>{buttons}</div> : buttons;
 }
 
 interface SwitchProps {
@@ -60,6 +66,12 @@ export function Switch({ on, onChange, colour, count, title, children }: SwitchP
 
 export function toggled<T>(list: readonly T[], item: T, on: boolean): readonly T[] {
   return on ? [...list.filter((other) => other !== item), item] : list.filter((other) => other !== item);
+}
+
+/** Brings what was opened to where it is seen: on narrow screens it stands elsewhere. */
+export function reveal(part: RefObject<HTMLElement | null>): void {
+  const { top, bottom } = part.current!.getBoundingClientRect();
+  if (bottom < 60 || top > innerHeight - 60) part.current!.scrollIntoView({ block: "start" });
 }
 
 export const quantityOptions = (names: readonly string[]) => names.map((name) => [name, nameOf(name)] as const);

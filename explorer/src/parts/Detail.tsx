@@ -146,7 +146,7 @@ export function Detail({ elite }: { readonly elite: number }) {
       <header>
         <h2>{run.label(elite)}</h2>
         <p>
-          {run.height} × {run.width} tiles · fitness <b>{number(run.fitness[elite])}</b>
+          {!run.label(elite).startsWith("niche") && `niche ${run.nicheName(run.niche[elite])} · `}{run.height} × {run.width} tiles · fitness <b>{number(run.fitness[elite])}</b>
           {floor !== undefined && (run.fitness[elite] === floor ? " · the proven optimum" : ` · ${number(run.fitness[elite] - floor)} above the proven floor`)}
         </p>
       </header>
@@ -158,6 +158,7 @@ export function Detail({ elite }: { readonly elite: number }) {
         <button type="button" onClick={() => draw(grid)}>Edit</button>
         <button type="button" aria-pressed={pinned} onClick={pin}>{pinned ? "Compared" : "Compare"}</button>
         <span class="saves" role="group" aria-label="Save">
+          <span aria-hidden="true">Save</span>
           <button type="button" onClick={() => save(`${name}.json`, toMapJson(grid, mapFields(run, elite, data)), "application/json")}>map.json</button>
           <button type="button" onClick={saveYaml} title={stubs(grid) ? "Duckietown has no dead ends" : "for Duckietown's programs"}>YAML</button>
           <button type="button" onClick={() => save(`${name}.svg`, toSvg(sceneOf(grid, new Set(view.overlays))), "image/svg+xml")}>SVG</button>

@@ -1,4 +1,4 @@
-/** A canvas as wide as its place, with the pixels of the screen. */
+/** How wide a place is, and a canvas as wide as its place, with the pixels of the screen. */
 import type { RefObject } from "preact";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
@@ -21,15 +21,22 @@ export function useShown(): boolean {
   return shown;
 }
 
-export function useFittedCanvas(): Fitted {
-  const canvas = useRef<HTMLCanvasElement>(null);
+/** Returns the width of an element in pixels of the page, 0 until it is laid out. */
+export function useWidth(element: RefObject<HTMLElement | null>): number {
   const [width, setWidth] = useState(0);
   useLayoutEffect(() => {
-    const observer = new ResizeObserver(() => setWidth(canvas.current!.clientWidth));
-    observer.observe(canvas.current!);
-    setWidth(canvas.current!.clientWidth);
+    const measure = () => setWidth(element.current!.clientWidth);
+    const observer = new ResizeObserver(measure);
+    observer.observe(element.current!);
+    measure();
     return () => observer.disconnect();
   }, []);
+  return width;
+}
+
+export function useFittedCanvas(): Fitted {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const width = useWidth(canvas);
   const clear = (grid: Grid) => {
     const ratio = window.devicePixelRatio || 1;
     const scale = (width * ratio) / grid.width;

@@ -1,13 +1,13 @@
 /** The archive: niches as cells, one axis of the descriptor across, the others as labelled bands down. */
-import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
 import { css, viridis } from "../colours";
 import { useShared } from "../context";
 import { bisect, type Run, type Seed } from "../data";
 import { binName, binsOf, nicheAt, type Axis } from "../network/features";
-import { Choice, quantityOptions, Segments } from "../parts/Controls";
+import { Choice, quantityOptions, reveal, Segments } from "../parts/Controls";
 import { Detail } from "../parts/Detail";
-import { useShown } from "../parts/canvas";
-import { MapPicture } from "../parts/MapPicture";
+import { useShown, useWidth } from "../parts/canvas";
+import { Gallery } from "../parts/Gallery";
 import { flagWords, nameOf, number, valueText } from "../words";
 
 /** Where each axis lies: places in the run's list of axes. */
@@ -54,6 +54,7 @@ const lowIsGood = (quantity: string): boolean =>
 
 export function Archive() {
   const { run, view, show } = useShared();
+  const detail = useRef<HTMLDivElement>(null);
   const layout = useMemo(() => layoutOf(run, view.across), [run, view.across]);
   const quantity = view.seed === "count" ? "filled" : run.quantities.includes(view.colour) ? view.colour : "fitness";
   const values = useMemo(() => valuesOf(run, view.seed, quantity), [run, view.seed, quantity]);
@@ -64,6 +65,11 @@ export function Archive() {
   return (
     <div class="split">
       <section class="panel" aria-label="The archive">
+        <p class="lead">
+          Each cell is a niche, a kind of map: its place says what kind, its colour{" "}
+          {quantity === "filled" ? "how many seeds found one" : `the ${nameOf(quantity).toLowerCase()} of the fittest one found`}. Click a
+          niche to open its map, or walk with the arrow keys.
+        </p>
         <div class="bar">
           <Choice
             label="Elites of"
@@ -90,9 +96,10 @@ export function Archive() {
             />
           )}
           <Segments
-            label="Scale of the colours"
+            label="Colour scale"
+            titled
             value={view.scale}
-            options={[["rank", "Ranked"], ["linear", "Even"]] as const}
+            options={[["rank", "By rank"], ["linear", "Even"]] as const}
             onChange={(scale) => show({ scale })}
           />
         </div>
@@ -100,13 +107,13 @@ export function Archive() {
         <p class="note">
           {number(filled)} of {number(run.niches)} niches have a map
           {view.seed === "best" && run.seeds > 1 && `, in any of ${run.seeds} seeds`}
-          {typeof view.seed === "number" && `, of seed ${view.seed}`}. Click a niche, or walk with the arrow keys.
+          {typeof view.seed === "number" && `, of seed ${view.seed}`}.
         </p>
-        <Others run={run} niche={niche} open={elite} onOpen={(map) => show({ map, niche: null })} />
       </section>
-      <div class="panel side">
+      <div class="panel side" ref={detail}>
         {elite >= 0 ? <Detail elite={elite} /> : <Vacant run={run} niche={niche} />}
       </div>
+      <Others run={run} niche={niche} open={elite} onOpen={(map) => (show({ map, niche: null }), reveal(detail))} />
     </div>
   );
 }
@@ -123,21 +130,18 @@ function Others({ run, niche, open, onOpen }: { readonly run: Run; readonly nich
   }, [run, niche]);
   if (all.length < 2 || !shown) return null;
   return (
-    <>
-      <h2 class="others">
+    <section class="panel others" aria-label="Maps in this niche">
+      <h2>
         {number(all.length)} maps in this niche{run.seeds > 1 && `, of ${new Set(all.map((elite) => run.seed[elite])).size} seeds`}
+        {all.length > MOST_OTHERS && `; the ${MOST_OTHERS} fittest`}
       </h2>
-      <ul class="gallery">
-        {all.slice(0, MOST_OTHERS).map((elite) => (
-          <li key={elite}>
-            <button type="button" aria-pressed={elite === open} onClick={() => onOpen(elite)}>
-              <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
-              <span>{run.seeds > 1 && `seed ${run.seed[elite]}: `}{number(run.fitness[elite])}</span>
-            </button>
-          </li>
-        ))}
-      </ul>
-    </>
+      <Gallery
+        elites={all.slice(0, MOST_OTHERS)}
+        open={open}
+        onOpen={onOpen}
+        caption={(elite) => `${run.seeds > 1 ? `seed ${run.seed[elite]}: ` : ""}${number(run.fitness[elite])}`}
+      />
+    </section>
   );
 }
 
@@ -186,18 +190,13 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
   const { show, view, dark, say } = useShared();
   const frame = useRef<HTMLDivElement>(null);
   const canvas = useRef<HTMLCanvasElement>(null);
-  const [width, setWidth] = useState(0);
+  const width = useWidth(frame);
   const [hover, setHover] = useState<{ niche: number; x: number; y: number } | null>(null);
-  useLayoutEffect(() => {
-    const observer = new ResizeObserver(() => setWidth(frame.current!.clientWidth));
-    observer.observe(frame.current!);
-    setWidth(frame.current!.clientWidth);
-    return () => observer.disconnect();
-  }, []);
   const narrow = width < 560;
   const band = layout.down.length === 0 ? 0 : narrow ? 34 : 76;
   const gutter = layout.down.length * band;
-  const head = layout.down.length ? 34 : 4; // pixels above the cells, for the names of the bands
+  const longest = Math.max(0, ...layout.down.map((axis) => nameOf(run.axes[axis].metric).length));
+  const head = !layout.down.length ? 4 : narrow ? 12 + 6 * longest : 34; // pixels above the cells, for the names of the bands
   const cellWidth = Math.max(3, (width - gutter - 2) / layout.columns);
   const cellHeight = Math.min(
     layout.rows > 60 ? Math.max(6, Math.min(14, 900 / layout.rows)) : Math.max(14, Math.min(28, 460 / layout.rows, narrow ? 22 : 28)),
@@ -411,12 +410,17 @@ function Bands({ run, layout, band, cellHeight, head, narrow }: BandsProps) {
         const groups = repeats;
         repeats *= axis.bins;
         const every = Math.max(1, Math.ceil(12 / height));
-        const words = shorten(nameOf(axis.metric), narrow);
+        const words = narrow ? [nameOf(axis.metric)] : lines(nameOf(axis.metric));
         return (
           <g key={axis.metric} transform={`translate(${level * band} 0)`}>
-            <text class="head" x={band / 2 - 2} y={words.length > 1 ? 11 : 24} text-anchor="middle">
+            <text
+              class="head"
+              y={narrow ? head - 6 : words.length > 1 ? 11 : 24}
+              text-anchor={narrow ? "start" : "middle"}
+              transform={narrow ? `rotate(-90 ${band / 2 + 2} ${head - 6})` : undefined}
+            >
               {words.map((word, part) => (
-                <tspan key={word} x={band / 2 - 2} dy={part ? 13 : 0}>{word}</tspan>
+                <tspan key={word} x={narrow ? band / 2 + 2 : band / 2 - 2} dy={part ? 13 : 0}>{word}</tspan>
               ))}
             </text>
             {Array.from({ length: groups * axis.bins }, (_, group) => {
@@ -439,10 +443,9 @@ function Bands({ run, layout, band, cellHeight, head, narrow }: BandsProps) {
   );
 }
 
-/** Breaks a name into two lines; on narrow screens into initials. */
-function shorten(name: string, narrow: boolean): string[] {
+/** Breaks a name into two lines. */
+function lines(name: string): string[] {
   const words = name.split(" ");
-  if (narrow) return [words.length > 1 ? words.map((word) => word[0].toUpperCase()).join("") : name.slice(0, 4)];
   return words.length > 1 ? [words[0], words.slice(1).join(" ")] : words;
 }
 

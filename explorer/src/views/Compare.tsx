@@ -10,8 +10,7 @@ import { nameOf, valueText, WORDS } from "../words";
 
 export function Compare() {
   const { data, view, show, draw } = useShared();
-  const pins = view.pins.filter(([place, elite]) => place < data.runs.length && elite < data.runs[place].count);
-  if (!pins.length) {
+  if (!view.pins.length) {
     return (
       <section class="panel empty">
         <h2>Nothing to compare yet</h2>
@@ -19,7 +18,7 @@ export function Compare() {
       </section>
     );
   }
-  const maps = pins.map(([place, elite]) => ({ place, elite, run: data.runs[place] }));
+  const maps = view.pins.map(([place, elite]) => ({ place, elite, run: data.runs[place] }));
   const extras = new Set(maps.flatMap(({ run }) => [...run.extras.keys()]));
   const rows = ["fitness", ...FEATURES, ...extras].map((name) => {
     const values = maps.map(({ run, elite }) => (run.quantities.includes(name) ? run.column(name)[elite] : NaN));
@@ -38,7 +37,7 @@ export function Compare() {
         </div>
       </div>
       <div class="scroll" tabIndex={0} role="region" aria-label="Table of the maps">
-        <table class="compare" style={{ minWidth: `${110 + 130 * maps.length}px` }}>
+        <table class="compare" style={{ "--maps": maps.length }}>
           <thead>
             <tr>
               <td />
@@ -49,7 +48,7 @@ export function Compare() {
                   <span class="buttons">
                     <button type="button" onClick={() => show({ view: "archive", run: place, map: elite, niche: null })}>Open</button>
                     <button type="button" onClick={() => draw(run.grid(elite))}>Edit</button>
-                    <button type="button" aria-label={`Take out ${run.label(elite)}`} onClick={() => show({ pins: view.pins.filter(([one, other]) => one !== place || other !== elite) })}>Take out</button>
+                    <button type="button" aria-label={`Take out ${run.label(elite)}`} title="Take out" onClick={() => show({ pins: view.pins.filter(([one, other]) => one !== place || other !== elite) })}>×</button>
                   </span>
                 </th>
               ))}

@@ -2,10 +2,10 @@
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { mapShapes, overlayShapes, paint, sceneOf, toSvg } from "../drawing";
-import { between, done, editorOf, redo, resized, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
+import { between, done, redo, resized, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
 import { save, savePng } from "../files";
 import { emptyGrid, KIND_OF, type Grid } from "../network/codes";
-import { FileError, readMap, toDuckietown, toFix, toMapJson } from "../network/formats";
+import { FileError, toDuckietown, toFix, toMapJson } from "../network/formats";
 import { COUNT_NAMES, fitness, measure, type Weights } from "../network/measure";
 import { feature, FEATURES, isOurs, isShare } from "../network/features";
 import { measureTown } from "../network/town";
@@ -30,17 +30,19 @@ interface Props {
   readonly onEdit: (editor: Editor) => void;
   readonly weights: Weights;
   readonly onWeights: (weights: Weights | null) => void;
+  readonly onFiles: (files: ArrayLike<File>) => void;
   /** Asks a notebook to continue its search from the map. */
   readonly onContinue: (() => void) | null;
+  /** Whether the notebook is at it. */
+  readonly searches: boolean;
 }
 
-export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) {
+export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, searches }: Props) {
   const { data, run, view, tiles, say } = useShared();
   const [tool, setTool] = useState<Tool>("road");
   const [tile, setTile] = useState(15);
   const [mends, setMends] = useState(true);
   const [fills, setFills] = useState(false);
-  const [over, setOver] = useState(false);
   const picker = useRef<HTMLInputElement>(null);
   const { grid, given } = editor;
   const counts = useMemo(() => measure(grid, run.alphabet), [grid, run]);
@@ -53,19 +55,13 @@ export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) 
   const total = fitness(counts, weights, town);
   const change = total - fitness(before, weights, townBefore);
 
-  const open = async (file: File | undefined) => {
-    if (!file) return;
-    try {
-      const read = readMap(await file.text(), file.name);
-      onEdit(editorOf(read.grid, read.given ?? undefined));
-      say(`${file.name}: ${read.grid.height} × ${read.grid.width} tiles`);
-    } catch (error) {
-      if (!(error instanceof FileError)) throw error;
-      say(error.message);
+  const resize = (side: "height" | "width", input: HTMLInputElement) => {
+    const length = Number(input.value);
+    if (Number.isInteger(length) && length >= 2 && length <= 1024) {
+      return onEdit(done(editor, side === "height" ? resized(editor, length, grid.width) : resized(editor, grid.height, length)));
     }
-  };
-  const resize = (height: number, width: number) => {
-    if (height >= 2 && width >= 2 && height <= 1024 && width <= 1024) onEdit(done(editor, resized(editor, height, width)));
+    say(`Expected a whole number from 2 to 1024, got ${input.value || "none"}`);
+    input.value = `${grid[side]}`;
   };
   const saveYaml = () => {
     try {
@@ -83,16 +79,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) 
     fitness: total,
   });
   return (
-    <div
-      class={`split${over ? " drop" : ""}`}
-      onDragOver={(event) => (event.preventDefault(), setOver(true))}
-      onDragLeave={() => setOver(false)}
-      onDrop={(event) => {
-        event.preventDefault();
-        setOver(false);
-        void open(event.dataTransfer?.files[0]);
-      }}
-    >
+    <div class="split">
       <section class="panel" aria-label="Editor">
         <div class="bar">
           <div class="segments" role="group" aria-label="Tool">
@@ -110,23 +97,27 @@ export function Draw({ editor, onEdit, weights, onWeights, onContinue }: Props) 
         <div class="bar">
           <Switch on={mends} onChange={setMends} title="neighbours of what is drawn agree with it; no road leaves the grid">Repair</Switch>
           <Switch on={fills && mends} onChange={(on) => (setFills(on), on && setMends(true))} title="repair also gives every tile two connections or more">Fill</Switch>
-          <label class="size">Rows <input type="number" min="2" max="1024" value={grid.height} onChange={(event) => resize(Number(event.currentTarget.value), grid.width)} /></label>
-          <label class="size">Columns <input type="number" min="2" max="1024" value={grid.width} onChange={(event) => resize(grid.height, Number(event.currentTarget.value))} /></label>
+          <label class="size">Rows <input type="number" min="2" max="1024" value={grid.height} onChange={(event) => resize("height", event.currentTarget)} /></label>
+          <label class="size">Columns <input type="number" min="2" max="1024" value={grid.width} onChange={(event) => resize("width", event.currentTarget)} /></label>
           <button type="button" onClick={() => onEdit(done(editor, { grid: emptyGrid(grid.height, grid.width), given: new Uint8Array(grid.codes.length) }))}>Clear</button>
           <button type="button" onClick={() => picker.current!.click()}>Open a file</button>
-          <input ref={picker} type="file" accept=".json,.yaml,.yml" hidden aria-label="Map file" onChange={(event) => void open(event.currentTarget.files?.[0])} />
+          <input ref={picker} type="file" accept=".json,.yaml,.yml" hidden aria-label="Map file" onChange={(event) => {
+            onFiles(event.currentTarget.files ?? []);
+            event.currentTarget.value = ""; // the same file may be opened again
+          }} />
         </div>
         <p class="note">{TOOL_WORDS[tool][1][0].toUpperCase() + TOOL_WORDS[tool][1].slice(1)}. Or drop a map.json or a Duckietown map here. With keys: arrows move, with Shift they draw, Enter sets a tile, Ctrl+Z takes back.</p>
         <OverlaySwitches counts={counts} />
         <div class="buttons">
           <span class="saves" role="group" aria-label="Save">
+            <span aria-hidden="true">Save</span>
             <button type="button" onClick={() => save("drawn.json", toMapJson(grid, metricsOfGrid()), "application/json")}>map.json</button>
             <button type="button" onClick={saveYaml}>YAML</button>
             <button type="button" onClick={() => save("drawn.svg", toSvg(sceneOf(grid, new Set(view.overlays))), "image/svg+xml")}>SVG</button>
             <button type="button" disabled={!tiles} onClick={() => void savePng("drawn.png", paintTiles(grid, data, tiles!, null, { image: 1 }))}>PNG</button>
-            <button type="button" disabled={!given.includes(1)} title="the given cells, for generate --fix" onClick={() => save("fix.json", toFix(grid, given), "application/json")}>--fix</button>
+            <button type="button" disabled={!given.includes(1)} title="the given cells, as generate --fix takes them" onClick={() => save("fix.json", toFix(grid, given), "application/json")}>fix.json</button>
           </span>
-          {onContinue && <button type="button" class="main" onClick={onContinue}>Continue the search from here</button>}
+          {onContinue && <button type="button" class="main" disabled={searches} onClick={onContinue}>{searches ? "Searching…" : "Continue the search from here"}</button>}
         </div>
       </section>
       <section class="panel side" aria-label="What it measures">

@@ -1,12 +1,12 @@
 /** All maps of a run: filtered by ranges of any quantity, sorted, opened, saved as a selection. */
-import { useMemo, useState } from "preact/hooks";
+import { useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import type { Run } from "../data";
 import { save } from "../files";
 import { isOurs, unitOf } from "../network/features";
-import { Choice, quantityOptions, Switch } from "../parts/Controls";
+import { Choice, quantityOptions, reveal, Switch } from "../parts/Controls";
 import { Detail } from "../parts/Detail";
-import { MapPicture } from "../parts/MapPicture";
+import { Gallery } from "../parts/Gallery";
 import { listOf } from "../record";
 import { whereText, type Ranges } from "../state";
 import { nameOf, number, valueText } from "../words";
@@ -31,14 +31,16 @@ export function Maps() {
   const { run, view, show, say } = useShared();
   const [shown, setShown] = useState(PAGE);
   const [chosen, setChosen] = useState(false);
+  const detail = useRef<HTMLDivElement>(null);
+  const sort = run.quantities.includes(view.sort) ? view.sort : "fitness";
   const among = useMemo(() => within(run, view.where), [run, view.where]);
   const kept = useMemo(() => {
-    const column = run.column(run.quantities.includes(view.sort) ? view.sort : "fitness");
+    const column = run.column(sort);
     const written = new Set(run.maps.map((map) => map.place));
     const sign = view.descending ? -1 : 1;
     const value = (elite: number) => (Number.isNaN(column[elite]) ? Infinity : sign * column[elite]);
     return [...among].filter((elite) => !chosen || written.has(elite)).sort((one, other) => value(one) - value(other) || one - other);
-  }, [run, among, chosen, view.sort, view.descending]);
+  }, [run, among, chosen, sort, view.descending]);
   const open = view.map !== null && view.map < run.count ? view.map : (kept[0] ?? -1);
   const first = [...new Set([...run.axes.map((axis) => axis.metric), ...run.extras.keys(), ...FIRST])];
   const rest = run.quantities.filter((name) => !first.includes(name));
@@ -75,7 +77,7 @@ export function Maps() {
       <section class="panel" aria-label="Maps">
         <div class="bar">
           <p class="count" aria-live="polite"><b>{number(kept.length)}</b> of {number(run.count)} maps</p>
-          <Choice label="Sort by" value={view.sort} options={quantityOptions(run.quantities)} onChange={(sort) => show({ sort })} />
+          <Choice label="Sort by" value={sort} options={quantityOptions(run.quantities)} onChange={(sort) => show({ sort })} />
           <Switch on={view.descending} onChange={(descending) => show({ descending })}>Descending</Switch>
           {run.maps.length > 0 && run.maps.length < run.count && (
             <Switch on={chosen} count={run.maps.length} onChange={setChosen} title="the maps that the run chose and wrote">Chosen</Switch>
@@ -88,20 +90,16 @@ export function Maps() {
           <button type="button" disabled={!kept.length} onClick={() => save("selection.json", listOf(run, kept), "application/json")}>Save the list</button>
         </div>
         {unsaid.length > 0 && <p class="note">{unsaid.map(nameOf).join(", ")}: not in the text, as --where does not take {unsaid.length > 1 ? "them" : "it"}.</p>}
-        <ul class="gallery">
-          {kept.slice(0, shown).map((elite) => (
-            <li key={elite}>
-              <button type="button" aria-pressed={elite === open} onClick={() => show({ map: elite, niche: null })}>
-                <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
-                <span>{run.labels?.[elite].split("/").slice(-2).join("/") ?? `${nameOf(view.sort)} ${valueText(view.sort, run.column(view.sort)[elite])}`}</span>
-              </button>
-            </li>
-          ))}
-        </ul>
+        <Gallery
+          elites={kept.slice(0, shown)}
+          open={open}
+          onOpen={(map) => (show({ map, niche: null }), reveal(detail))}
+          caption={(elite) => run.labels?.[elite].split("/").slice(-2).join("/") ?? `${nameOf(sort)} ${valueText(sort, run.column(sort)[elite])}`}
+        />
         {kept.length > shown && <button type="button" onClick={() => setShown(shown + 2 * PAGE)}>Show more</button>}
         {!kept.length && <p class="note">No map is in all ranges.</p>}
       </section>
-      {open >= 0 && <div class="panel side"><Detail elite={open} /></div>}
+      {open >= 0 && <div class="panel side" ref={detail}><Detail elite={open} /></div>}
     </div>
   );
 }
@@ -118,15 +116,23 @@ interface RangeProps {
 function Range({ run, name, among, value, onChange }: RangeProps) {
   const sorted = run.sorted(name);
   const least = sorted[0] ?? 0, most = sorted[sorted.length - 1] ?? 0;
-  const bars = useMemo(() => histogram(sorted, least, most), [run, name]);
+  // Each bar counts as many values as all others, so that none is high for its width.
+  const step = Math.ceil((most - least + 1) / BARS);
+  const wide = Math.min(step, (most - least) / 12);
+  const bars = useMemo(() => histogram(sorted, least, most, step), [run, name]);
   const kept = useMemo(() => {
     const column = run.column(name);
-    return histogram(Float64Array.from(among, (elite) => column[elite]), least, most);
+    return histogram(Float64Array.from(among, (elite) => column[elite]), least, most, step);
   }, [run, name, among]);
   const low = Math.max(value?.[0] ?? least, least), high = Math.min(value?.[1] ?? most, most);
   const tallest = Math.max(...bars);
   const set = (from: number, to: number) => onChange(from <= least && to >= most ? null : [from <= least ? -Infinity : from, to >= most ? Infinity : to]);
   const single = least === most;
+  const columns = (kind: string, counts: readonly number[]) => counts.map((count, place) => {
+    const high = 10 * Math.sqrt(count / tallest); // few maps remain to be seen beside many
+    const middle = Math.min(place * step + (step - 1) / 2, most - least);
+    return count > 0 && <rect key={place} class={kind} x={middle - 0.42 * wide} width={0.84 * wide} y={10 - high} height={high} />;
+  });
   return (
     <div class="range">
       <div class="words">
@@ -135,12 +141,12 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
       </div>
       {!single && (
         <>
-          <svg viewBox={`0 0 ${BARS} 10`} preserveAspectRatio="none" aria-hidden="true">
-            {bars.map((bar, place) => bar > 0 && <rect key={place} class="all" x={place + 0.08} width={0.84} y={10 - barHeight(bar, tallest)} height={barHeight(bar, tallest)} />)}
-            {kept.map((bar, place) => bar > 0 && <rect key={place} class="kept" x={place + 0.08} width={0.84} y={10 - barHeight(bar, tallest)} height={barHeight(bar, tallest)} />)}
+          <svg viewBox={`0 0 ${most - least} 10`} preserveAspectRatio="none" aria-hidden="true">
+            {columns("all", bars)}
+            {columns("kept", kept)}
           </svg>
           <div class="two" style={{ "--low": `${(100 * (low - least)) / (most - least)}%`, "--high": `${(100 * (high - least)) / (most - least)}%` }}>
-            <input type="range" min={least} max={most} value={low} aria-label={`least ${nameOf(name)}`} onInput={(event) => set(Math.min(Number(event.currentTarget.value), high), high)} />
+            <input type="range" class={low > (least + most) / 2 ? "front" : ""} min={least} max={most} value={low} aria-label={`least ${nameOf(name)}`} onInput={(event) => set(Math.min(Number(event.currentTarget.value), high), high)} />
             <input type="range" min={least} max={most} value={high} aria-label={`most ${nameOf(name)}`} onInput={(event) => set(low, Math.max(Number(event.currentTarget.value), low))} />
           </div>
         </>
@@ -149,14 +155,9 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
   );
 }
 
-/** Few maps remain to be seen beside many. */
-const barHeight = (bar: number, tallest: number): number => 10 * Math.sqrt(bar / tallest);
-
-function histogram(values: Float64Array, least: number, most: number): number[] {
-  const bars = Array<number>(BARS).fill(0);
-  for (const value of values) {
-    if (!Number.isNaN(value)) bars[Math.min(BARS - 1, Math.floor((BARS * (value - least)) / Math.max(most - least, 1)))]++;
-  }
+function histogram(values: Float64Array, least: number, most: number, step: number): number[] {
+  const bars = Array<number>(Math.floor((most - least) / step) + 1).fill(0);
+  for (const value of values) if (!Number.isNaN(value)) bars[Math.floor((value - least) / step)]++;
   return bars;
 }
 
