@@ -17,7 +17,7 @@ def run() -> None:
         number = getattr(signal, name, None)  # not on every system
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
-    # What is allocated while modules load and JAX traces is kept: to look for garbage among it takes a fifth of the time.
+    # Most of what is allocated while modules load and JAX traces is kept: to look for garbage is a fifth of the time.
     gc.set_threshold(100_000)
     from elitelanes_jax.cli.program import leave
 
