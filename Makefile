@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -72,6 +72,16 @@ interop: .venv-interop/.ready
 	  -e '.[dev,interop,plots]'
 	touch $@
 
+# Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED,
+rl: .venv-rl/.ready
+	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
+
+.venv-rl/.ready: pyproject.toml constraints.txt
+	rm -rf .venv-rl
+	$(PYTHON) -m venv .venv-rl
+	.venv-rl/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,rl]'
+	touch $@
+
 # duckietown-world, called from ours as a program.
 duckietown: $(READY) .venv-duckietown/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_duckietown.py
@@ -123,7 +133,7 @@ driving-speed: $(READY)
 	$(BIN)/python experiments/driving_speed.py
 
 clean:
-	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-sumo $(DEMO) $(SITE)
+	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-rl .venv-sumo $(DEMO) $(SITE)
 
 $(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive.camera import Camera, look, make_atlas
@@ -89,6 +90,7 @@ def make_rides(
     Raises:
       InputError: for a bad grid, one without a lane, another policy, or one that fails or returns no two numbers.
     """
+    seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     drawing, driving = jax.random.split(jax.random.key(seed))

@@ -33,6 +33,8 @@ def test_rides_stay_on_the_road_and_reach_their_goals(rides):
     assert [row[0, end], column[0, end]] == goal and (rides.x[0, end:] == rides.x[0, end]).all()
     with pytest.raises(InputError, match="policy: expected one of route, random, got 'nobody'"):
         make_rides(GRID, policy="nobody")
+    with pytest.raises(InputError, match="seconds: expected seconds, a number over 0, got nan"):
+        make_rides(GRID, seconds=float("nan"))
 
 
 def test_trails_and_films_show_the_ride(rides, drawn_tiles):

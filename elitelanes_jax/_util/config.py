@@ -21,7 +21,7 @@ def static(default: UserValue, check: Check) -> UserValue:
 
 def swept(default: UserValue, check: Check) -> UserValue:
     """Declares a field with a number, or an array that stands for many: one program serves all values."""
-    return field(default=default, metadata={"check": check})
+    return field(default=default, metadata={"swept": True, "check": check})
 
 
 def nested(make: "Callable[[], Config]") -> UserValue:
@@ -39,7 +39,7 @@ class Config:
     """A frozen dataclass, registered by `jax.tree_util.register_dataclass`, that can check its fields."""
 
     def checked(self, name: str = "config") -> Self:
-        """Returns the record with all numbers checked; arrays pass, since their values may not be known.
+        """Returns the record with all fields checked; arrays of numbers pass, since their values may not be known.
 
         Args:
           name: of the record, for the message.
@@ -52,7 +52,7 @@ class Config:
             path, value = f"{name}.{one.name}", values[one.name]
             if isinstance(value, Config):
                 value = value.checked(path)
-            if not _is_array(value):
+            if not (one.metadata.get("swept") and _is_array(value)):
                 values[one.name] = check_named(path, one.metadata["check"], value)
         record = replace(self, **values)  # type: ignore[type-var]
         check_named(name, type(record).check_together, record)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive.distances import UNREACHABLE, distances, places, shortest_ways
 from elitelanes_jax.drive.lanes import Place, linked, movements
@@ -41,12 +41,22 @@ def make_level(grid: Int[Array | np.ndarray, "H W"], start: Place, goal: Place) 
     """Makes a level. What `check_level` would refuse gives one too.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`).
+      InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
     """
     links = linked(grid)
-    start, goal = (Place(*(jnp.asarray(part, jnp.int32) for part in place)) for place in (start, goal))
+    start, goal = check_named("start", _check_place, start), check_named("goal", _check_place, goal)
     shortest = distances(links, goal)[start.row, start.column, start.heading]
     return Level(links, start, goal, shortest, shortest_ways(links, goal))
+
+
+def _check_place(place: UserValue) -> Place:
+    try:
+        parts = [jnp.asarray(part) for part in place]
+    except (TypeError, ValueError):
+        parts = []
+    if len(parts) != 3 or not all(jnp.issubdtype(part.dtype, jnp.integer) for part in parts):
+        raise InputError(f"expected a row, a column and a heading, whole numbers, got {short(repr(place))}")
+    return Place(*(part.astype(jnp.int32) for part in parts))
 
 
 def random_level(
@@ -105,16 +115,19 @@ def make_levels(
       key: consumed.
       grids: integer codes ``[M, H, W]``.
       count: N, how many; by default M. Level i is on map i modulo M.
-      least: tiles from the start to the goal.
-      most: tiles from the start to the goal.
+      least: tiles from the start to the goal, 1 or more.
+      most: tiles from the start to the goal, 1 or more.
 
     Returns:
       A batch of N levels, all of which `check_level` accepts.
 
     Raises:
-      InputError: for a bad grid, or a map without any lane.
+      InputError: for a bad grid, grids of several sizes, a map without any lane, or a number out of its range.
     """
-    listed = np.asarray(grids)
+    try:
+        listed = np.asarray(grids)
+    except ValueError:
+        raise InputError("grids: expected one or more of one size, [M, H, W], got several sizes") from None
     if listed.ndim != 3 or not len(listed):
         raise InputError(f"grids: expected one or more of one size, [M, H, W], got shape {listed.shape}")
     for number, grid in enumerate(listed):
@@ -123,6 +136,7 @@ def make_levels(
     if empty.any():
         raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")
     total = len(listed) if count is None else check_named("count", whole(1), count)
+    least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
     chosen = jnp.asarray(listed, jnp.int8)[np.arange(total) % len(listed)]
     return _random_levels(jax.random.split(key, total), chosen, least, most)
 
@@ -151,6 +165,8 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
     Raises:
       InputError: the message names the level, the field, what was expected and what came.
     """
+    if not isinstance(level, Level):
+        raise InputError(f"level: expected one of make_level, or a batch of make_levels, got {short(repr(level))}")
     grids = np.asarray(level.grid)
     if grids.ndim not in (2, 3):
         raise InputError(f"level.grid: expected [H, W] or [N, H, W], got shape {grids.shape}")

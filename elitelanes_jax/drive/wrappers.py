@@ -13,6 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.config import Config
+from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive.environment import Environment, auto_reset, draw_level
 from elitelanes_jax.drive.levels import Level
@@ -39,7 +42,20 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
 
 def _makers(spaces: Untyped) -> Untyped:
     """Takes what is needed out of a module: Rejax copies environments, which modules do not allow."""
+    if not hasattr(spaces, "Discrete") or not hasattr(spaces, "Box"):
+        raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {short(repr(spaces))}")
     return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
+
+
+def _checked(params: Pytree) -> Pytree:
+    if not isinstance(params, Config):
+        raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {short(repr(params))}")
+    return params.checked("params")
+
+
+def _check_gymnasium(module: Untyped) -> None:
+    if not hasattr(module, "Env"):
+        raise InputError(f"gymnasium: expected the module gymnasium, got {short(repr(module))}")
 
 
 def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
@@ -72,10 +88,15 @@ class GymnaxEnv:
           spaces: the module ``gymnax.environments.spaces``.
           values: that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated, truncated, info), or
             5 as before and in Rejax 0.1 (observation, state, reward, done, info).
+
+        Raises:
+          InputError: for settings out of their range, or another module or number of values.
         """
+        if values not in (5, 6):
+            raise InputError(f"values: expected 5 or 6, got {values!r}")
         self._environment, self._resetting = environment, auto_reset(environment)
         self._spaces, self._six = _makers(spaces), values == 6
-        self.default_params = params
+        self.default_params = _checked(params)
         self.name = type(params).__name__.removesuffix("Params")
         self.num_actions = environment.actions or environment.action_size
 
@@ -128,9 +149,12 @@ class JaxUedEnv:
           environment: `RoadNav` or `LaneDrive`.
           params: its settings.
           spaces: the module ``gymnax.environments.spaces``.
+
+        Raises:
+          InputError: for settings out of their range, or another module.
         """
         self._environment, self._spaces = environment, _makers(spaces)
-        self.default_params = params
+        self.default_params = _checked(params)
 
     def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:
         """Starts an episode on a level: (observation, state)."""
@@ -171,7 +195,12 @@ def gymnasium_env(
       params: its settings.
       gymnasium: the module ``gymnasium``.
       render: from a state to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+
+    Raises:
+      InputError: for settings out of their range, or another module.
     """
+    _check_gymnasium(gymnasium)
+    params = _checked(params)
     begin, go, draw = jax.jit(environment.reset), jax.jit(environment.step), render
 
     class Env(gymnasium.Env):
@@ -219,7 +248,12 @@ def gymnasium_vector_env(
       count: B, the number of environments.
       render: from the state of one to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array", and
         `render` returns a picture of each.
+
+    Raises:
+      InputError: for settings or a number out of their range, or another module.
     """
+    _check_gymnasium(gymnasium)
+    params, count = _checked(params), check_named("count", whole(1), count)
     resetting, draw = auto_reset(environment), render
 
     def first(key: Array) -> Pytree:

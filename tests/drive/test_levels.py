@@ -12,6 +12,7 @@ from elitelanes_jax import InputError, random_grids, repair
 from elitelanes_jax.drive.distances import UNREACHABLE
 from elitelanes_jax.drive.lanes import Place
 from elitelanes_jax.drive.levels import check_level, make_level, make_levels
+from elitelanes_jax.drive.road_nav import RoadNavParams
 
 SHAPE = (4, 5)
 make = jax.jit(make_level)
@@ -108,3 +109,14 @@ def test_faults_of_a_batch_are_named(maps):
         make_levels(jax.random.key(0), np.stack([maps[0], 0 * maps[0]]))
     with pytest.raises(InputError, match=re.escape("grids[0]: grid: expected tile codes 0 to 15, got 16")):
         make_levels(jax.random.key(0), np.full((1, *SHAPE), 16))
+    with pytest.raises(InputError, match="grids: expected one or more of one size, .* got several sizes"):
+        make_levels(jax.random.key(0), [maps[0], RING])
+    with pytest.raises(InputError, match="least: expected a whole number, 1 or more, got nan"):
+        make_levels(jax.random.key(0), maps[:1], least=float("nan"))
+    for goal in (None, "abc", (1, 2), (float("nan"), 0, 0)):
+        with pytest.raises(InputError, match="goal: expected a row, a column and a heading, whole numbers, got "):
+            make_level(RING, Place(0, 1, 1), goal)
+    with pytest.raises(InputError, match="level: expected one of make_level, or a batch of make_levels, got None"):
+        check_level(None)
+    with pytest.raises(InputError, match="params.levels: expected a batch of levels .* got ndarray"):
+        RoadNavParams(maps).checked("params")

@@ -1,6 +1,7 @@
 """The environments in other libraries' interfaces; with these installed, in their own loops."""
 
 from copy import deepcopy
+from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
 import jax
@@ -153,6 +154,19 @@ def test_gymnasium_accepts_them(environment, params, levels, seeing):
     assert ended > 3
 
 
+def test_what_is_wrong_is_named(params):
+    for wrap, message in (
+        (lambda: GymnaxEnv(RoadNav, params, None), "spaces: expected the module gymnax.environments.spaces, got None"),
+        (lambda: GymnaxEnv(RoadNav, None, SPACES), "params: expected RoadNavParams or LaneDriveParams, got None"),
+        (lambda: GymnaxEnv(RoadNav, params, SPACES, values=7), "values: expected 5 or 6, got 7"),
+        (lambda: JaxUedEnv(RoadNav, replace(params, limit=0), SPACES), "params.limit: expected a whole number, 1 or"),
+        (lambda: gymnasium_env(RoadNav, params, None), "gymnasium: expected the module gymnasium, got None"),
+        (lambda: gymnasium_vector_env(RoadNav, params, SimpleNamespace(Env=0), 0), "count: expected a whole number"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            wrap()
+
+
 def test_they_can_be_copied(params, seeing):
     # Rejax copies environments; a module, such as ``gymnax.environments.spaces``, cannot be copied.
     for kind in (GymnaxEnv, JaxUedEnv):
@@ -174,3 +188,51 @@ def test_rejax_learns_on_it(levels):
     algorithm = PPO.create(env=env, env_params=params, **settings)
     _, (lengths, returns) = jax.jit(algorithm.train)(jax.random.key(0))
     assert np.isfinite(returns).all() and (lengths <= 20).all() and returns[-1].mean() > returns[0].mean()
+
+
+@pytest.mark.slow
+def test_jaxued_replays_the_levels_that_its_scores_choose(params, monkeypatch):
+    """Prioritised level replay in JaxUED's parts: its automatic replay, its scores, its buffer of levels."""
+    pytest.importorskip("jaxued")
+    if not hasattr(jax, "tree_map"):  # JaxUED 0.0.1 calls it, and JAX has it no more; JaxUED 0.0.2 does not
+        monkeypatch.setattr(jax, "tree_map", jax.tree.map, raising=False)
+    from gymnax.environments import spaces
+    from jaxued.level_sampler import LevelSampler
+    from jaxued.utils import compute_max_returns, max_mc
+    from jaxued.wrappers import AutoReplayWrapper
+
+    inner = JaxUedEnv(RoadNav, params, spaces)
+    env, sampler = AutoReplayWrapper(inner), LevelSampler(16, minimum_fill_ratio=0.5, duplicate_check=True)
+
+    @jax.jit
+    def drive(key, levels):
+        def go(state, key):
+            keys, action = jax.random.split(key, 8), jax.random.randint(key, (8,), 0, 3)
+            _, state, reward, done, _ = jax.vmap(env.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
+            return state, (state.env_state.grid, reward, done)
+
+        state = jax.vmap(env.reset_to_level, in_axes=(0, 0, None))(jax.random.split(key, 8), levels, params)[1]
+        return jax.lax.scan(go, state, jax.random.split(key, 12))[1]
+
+    buffer = sampler.initialize(inner.sample_level(jax.random.key(0)), {"max_return": -jnp.inf})
+    replayed = 0
+    for number in range(6):
+        key = jax.random.fold_in(jax.random.key(1), number)
+        places, levels = None, jax.vmap(inner.sample_level)(jax.random.split(key, 8))
+        if sampler.sample_replay_decision(buffer, key):
+            replayed += 1
+            buffer, (places, levels) = sampler.sample_replay_levels(buffer, key, 8)
+        grids, rewards, dones = drive(key, levels)
+        assert (grids == levels.grid).all() and (dones.sum(axis=0) >= 2).all()  # an episode has at most 6 steps
+        returns = compute_max_returns(dones, rewards)
+        scores = max_mc(dones, jnp.zeros_like(rewards), returns)
+        if places is None:
+            buffer, _ = sampler.insert_batch(buffer, levels, scores, {"max_return": returns})
+        else:
+            buffer = sampler.update_batch(buffer, places, scores, {"max_return": returns})
+    assert replayed and buffer["size"] >= 8
+    kept = sampler.get_levels(buffer, buffer["scores"].argmax())
+    same = jax.tree.map(
+        lambda of, one: (np.asarray(of) == np.asarray(one)).reshape(len(of), -1).all(1), params.levels, kept
+    )
+    assert np.all(jax.tree.leaves(same), axis=0).any()
