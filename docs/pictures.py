@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from elitelanes_jax import evolve, render
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.ride import make_rides, trails
-from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.tiles.render import Picture, overlay
 from elitelanes_jax.tiles.tileset import load_tiles
 
@@ -43,7 +42,7 @@ def village() -> None:
 
 def map_and_labels() -> None:
     result = evolve(jax.random.split(jax.random.key(0), 16), evaluations=200_000)
-    maps = sorted(choose_maps(result, 200).maps, key=lambda road_map: road_map.fitness or 0)
+    maps = sorted(result.choose(200).maps, key=lambda road_map: road_map.fitness or 0)
     best = next(road_map for road_map in maps if (road_map.metrics or {})["cyclomatic"] == 12)
     write("map-and-labels.jpg", beside_labels(render(best.codes, tile_px=64, seed=1), gap=24), scale=0.75)
 

@@ -23,7 +23,7 @@ from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.parts import ARCHIVE, RECORD, Evolved, join_parts
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
 from elitelanes_jax.search import evolve
-from elitelanes_jax.selection import Choice, choose_maps, describe_choice, describe_shortage, remedy
+from elitelanes_jax.selection import Choice, describe_choice, describe_shortage, remedy
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 from elitelanes_jax.styles.like import difference_from
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -114,7 +114,7 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     choice, maps, chosen = None, [], began
     if spec.part is None:
         with Progress("choosing maps"):
-            choice = choose_maps(run.result, spec.maps, spec.seed)
+            choice = run.result.choose(spec.maps, spec.seed)
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             words = remedy(choice, spec.search.method, spec.size)

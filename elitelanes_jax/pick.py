@@ -13,6 +13,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.map_folder import foreign_to_maps, write_maps
 from elitelanes_jax.network.codes import KINDS
@@ -21,8 +22,8 @@ from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
-from elitelanes_jax.result import MeasuredElites, Result, load_with_seed
-from elitelanes_jax.selection import choose_maps, describe_choice, describe_shortage
+from elitelanes_jax.result import Result, load_with_seed
+from elitelanes_jax.selection import describe_choice, describe_shortage
 from elitelanes_jax.spec import PickSpec, SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -69,7 +70,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         )
         result = replace(found[0], elites=elites, spec=search, axes=axes)
         with Progress("choosing maps"):
-            choice = choose_maps(result, spec.maps, known=[np.array(grid, np.int8) for grid in spec.unlike])
+            choice = result.choose(spec.maps, known=[np.array(grid, np.int8) for grid in spec.unlike])
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))

@@ -17,6 +17,7 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
 from elitelanes_jax._util.version import __version__
+from elitelanes_jax.elites import MeasuredElites, in_short
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import Metrics
@@ -24,10 +25,10 @@ from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import parse_ranges, satisfies
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.extras import measure_missing
-from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.selection import LEAST_DIFFERENT, Choice, choose_maps
 from elitelanes_jax.spec import SearchSpec
 
-__all__ = ["History", "MeasuredElites", "Result", "RunState", "SearchInterrupted", "load_with_seed"]
+__all__ = ["History", "Result", "RunState", "SearchInterrupted", "load_with_seed"]
 
 _FORMAT = "elitelanes result, version 1"
 
@@ -45,34 +46,6 @@ _METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "S
 _ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
 _SPEED, _STATE, _EXTRA = "history.evaluations_per_second", "state.", "features."
 _OF_EXTRA = ("int32", "SN")
-
-
-class MeasuredElites(NamedTuple):
-    """The grids that a run has found, in N places, some of which may be vacant.
-
-    Attributes:
-      grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
-      descriptor: int32 ``[N, D]``, the values of the axes' metrics.
-      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
-      metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
-      features: int32 ``[N]`` by name, the extra features that the search measured, shares in thousandths.
-    """
-
-    grids: Int8[Array, "*S N H W"]
-    fitness: Int32[Array, "*S N"]
-    descriptor: Int32[Array, "*S N D"]
-    valid: Bool[Array, "*S N"]
-    metrics: Metrics
-    features: dict[str, Int32[Array, "*S N"]]
-
-    def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
-
-    def measures(self) -> dict[str, np.ndarray]:
-        """Returns the metrics and the extra features by name, as arrays of NumPy."""
-        return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
 
 
 class History(NamedTuple):
@@ -94,7 +67,7 @@ class History(NamedTuple):
 
     def __repr__(self) -> str:
         """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
+        return in_short(self)
 
     @property
     def seconds(self) -> float:
@@ -129,7 +102,7 @@ class RunState(NamedTuple):
 
     def __repr__(self) -> str:
         """Returns types and shapes in a line, as arrays would flood a notebook."""
-        return _in_short(self)
+        return in_short(self)
 
 
 @jax.tree_util.register_dataclass
@@ -183,7 +156,18 @@ class Result:
         features: dict[str, AnyArray] = dict(measure_missing(elites.features, ranges, elites.grids))
         elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
-        return choose_maps(result, check_named("count", whole(1), count), seed).maps
+        return result.choose(check_named("count", whole(1), count), seed).maps
+
+    def choose(
+        self,
+        count: int,
+        seed: int = 0,
+        *,
+        known: Sequence[Int8[np.ndarray, "H W"]] = (),
+        least: Sequence[float] = LEAST_DIFFERENT,
+    ) -> Choice:
+        """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
+        return choose_maps(self.elites, self.spec, self.axes, count, seed, known=known, least=least)
 
     def __repr__(self) -> str:
         """Returns what was searched for and what was found, in a few lines."""
@@ -348,12 +332,3 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, extras: Sequence[
     grids = arrays["grids"]
     if not grids.size or not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
         raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")
-
-
-def _in_short(record: Pytree) -> str:
-    """Returns the fields of a record of arrays, each with its type and shape, in a line."""
-    fields = (
-        f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
-        for name, value in record._asdict().items()
-    )
-    return f"{type(record).__name__}({', '.join(fields)})"

@@ -24,6 +24,7 @@ from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.devices import choose_devices, cut, join, side_by_side
+from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import COUNT_NAMES
@@ -38,7 +39,7 @@ from elitelanes_jax.problem.extras import Kernel, check_kernels
 from elitelanes_jax.problem.limits import Limits, check_ranges, find_limits
 from elitelanes_jax.problem.road_problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
-from elitelanes_jax.result import History, MeasuredElites, Result, RunState, SearchInterrupted
+from elitelanes_jax.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.spec import GenerateSpec, SearchSpec
 
 __all__ = ["Numbers", "Program", "as_measured", "check_keys", "evolve", "prepare"]

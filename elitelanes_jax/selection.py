@@ -2,17 +2,18 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.problem.constraints import bounds_of, violation
-from elitelanes_jax.problem.descriptor import niche_bins
+from elitelanes_jax.problem.constraints import bounds_of, satisfies, violation
+from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import (
     FEATURES,
     compute_features,
@@ -24,9 +25,6 @@ from elitelanes_jax.problem.features import (
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.targets import Pursuit, Target
 from elitelanes_jax.spec import SearchSpec
-
-if TYPE_CHECKING:
-    from elitelanes_jax.result import Result
 
 __all__ = [
     "LEAST_DIFFERENT",
@@ -63,7 +61,9 @@ class Choice(NamedTuple):
 
 
 def choose_maps(
-    result: "Result",
+    elites: MeasuredElites,
+    spec: SearchSpec,
+    axes: tuple[Axis, ...],
     count: int,
     seed: int = 0,
     *,
@@ -81,7 +81,9 @@ def choose_maps(
     chosen ones and the targets is least. Niches in the axes' target bins come before all others.
 
     Args:
-      result: of `elitelanes_jax.evolve`, with a leading seed axis.
+      elites: of a search, with a leading seed axis.
+      spec: of the search.
+      axes: of the descriptor.
       count: how many maps are wanted.
       seed: of the run, to be noted in the maps.
       known: grids ``[H, W]`` that were chosen before; others are to differ from them too.
@@ -91,32 +93,30 @@ def choose_maps(
     Raises:
       InputError: for the result of one key alone.
     """
-    elites = result.elites
     valid = np.asarray(elites.valid)
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
-    metrics = elites.measures()
-    useful, rejected = _without_flaws(valid, metrics, result.spec)
-    satisfied = result.satisfies()
+    fitness, grids, metrics = np.asarray(elites.fitness), np.asarray(elites.grids), elites.measures()
+    useful, rejected = _without_flaws(valid, metrics, spec)
+    satisfied = valid & satisfies(metrics, spec.where)
     nearest = None
     if not (useful & satisfied).any():
-        nearest = _nearest(metrics, useful if useful.any() else valid, result)
+        nearest = _nearest(metrics, useful if useful.any() else valid, (grids.shape[2], grids.shape[3]), spec)
     rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
     useful &= satisfied
 
-    fitness, grids = np.asarray(elites.fitness), np.asarray(elites.grids)
-    given = [np.array(grid, np.int8) for grid in result.spec.like]
+    given = [np.array(grid, np.int8) for grid in spec.like]
     known = [*known, *(grid for grid in given if sorted(grid.shape) == sorted(grids.shape[2:]))]
     kept = _distinct(grids, fitness, useful, known, given)
     descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]
-    bins = np.asarray(niche_bins(descriptor, result.axes))
-    extent = np.array([max(1, axis.bins - 1) for axis in result.axes])
+    bins = np.asarray(niche_bins(descriptor, axes))
+    extent = np.array([max(1, axis.bins - 1) for axis in axes])
     # Niches outside the target bins were stepping stones for the search; they give maps where the others have too few.
     targeted = np.ones(len(kept), bool)
-    for number, axis in enumerate(result.axes):
+    for number, axis in enumerate(axes):
         if axis.target is not None:
             targeted &= bins[:, number] == axis.target
-    targets = result.spec.targets
+    targets = spec.targets
     pursuit = Pursuit(_target_features(metrics, kept, targets), targets) if targets else None
     chosen: list[int] = []
     for group in (np.flatnonzero(targeted), np.flatnonzero(~targeted)):
@@ -133,7 +133,7 @@ def choose_maps(
             codes=grids[tuple(kept[number])],
             metrics={name: _value(name, values[tuple(kept[number])].item()) for name, values in metrics.items()},
             fitness=int(fitness[tuple(kept[number])]),
-            descriptor={axis.metric: int(v) for axis, v in zip(result.axes, descriptor[number], strict=True)},
+            descriptor={axis.metric: int(v) for axis, v in zip(axes, descriptor[number], strict=True)},
             niche=bins[number].tolist(),
             seed=(seed, int(kept[number][0])),
         )
@@ -225,17 +225,16 @@ def remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
 
 
 def _nearest(
-    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], result: "Result"
+    metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], shape: tuple[int, int], spec: SearchSpec
 ) -> dict[str, float] | None:
     """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
     if not among.any():
         return None
-    extras = extra_names(item.name for item in result.spec.where)
+    extras = extra_names(item.name for item in spec.where)
     features = compute_features(join_counts(metrics, extras)[among])
-    shape = (result.elites.grids.shape[-2], result.elites.grids.shape[-1])
-    place = int(np.argmin(violation(features, bounds_of(result.spec.where, extras), shape, extras)))
+    place = int(np.argmin(violation(features, bounds_of(spec.where, extras), shape, extras)))
     values = dict(zip((*FEATURES, *extras), features[place].tolist(), strict=True))
-    return {item.name: values[item.name] / feature_unit(item.name) for item in result.spec.where}
+    return {item.name: values[item.name] / feature_unit(item.name) for item in spec.where}
 
 
 def _value(name: str, number: float) -> float:

@@ -38,7 +38,6 @@ from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.problem.features import SHARES
 from elitelanes_jax.problem.qd_metrics import coverage, gaps, qd_score
 from elitelanes_jax.result import Result
-from elitelanes_jax.selection import choose_maps
 
 # The proven optima by side, from integer programming: of grids with all cells filled (A), or some left empty (B).
 OPTIMA = {
@@ -230,7 +229,7 @@ def duckietown(quick: bool) -> str:
         axes=("cyclomatic:16", "tiles:27:3"),
         evaluations=10_000 if quick else 100_000,
     )
-    maps = choose_maps(result, wanted).maps
+    maps = result.choose(wanted).maps
     seconds = time.perf_counter() - began
     distinct = len({canonical_form(road_map.codes) for road_map in maps})
     return (

@@ -20,7 +20,6 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.selection import choose_maps
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
 
@@ -112,7 +111,7 @@ def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evalu
         keys = seed_keys(seed, count)
         return np.asarray(evolve(keys, shape, method="ea", evaluations=evaluations, **settings).best())
     keys = seed_keys(seed, max(4, count // 25))
-    chosen = choose_maps(evolve(keys, shape, evaluations=evaluations // 2, **settings), count, seed).maps
+    chosen = evolve(keys, shape, evaluations=evaluations // 2, **settings).choose(count, seed).maps
     if len(chosen) < count:
         raise InputError(f"maps: expected {count} different ones of {len(keys)} runs, got {len(chosen)}")
     return rng.permutation(np.stack([road_map.codes for road_map in chosen]))

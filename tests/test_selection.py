@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, evolve, measure, mirror, repair, rotate
+from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metrics import stack_counts
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
-from elitelanes_jax.result import History, MeasuredElites, Result, RunState
-from elitelanes_jax.selection import choose_maps
+from elitelanes_jax.result import History, Result, RunState
 from elitelanes_jax.spec import SearchSpec
 
 AXES = paper_axes((6, 6))
@@ -44,7 +44,7 @@ def evolved():
 
 
 def test_what_is_chosen_is_valid_and_different(evolved):
-    choice = choose_maps(evolved, 30, seed=9)
+    choice = evolved.choose(30, seed=9)
     assert len(choice.maps) == 30
     forms = {canonical_form(road_map.codes) for road_map in choice.maps}
     assert len(forms) == 30
@@ -59,7 +59,7 @@ def test_what_is_chosen_is_valid_and_different(evolved):
 
 
 def test_a_result_hands_its_maps_over(evolved):
-    plain = [road_map.codes.tolist() for road_map in choose_maps(evolved, 16).maps]
+    plain = [road_map.codes.tolist() for road_map in evolved.choose(16).maps]
     assert [road_map.codes.tolist() for road_map in evolved.maps()] == plain
     few = evolved.maps(5, where="turns=8.. cyclomatic=..4", seed=3)
     assert 0 < len(few) <= 5
@@ -91,12 +91,12 @@ def random_maps(count, size, seed=0):
 
 def test_all_niches_have_a_turn_before_any_has_a_second():
     found = result([random_maps(40, 6)], [np.arange(40)])
-    everything = choose_maps(found, 10**6).maps
+    everything = found.choose(10**6).maps
     assert len(everything) == 40
     niches = {tuple(road_map.niche) for road_map in everything}
-    few = choose_maps(found, len(niches) - 2).maps
+    few = found.choose(len(niches) - 2).maps
     assert len({tuple(road_map.niche) for road_map in few}) == len(few)
-    more = Counter(tuple(road_map.niche) for road_map in choose_maps(found, len(niches) + 1).maps)
+    more = Counter(tuple(road_map.niche) for road_map in found.choose(len(niches) + 1).maps)
     assert set(more) == niches
     assert max(more.values()) == 2
 
@@ -118,21 +118,21 @@ def test_maps_that_hardly_differ_come_last():
     originals = random_maps(3, 10)
     copies = [np.asarray(rotate(mirror(nearly(grid)), 1)) for grid in originals]
     found = result([[*copies, *originals]], [[-9, -9, -9, 5, 5, 5]])
-    first = {canonical_form(road_map.codes) for road_map in choose_maps(found, 3).maps}
+    first = {canonical_form(road_map.codes) for road_map in found.choose(3).maps}
     for original, copy in zip(originals, copies, strict=True):
         assert len({canonical_form(original), canonical_form(copy)} & first) == 1
-    assert len(choose_maps(found, 6).maps) == 6
+    assert len(found.choose(6).maps) == 6
 
 
 def test_one_keys_result_is_refused(evolved):
     alone = jax.tree.map(lambda array: array[0], evolved.elites)
     with pytest.raises(InputError, match="result: expected one of an array of keys, .* got one of a single key"):
-        choose_maps(replace(evolved, elites=alone), 3)
+        replace(evolved, elites=alone).choose(3)
 
 
 def test_niches_that_lie_apart_come_first(evolved):
-    two = choose_maps(evolved, 2).maps
-    everything = choose_maps(evolved, 10**6).maps
+    two = evolved.choose(2).maps
+    everything = evolved.choose(10**6).maps
     cyclomatic = [road_map.metrics["cyclomatic"] for road_map in everything]
     fittest = min(everything, key=lambda road_map: road_map.fitness)
     assert fittest.niche in [road_map.niche for road_map in two]
@@ -140,7 +140,7 @@ def test_niches_that_lie_apart_come_first(evolved):
 
 
 def test_choosing_is_the_same_every_time_and_sorted_by_niche(evolved):
-    one, other = choose_maps(evolved, 12).maps, choose_maps(evolved, 12).maps
+    one, other = evolved.choose(12).maps, evolved.choose(12).maps
     assert [str(road_map) for road_map in one] == [str(road_map) for road_map in other]
     assert [road_map.niche for road_map in one] == sorted(road_map.niche for road_map in one)
 
@@ -150,14 +150,14 @@ def test_seeds_take_turns():
         [repair(grid, fill=True) for grid in np.random.default_rng(0).integers(0, 16, (60, 6, 6)).astype(np.int8)]
     )
     whole = [grid for grid in rings if measure(grid).components == 1][:12]
-    choice = choose_maps(result([whole[:6], whole[6:]], [[0] * 6, [1] * 6]), 6)
+    choice = result([whole[:6], whole[6:]], [[0] * 6, [1] * 6]).choose(6)
     assert Counter(road_map.seed[1] for road_map in choice.maps) == {0: 3, 1: 3}
 
 
 def test_images_of_one_map_are_one_map_and_the_fittest_stays():
     ring = np.array([[6, 5, 7, 3], [10, 6, 13, 11], [14, 13, 5, 11], [12, 5, 5, 9]])
     images = [ring, rotate(ring), mirror(ring), rotate(mirror(ring), 2)]
-    choice = choose_maps(result([images], [[5, 3, 4, 3]]), 4)
+    choice = result([images], [[5, 3, 4, 3]]).choose(4)
     assert len(choice.maps) == 1
     assert choice.maps[0].fitness == 3
     np.testing.assert_array_equal(choice.maps[0].codes, images[1])
@@ -175,7 +175,7 @@ def test_useless_maps_are_counted_by_their_flaw():
         [[6, 13, 3], [12, 5, 9]],
         [[14, 5, 3], [10, 0, 10]],
     ]
-    choice = choose_maps(result([grids], [[0] * 8], alphabet=[0, 3, 5, 6, 9, 12]), 8)
+    choice = result([grids], [[0] * 8], alphabet=[0, 3, 5, 6, 9, 12]).choose(8)
     assert len(choice.maps) == 1
     assert choice.rejected == {
         "not in one piece": 2,
@@ -186,7 +186,7 @@ def test_useless_maps_are_counted_by_their_flaw():
 
 
 def test_nothing_to_choose_from():
-    choice = choose_maps(result([[np.zeros((3, 3))]], [[0]]), 3)
+    choice = result([[np.zeros((3, 3))]], [[0]]).choose(3)
     assert choice.maps == []
     assert choice.rejected == {"not in one piece": 1}
 
@@ -200,7 +200,7 @@ def test_each_flaw_alone_makes_a_map_useless(name):
     found = result([random_maps(2, 5)], [[0, 0]])
     spoilt = getattr(found.elites.metrics, name).at[0, 1].set(7)
     elites = found.elites._replace(metrics=found.elites.metrics._replace(**{name: spoilt}))
-    choice = choose_maps(replace(found, elites=elites), 2)
+    choice = replace(found, elites=elites).choose(2)
     assert len(choice.maps) == 1
     assert sum(choice.rejected.values()) == 1
 
@@ -210,11 +210,11 @@ def test_maps_follow_the_targets(evolved):
     turns = {road_map.metrics["turns"] for road_map in evolved.maps(10**4)}
     low, high = min(turns), max(turns)
     aimed = replace(evolved, spec=evolved.spec.but({"targets": {"turns": [low, high]}}))
-    chosen = [road_map.metrics["turns"] for road_map in choose_maps(aimed, 6, least=(0.0,)).maps]
+    chosen = [road_map.metrics["turns"] for road_map in aimed.choose(6, least=(0.0,)).maps]
     assert low in chosen and high in chosen
-    everything = [choose_maps(one, 10**4).maps for one in (evolved, aimed)]
+    everything = [one.choose(10**4).maps for one in (evolved, aimed)]
     forms = [sorted(canonical_form(road_map.codes) for road_map in maps) for maps in everything]
     assert forms[0] == forms[1] and len(set(forms[1])) == len(forms[1])
     beyond = replace(evolved, spec=evolved.spec.but({"targets": {"turns": [high, high]}}))
-    first = choose_maps(beyond, 1).maps[0]
+    first = beyond.choose(1).maps[0]
     assert first.metrics["turns"] == high

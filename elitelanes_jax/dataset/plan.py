@@ -21,7 +21,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.run import seed_keys
 from elitelanes_jax.search import evolve
-from elitelanes_jax.selection import LEAST_DIFFERENT, choose_maps, describe_shortage, remedy
+from elitelanes_jax.selection import LEAST_DIFFERENT, describe_shortage, remedy
 from elitelanes_jax.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -139,7 +139,7 @@ def _evolve_round(
     first = number * _SEEDS
     result = evolve(seed_keys(seed, first + _SEEDS)[first:], shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
-    choice = choose_maps(result, count, seed, known=found, least=(least,))
+    choice = result.choose(count, seed, known=found, least=(least,))
     if not choice.maps and not found:
         words = remedy(choice, search.method, shape)
         raise NotEnoughMapsError(describe_shortage(choice, wanted, words, writable=False))

@@ -12,7 +12,8 @@ from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.tiles.tileset import MASKS, Tile, TileSet
+from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 __all__ = ["check_given", "digest", "tiles_by_split"]
 

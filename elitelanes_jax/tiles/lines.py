@@ -6,16 +6,14 @@ off; stop lines across 92 % of a lane.
 """
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
-
-if TYPE_CHECKING:
-    from elitelanes_jax.tiles.tileset import Tile
+from elitelanes_jax.tiles.tile import Tile
 
 __all__ = ["misplaced_lines"]
 
@@ -36,7 +34,7 @@ class _Road(NamedTuple):
     width: int
 
 
-def misplaced_lines(tiles: "Sequence[Tile]") -> list[tuple[str, str, str]]:
+def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
     """Lists what contradicts itself in the masks of a set: tile, mask, and what was expected and came.
 
     Roads lead from side to side, about the middle of each. Lines lie on the road. Separators are about its middle; a

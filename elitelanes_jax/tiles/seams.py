@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax.network.codes import EAST, SIDES, WEST, Side
 from elitelanes_jax.tiles.contact_sheet import write_text
-from elitelanes_jax.tiles.tileset import Tile, TileSet, edge_pixels
+from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.tileset import TileSet, edge_pixels
 
 __all__ = ["Seams", "describe_seams", "find_seams", "seam_picture"]
 

@@ -20,7 +20,7 @@ the wrong side.
 import re
 import reprlib
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -35,11 +35,11 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
 from elitelanes_jax.tiles.lines import misplaced_lines
+from elitelanes_jax.tiles.tile import Tile
 
 __all__ = [
     "MASKS",
     "RotatedTile",
-    "Tile",
     "TileSet",
     "default_tiles",
     "describe_tiles",
@@ -60,30 +60,6 @@ _MOST_TOML = 64 * KIB  # keys of many parts take tomllib a time that grows with 
 _TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
 _OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
-
-
-class Tile(NamedTuple):
-    """One elementary tile.
-
-    Attributes:
-      name: of its folder, ``<kind>_<n>``.
-      code: the sides it opens, as a tile code.
-      image: uint8 ``[S, S, 3]``, RGB.
-      road: bool ``[S, S]``, the drivable surface.
-      red: bool ``[S, S]``, the stop lines.
-      yellow: bool ``[S, S]``, the lane separators.
-      layers: bool ``[S, S]``, masks of its maker's own, by name.
-      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name.
-    """
-
-    name: str
-    code: int
-    image: NDArray[np.uint8]
-    road: NDArray[np.bool_]
-    red: NDArray[np.bool_]
-    yellow: NDArray[np.bool_]
-    layers: Mapping[str, NDArray[np.bool_]] = {}
-    points: Mapping[str, NDArray[np.float64]] = {}
 
 
 class RotatedTile(NamedTuple):
