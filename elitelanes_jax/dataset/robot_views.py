@@ -19,7 +19,7 @@ from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
 
-__all__ = ["Viewpoint", "draw_viewpoint", "see", "see_labels"]
+__all__ = ["Viewpoint", "draw_viewpoint", "list_lanes", "see", "see_labels"]
 
 # As gym-duckietown draws them: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
@@ -60,7 +60,7 @@ def draw_viewpoint(
     Raises:
       InputError: for a map without a lane.
     """
-    lanes = np.argwhere(MOVEMENTS[_linked(codes)])
+    lanes = list_lanes(codes)
     if not len(lanes):
         raise InputError("maps: expected lanes to look from, got a map without any")
     row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
@@ -126,6 +126,11 @@ def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDA
     seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
     seen[~near] = 0
     return seen
+
+
+def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
+    """Lists the movements of a map: row, column, heading and turn."""
+    return np.argwhere(MOVEMENTS[_linked(codes)])
 
 
 def _linked(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.dataset.robot_views import list_lanes
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
@@ -22,7 +23,8 @@ def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> N
     """Checks maps that are given in place of evolved ones.
 
     Raises:
-      InputError: unless they are as many as the specification says, of its sizes, and can be drawn.
+      InputError: unless they are as many as the specification says, of its sizes, and can be drawn; unless they have
+        lanes, for a camera.
     """
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(maps) != spec.maps:
@@ -34,6 +36,8 @@ def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> N
                 f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
                 f"got number {number} of {codes.shape[0]} x {codes.shape[1]}"
             )
+        if spec.camera is not None and not len(list_lanes(codes)):
+            raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {number}")
         if lacking := set(codes.flat) - set(tiles.rotations):
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
