@@ -14,6 +14,7 @@ from elitelanes_jax.optimizers.moves import (
     clear_block,
     lay_straight,
     mirror_block,
+    refit_window,
     slide_lines,
     toggle_corner,
     toggle_link,
@@ -40,6 +41,7 @@ MOVES: dict[str, tuple[Move, int]] = {
     "slide_lines": (slide_lines(), 6),
     "transplant": (transplant(), 5),
     "transplant, displaced": (transplant(displaced=True), 7),
+    "refit_window": (refit_window(), 1),
     "toggle_street, with_filling": (with_filling(1.0, toggle_street()), 5),
     "lay_straight, with_opposite": (with_opposite(1.0, lay_straight()), 4),
 }
@@ -47,9 +49,11 @@ MOVES: dict[str, tuple[Move, int]] = {
 
 def main() -> None:
     grid, mate = (repair(codes, fill=True) for codes in random_grids(jax.random.key(4), 2, (SIDE, SIDE)))
-    figure = Figure(figsize=(9.2, 14.4), layout="constrained")
-    pairs = figure.subplots(len(MOVES) // 2, 4).reshape(-1, 2)
-    for (before, after), (name, (move, seed)) in zip(pairs, MOVES.items(), strict=True):
+    figure = Figure(figsize=(9.2, 16.8), layout="constrained")
+    pairs = figure.subplots(-(-len(MOVES) // 2), 4).reshape(-1, 2)
+    for unused in pairs[len(MOVES) :].flat:
+        unused.set_axis_off()
+    for (before, after), (name, (move, seed)) in zip(pairs, MOVES.items(), strict=False):
         varied = move.apply(random_bits(jax.random.key(seed), (move.bits,)), grid, mate)
         road_map(grid, width=0.25, lanes=False, ax=before)
         road_map(repair(*varied), width=0.25, lanes=False, marked=varied.dirty, ax=after)

@@ -24,6 +24,7 @@ from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.network.repair import repair
 from elitelanes_jax.optimizers.mutations import Move, Variation
+from elitelanes_jax.optimizers.windows import flawless_fillings
 
 __all__ = [
     "Mix",
@@ -31,6 +32,7 @@ __all__ = [
     "lay_straight",
     "mirror_block",
     "random_move",
+    "refit_window",
     "slide_lines",
     "toggle_corner",
     "toggle_link",
@@ -60,6 +62,7 @@ class Mix(Config):
       slide: share of `slide_lines`.
       transplant: share of `transplant` to the same place.
       displaced: share of `transplant` from another place.
+      refit: share of `refit_window`.
       filling: probability that the filling repair follows the move (see `with_filling`), where repair does not fill.
     """
 
@@ -73,6 +76,7 @@ class Mix(Config):
     slide: Int[ArrayLike, "..."] = swept(1, whole(0))
     transplant: Int[ArrayLike, "..."] = swept(16, whole(0))
     displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
+    refit: Int[ArrayLike, "..."] = swept(0, whole(0))
     filling: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
 
     def check_together(self) -> None:
@@ -101,7 +105,9 @@ def random_move(mix: Mix, *, fill: bool, fixed: AnyArray = None) -> Move:
             _plan_slide: mix.slide,
             _plan_transplant: mix.transplant,
             _plan_displaced_transplant: mix.displaced,
-        }
+            _plan_refit: mix.refit,
+        },
+        empty=not fill,
     )
     return move if fill else with_filling(mix.filling, move, fixed=fixed)
 
@@ -155,6 +161,18 @@ def transplant(*, displaced: bool = False) -> Move:
       displaced: whether the block comes from another place in the same rows or in the same columns.
     """
     return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
+
+
+def refit_window(*, empty: bool = True) -> Move:
+    """Replaces a window of 3 x 3 tiles by another flawless filling that has the same links to the tiles around it.
+
+    The fillings come from a table (see `flawless_fillings`) and are about equally likely. Where there is no other one
+    the grid stays as it is.
+
+    Args:
+      empty: whether cells of a filling may be empty.
+    """
+    return _move({_plan_refit: 1}, empty=empty)
 
 
 def with_filling(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
@@ -226,7 +244,7 @@ class _Change(NamedTuple):
       sides: north, south, west and east of a rectangle of tiles, all included.
       toggles: bool, whether the links along its outline are toggled; where it is one tile wide, those along it. Else
         its tiles are written.
-      code: int32, the code that is written; -1 for tiles that are copied.
+      code: int32, the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for those of a window.
       rows: int32 ``[H]`` and
       columns: int32 ``[W]``, which add up to the place, row by row, that each tile is copied from.
       flipped: bool, whether copied tiles are mirrored north to south.
@@ -249,12 +267,19 @@ class _Change(NamedTuple):
 # From random bits, uint32 [7], and the grid's shape.
 _Plan = Callable[[Array, tuple[int, ...]], _Change]
 
+_COPIED, _REFITTED = -1, -2
+
+# The longest side of a window that is refitted.
+_WINDOW = 3
+
 # One number to draw the plan by, and at most seven for the plan.
 _BITS = 1 + 7
 
 
-def _move(shares: dict[_Plan, AnyArray]) -> Move:
-    """Makes a move by one of the plans, each in proportion to its share."""
+def _move(shares: dict[_Plan, AnyArray], *, empty: bool = True) -> Move:
+    """Makes a move by one of the plans, each in proportion to its share; `empty` is that of `refit_window`."""
+    # What is never drawn need not be computed.
+    shares = {plan: share for plan, share in shares.items() if not (isinstance(share, int) and share == 0)}
     ends = jnp.cumsum(jnp.array(list(shares.values()), jnp.int32))
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
@@ -262,12 +287,16 @@ def _move(shares: dict[_Plan, AnyArray]) -> Move:
         drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum()
         # XLA computes a sum once for each grid, but a mere choice anew for every tile: three times the time of a move.
         plan = jnp.where((np.arange(len(shares)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
-        return _apply(changes[0](plan), grid, grid if mate is None else mate)
+        change = changes[0](plan)
+        window = _refit(bits[3], change.sides, grid, empty=empty) if _plan_refit in shares else None
+        return _apply(change, grid, grid if mate is None else mate, window)
 
     return Move(_BITS, apply)
 
 
-def _apply(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Variation:
+def _apply(
+    change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
+) -> Variation:
     rows, columns = _places(grid.shape)
     north, south, west, east = change.sides
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
@@ -276,6 +305,8 @@ def _apply(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) 
     links = jnp.where(along & (columns < east), EAST, 0) | jnp.where(along & (columns > west), WEST, 0)
     links = links | jnp.where(upright & (rows < south), SOUTH, 0) | jnp.where(upright & (rows > north), NORTH, 0)
     written = jnp.where(change.code < 0, _copy(change, grid, mate), change.code)
+    if window is not None:
+        written = jnp.where(change.code == _REFITTED, window, written)
     varied = jnp.where(change.toggles, grid ^ links, jnp.where(inside, written, grid)).astype(jnp.int8)
     dirty = jnp.where(change.toggles, links != 0, inside)
     both = materialize(varied | dirty.astype(jnp.int8) << 4)
@@ -289,6 +320,25 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
     tiles = jnp.where(change.transposed, transposed, tiles)
     tiles = jnp.where(change.mirrored, exchange_sides(tiles, EAST, WEST), tiles)
     return jnp.where(change.flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
+
+
+def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
+    """Draws another flawless filling of a window, given by its sides; only the tiles in it mean anything."""
+    height, width = (min(side, _WINDOW) for side in grid.shape)
+    fillings = flawless_fillings(height, width, empty=empty)
+    all_first, all_rows = jnp.asarray(fillings.first), jnp.asarray(fillings.rows)
+    north, _, west, _ = sides
+    tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
+    borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
+    border = ((jnp.concatenate(borders) > 0) << np.arange(2 * (height + width))).sum()
+    first, count = all_first[border], all_first[border + 1] - all_first[border]
+    before = (tiles << 4 * np.arange(width)).sum(axis=1)
+    drawn = randint(bits, jnp.maximum(count, 1))
+    one, next_one = (all_rows[first + (drawn + step) % jnp.maximum(count, 1)] for step in (0, 1))
+    filling = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
+    rows, columns = _places(grid.shape)
+    row = filling[jnp.clip(rows - north, 0, height - 1)]
+    return (row >> 4 * jnp.clip(columns - west, 0, width - 1) & 15).astype(jnp.int8)
 
 
 def _toggle(sides: _Sides, shape: tuple[int, ...]) -> _Change:
@@ -305,7 +355,7 @@ def _copy_from(
     sides: _Sides, rows: Array, columns: Array, shape: tuple[int, ...], transposed: Bool[ArrayLike, ""] = False
 ) -> _Change:
     down, right = jnp.where(transposed, 1, shape[1]), jnp.where(transposed, shape[1], 1)
-    change = _write(sides, jnp.int32(-1), shape)
+    change = _write(sides, jnp.int32(_COPIED), shape)
     return change._replace(rows=rows * down, columns=columns * right, transposed=jnp.asarray(transposed))
 
 
@@ -389,6 +439,12 @@ def _plan_displaced_transplant(bits: UInt32[Array, " 7"], shape: tuple[int, ...]
     down = randint(bits[5], shape[0] - (south - north)) - north
     right = randint(bits[6], shape[1] - (east - west)) - west
     return _plan_mate_block(bits, shape, jnp.where(same_columns, down, 0), jnp.where(same_columns, 0, right))
+
+
+def _plan_refit(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
+    height, width = (min(side, _WINDOW) for side in shape)
+    north, west = randint(bits[0], shape[0] - height + 1), randint(bits[1], shape[1] - width + 1)
+    return _write((north, north + height - 1, west, west + width - 1), jnp.int32(_REFITTED), shape)
 
 
 def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Array, right: Array) -> _Change:

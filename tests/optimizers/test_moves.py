@@ -20,6 +20,7 @@ from elitelanes_jax.optimizers.moves import (
     lay_straight,
     mirror_block,
     random_move,
+    refit_window,
     slide_lines,
     toggle_corner,
     toggle_link,
@@ -29,6 +30,7 @@ from elitelanes_jax.optimizers.moves import (
     with_filling,
     with_opposite,
 )
+from elitelanes_jax.optimizers.windows import flawless_fillings
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
 # By the names of their shares in a mix.
@@ -41,6 +43,7 @@ MOVES = CYCLES | {
     "slide": slide_lines(),
     "transplant": transplant(),
     "displaced": transplant(displaced=True),
+    "refit": refit_window(empty=False),
 }
 SHAPES = [(6, 6), (4, 7)]
 
@@ -206,6 +209,29 @@ def block_of(dirty):
     assert dirty[block].all()
     assert dirty.sum() == dirty[block].size
     return block
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_a_window_gets_each_other_flawless_filling_with_the_same_links_out(empty):
+    """Two rings, the one in a corner of the other: their window has other fillings, the rest stays as it is."""
+    grid = np.array(repair(np.array([[6, 5, 5, 3], [10, 6, 5, 11], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)))
+    fillings = flawless_fillings(3, 3, empty=empty)
+    expected = set()
+    for north, west in np.ndindex(2, 2):
+        tiles = grid[north : north + 3, west : west + 3]
+        rows = (tiles << 4 * np.arange(3)).sum(axis=1)
+        sides = np.concatenate([tiles[0] & 8, tiles[2] & 2, tiles[:, 0] & 1, tiles[:, 2] & 4]) > 0
+        border = int((sides << np.arange(12)).sum())
+        for filling in fillings.rows[fillings.first[border] : fillings.first[border + 1]]:
+            result = grid.copy()
+            result[north : north + 3, west : west + 3] = filling[:, None] >> 4 * np.arange(3) & 15
+            if not (filling == rows).all():
+                expected.add(result.tobytes())
+    seen = different(many(refit_window(empty=empty), grid, count=4000))
+    assert {varied.tobytes() for varied, _ in seen} - {grid.tobytes()} == expected
+    assert all(dirty.sum() == 9 and block_of(dirty) for _, dirty in seen)
+    for varied, _ in seen:
+        assert oracle(varied)["mismatches"] == 0
 
 
 @pytest.mark.parametrize("shape", SHAPES)
