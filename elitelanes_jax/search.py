@@ -463,8 +463,11 @@ def _evaluations_per_step(program: Program, numbers: Numbers) -> int:
     return program.optimizer(numbers).evaluations_per_step
 
 
-# The first populations are made once: to compile that twice as fast is worth more than to run it.
-@partial(jax.jit, static_argnames="program", compiler_options={"xla_backend_optimization_level": 0})
+# What runs once, before and after the generations: to compile it twice as fast is worth more than to run it.
+_ONCE = {"xla_backend_optimization_level": 0}
+
+
+@partial(jax.jit, static_argnames="program", compiler_options=_ONCE)
 def _start(program: Program, numbers: Numbers, keys: Array) -> Pytree:
     return start(program.optimizer(numbers), keys)
 
@@ -476,7 +479,7 @@ def _advance(
     return advance(program.optimizer(numbers), keys, states, first, last, most=_MOST)
 
 
-@partial(jax.jit, static_argnames=("program", "single"))
+@partial(jax.jit, static_argnames=("program", "single"), compiler_options=_ONCE)
 def _collect(program: Program, numbers: Numbers, states: Pytree, single: bool) -> tuple[MeasuredElites, Pytree]:
     """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
     measured = as_measured(program, jax.vmap(program.optimizer(numbers).elites)(states))
