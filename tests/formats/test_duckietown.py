@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError, evolve, measure, random_grids, repair
+from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.formats.duckietown import from_duckietown, to_duckietown, without_dead_ends
 from elitelanes_jax.formats.graph import linked_tiles, reduced_graph
 from elitelanes_jax.formats.road_map import read_map
@@ -24,7 +25,7 @@ from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate_batch
 
 OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-duckietown" / "bin" / "python"
-READER = Path(__file__).parent / "duckietown_world" / "lanes.py"
+PROGRAMS = Path(__file__).parent / "duckietown_world"
 
 # A loop with a bar across it: what each tile joins is plain.
 LOOP = """
@@ -216,12 +217,16 @@ def with_none_of(elites, *names):
     return np.asarray(elites.grids)[np.asarray(elites.valid) & (flaws == 0)]
 
 
-def read_by_duckietown_world(files):
+def say_by_duckietown_world(program, *arguments):
     if not OWN_ENVIRONMENT.exists():
         pytest.skip("duckietown-world is not here: make duckietown")
-    done = subprocess.run([OWN_ENVIRONMENT, READER, *files], capture_output=True, text=True)
+    done = subprocess.run([OWN_ENVIRONMENT, PROGRAMS / program, *arguments], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
-    read = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
+
+
+def read_by_duckietown_world(files):
+    read = say_by_duckietown_world("lanes.py", *files)
     assert len(read) == len(files)
     return read
 
@@ -264,3 +269,14 @@ def test_maps_that_come_with_duckietown_world_are_read_as_it_reads_them(tmp_path
             check_lanes(grid, graph)
             kinds |= set(re.findall(r"[34]way\w*|curve_\w+|straight", texts[file]))
     assert kinds == {"straight", "curve_left", "curve_right", "3way_left", "3way_right", "4way"}
+
+
+@pytest.mark.slow
+def test_our_lanes_are_beside_those_of_duckietown_world():
+    (lines,) = say_by_duckietown_world("centre_lines.py")
+    for turn, theirs in enumerate((lines["go_right"], lines["go_straight"], lines["go_left"])):
+        east = Movement(*(np.int32(number) for number in (0, 0, 1, turn)))
+        pose = lane_point(east, np.linspace(0, lane_length(east.turn), 2001, dtype=np.float32))
+        ours = np.stack([pose.x - 0.5, 0.5 - pose.y], axis=1)
+        away = np.hypot(*(np.array(theirs)[:, None] - ours).transpose(2, 0, 1))
+        assert 0.019 < max(away.min(axis=0).max(), away.min(axis=1).max()) < 0.021
