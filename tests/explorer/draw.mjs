@@ -2,6 +2,7 @@
 export const drawRoad = async (page, widget) => {
   await widget.getByRole("tab", { name: "Draw" }).click();
   await widget.getByRole("button", { name: "Clear" }).click();
+  await widget.locator(".editor").scrollIntoViewIfNeeded();
   const box = await widget.locator(".editor").boundingBox();
   const at = (row, column) => [box.x + ((column + 0.5) * box.width) / 6, box.y + ((row + 0.5) * box.height) / 5];
   await page.mouse.move(...at(1, 1));

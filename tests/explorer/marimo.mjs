@@ -10,7 +10,17 @@ page.on("pageerror", (error) => errors.push(error.message));
 page.on("console", (message) => message.type() === "error" && errors.push(message.text()));
 await page.goto(address, { timeout: 120_000 });
 const widget = page.locator(".elx");
+// The editor's cells wait to be run; an app has no such buttons.
+const buttons = page.locator("[data-testid=run-button]");
+await page.locator(".elx, [data-testid=run-button]").first().waitFor({ timeout: 120_000 });
+await page.waitForTimeout(3000);
+const edits = (await buttons.count()) > 0;
+if (edits) await buttons.first().dispatchEvent("click");
 await widget.locator(".detail h2").waitFor({ timeout: 240_000 });
+if (edits) {
+  await page.waitForTimeout(3000);
+  await buttons.last().dispatchEvent("click");
+}
 const map = await widget.locator(".detail h2").textContent();
 const heading = await widget.locator(".detail h2").evaluate((title) => getComputedStyle(title).fontWeight);
 const theme = [await widget.getAttribute("class")];

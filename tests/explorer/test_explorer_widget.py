@@ -162,11 +162,12 @@ def test_the_widget_in_jupyterlab(tmp_path):
 
 @IN_BROWSER
 @pytest.mark.slow
-def test_the_widget_in_marimo(tmp_path):
+@pytest.mark.parametrize("command", ["run", "edit"])
+def test_the_widget_in_marimo(tmp_path, command):
     pytest.importorskip("marimo")
     (tmp_path / "explored.py").write_text(MARIMO)
-    command = [sys.executable, "-m", "marimo", "--quiet", "run", "explored.py", "--headless", "--no-token"]
-    seen = seen_in("marimo.mjs", "", tmp_path, command)
+    marimo = [sys.executable, "-m", "marimo", "--quiet", command, "explored.py", "--headless", "--no-token"]
+    seen = seen_in("marimo.mjs", "", tmp_path, marimo)
     assert seen["errors"] == []
     assert seen["map"].startswith("niche ")
     assert seen["theme"] == ["elx light", "elx dark"]

@@ -108,10 +108,12 @@ export function History({ runs, all, series }: Props) {
   };
   const last = data[0].length - 1;
   const step = Math.min(at ?? last, last);
-  const words = (place: number, step: number): string => {
+  const parts = (place: number, step: number): readonly [median: string, half: string] => {
     const [, low, middle, high] = valuesAt(place, step);
-    return middle === null ? "none" : `${number(middle)}${runs[place].seeds > 1 && low !== null && high !== null ? `, half of the seeds ${number(low)} to ${number(high)}` : ""}`;
+    const half = runs[place].seeds > 1 && low !== null && high !== null ? `, half of the seeds ${number(low)} to ${number(high)}` : "";
+    return middle === null ? ["none", ""] : [number(middle), half];
   };
+  const words = (place: number, step: number): string => parts(place, step).join("");
   const keys = (event: KeyboardEvent) => {
     const by = Math.max(1, Math.round(last / 50));
     const next = { ArrowLeft: step - by, ArrowRight: step + by, Home: 0, End: last }[event.key];
@@ -138,7 +140,8 @@ export function History({ runs, all, series }: Props) {
         {runs.map((run, place) => (
           <li key={run.name}>
             <i style={{ background: colour(run) }} />
-            {run.name}: <b>{words(place, step)}</b>
+            {run.name}: <b>{parts(place, step)[0]}</b>
+            <span>{parts(place, step)[1]}</span>
           </li>
         ))}
         <li><span>{at === null ? "at the end" : `after ${number(data[0][step])} evaluations`}</span></li>

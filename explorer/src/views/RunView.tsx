@@ -58,7 +58,10 @@ function Settings({ run }: { readonly run: Run }) {
     const settings = value as { search?: unknown };
     if (key === "settings" && typeof settings?.search === "object") {
       const { search, ...others } = settings;
-      groups.set("Search", flat("", search));
+      const parts = Object.entries(search as object);
+      const table = (value: unknown) => typeof value === "object" && value !== null && !Array.isArray(value);
+      groups.set("Search", parts.filter(([, value]) => !table(value)).flatMap(([name, value]) => flat(name, value)));
+      for (const [name, value] of parts) if (table(value)) groups.set(GROUPS[name] ?? nameOf(name), flat("", value));
       groups.set("Settings", flat("", others));
     } else groups.set(GROUPS[key] ?? key, flat("", value));
   }
@@ -82,7 +85,7 @@ function Settings({ run }: { readonly run: Run }) {
 }
 
 const GROUPS: Readonly<Record<string, string>> = {
-  settings: "Settings", config: "Method", archives: "Archives", tile_set: "Tile set", elites: "Elites", versions: "Versions", device: "Device", times: "Times",
+  settings: "Settings", config: "Method", weights: "Weights", axes: "Axes", archives: "Archives", tile_set: "Tile set", elites: "Elites", versions: "Versions", device: "Device", times: "Times",
 };
 
 /** Lists the values of tables within tables, by the innermost names; what is not set is left out. */
