@@ -34,9 +34,11 @@ export function Metrics({ run, grid, counts, fitness, above, extras = {} }: Prop
   const rows = (names: readonly string[]) => names.map((name) => <Row key={name} run={run} name={name} value={value(name)} beside={shown} />);
   return (
     <div class="metrics">
-      <p class="note">
-        Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run, its dark part the middle half; the dot is this map.
-      </p>
+      {run.count > 1 && (
+        <p class="note">
+          Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run, its dark part the middle half; the dot is this map.
+        </p>
+      )}
       <table>
         <tbody>{rows(first)}</tbody>
       </table>

@@ -71,16 +71,18 @@ export function Archive() {
           niche to open its map, or walk with the arrow keys.
         </p>
         <div class="bar">
-          <Choice
-            label="Elites of"
-            value={`${view.seed}`}
-            options={[
-              ["best", run.seeds > 1 ? "the best of all seeds" : "the run"],
-              ...(run.seeds > 1 ? [["count", "how many seeds fill it"] as const] : []),
-              ...(run.seeds > 1 ? Array.from({ length: run.seeds }, (_, seed) => [`${seed}`, `seed ${seed}`] as const) : []),
-            ]}
-            onChange={(seed) => show({ seed: seed === "best" || seed === "count" ? seed : Number(seed), map: null })}
-          />
+          {run.seeds > 1 && (
+            <Choice
+              label="Elites of"
+              value={`${view.seed}`}
+              options={[
+                ["best", "the best of all seeds"],
+                ["count", "how many seeds fill it"],
+                ...Array.from({ length: run.seeds }, (_, seed) => [`${seed}`, `seed ${seed}`] as const),
+              ]}
+              onChange={(seed) => show({ seed: seed === "best" || seed === "count" ? seed : Number(seed), map: null })}
+            />
+          )}
           <Choice
             label="Colour"
             value={view.seed === "count" ? "fitness" : quantity}
@@ -193,7 +195,8 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
   const width = useWidth(frame);
   const [hover, setHover] = useState<{ niche: number; x: number; y: number } | null>(null);
   const narrow = width < 560;
-  const band = layout.down.length === 0 ? 0 : narrow ? 34 : 76;
+  const letters = Math.max(0, ...layout.down.flatMap((place) => Array.from({ length: run.axes[place].bins }, (_, bin) => binName(run.axes[place], bin).length)));
+  const band = layout.down.length === 0 ? 0 : narrow ? Math.max(34, 6.6 * letters + 10) : 76;
   const gutter = layout.down.length * band;
   const longest = Math.max(0, ...layout.down.map((axis) => nameOf(run.axes[axis].metric).length));
   const head = !layout.down.length ? 4 : narrow ? 12 + 6 * longest : 34; // pixels above the cells, for the names of the bands
@@ -250,7 +253,7 @@ function HeatMap({ run, layout, values, quantity, selected, elites }: HeatMapPro
     open(niche);
     say(describe(run, niche, quantity, values[niche]), true);
   };
-  const targeted = targetRows(run, layout);
+  const targeted = Object.keys(run.record).length ? targetRows(run, layout) : null;
   return (
     <>
       <Legend
