@@ -3,6 +3,7 @@
 python docs/pictures.py
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
-from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.ride import make_rides, trails
 from elitelanes_jax.tiles.render import Picture, overlay
 from elitelanes_jax.tiles.tileset import load_tiles
@@ -27,13 +28,20 @@ def main() -> None:
 
 
 def styles() -> None:
-    """Draws a sheet of 24 maps of each style."""
+    """Draws a sheet of maps of each style."""
     sheets = {"towns.jpg": ("town", ()), "paper-style.jpg": ("paper", ())}
     for name, (style, where) in sheets.items():
         chosen = evolve(0, (7, 7), style=style, evaluations=100_000).maps(24, where=where)
-        drawn = [render(road_map, tile_px=24, seed=number).image for number, road_map in enumerate(chosen)]
-        framed = [np.pad(image, [(5, 5), (5, 5), (0, 0)], constant_values=255) for image in drawn]
-        write(name, np.vstack([np.hstack(framed[first : first + 8]) for first in range(0, 24, 8)]))
+        sheet(name, chosen, tile_px=24, columns=8)
+    cities = evolve(0, (24, 24), seeds=2, style="city", evaluations=50_000).maps(8)
+    sheet("city.jpg", cities, tile_px=28, columns=4, scale=0.5)
+
+
+def sheet(name: str, maps: Sequence[RoadMap], *, tile_px: int, columns: int, scale: float = 1) -> None:
+    drawn = [render(road_map, tile_px=tile_px, seed=number).image for number, road_map in enumerate(maps)]
+    framed = [np.pad(image, [(5, 5), (5, 5), (0, 0)], constant_values=255) for image in drawn]
+    rows = [np.hstack(framed[first : first + columns]) for first in range(0, len(framed), columns)]
+    write(name, np.vstack(rows), scale)
 
 
 def village() -> None:

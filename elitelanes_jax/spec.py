@@ -165,7 +165,7 @@ class SearchSpec(Settings):
     """A search: the method, its budget, and what is searched for.
 
     Attributes:
-      style: a set of settings, town or paper, or a file .toml; other settings take the place of its own
+      style: a set of settings, town, city or paper, or a file .toml; other settings take the place of its own
       like: maps whose features others are to have, map.json or Duckietown's .yaml; none is written again
       method: the method: map-elites, ea, pso or gwo
       preset: settings of the method: tuned, paper, or for map-elites standard or irregular

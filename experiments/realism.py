@@ -1,7 +1,7 @@
 """How like people's maps ours are: features of both, and measures of how far two sets of them lie apart.
 
     python experiments/realism.py [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--splits N]
-                                  [--out DIR]
+                                  [--sides N ...] [--out DIR]
 
 People's maps are those in the package duckietown-world-daffy 6.4.3, cut to their roads. Their features are kept in
 results/people.json; `--people` takes the folder of the unpacked package and writes that file again. Ours have the
@@ -11,7 +11,8 @@ The measures are taken on standardised features: energy distance (Székely and R
 and coverage (Naeem et al., 2020); and how well a logistic regression and a random forest tell the two sets apart, as
 the area under the ROC curve on maps that they were not fitted to. The first half of the features is the one that the
 style `town` was tuned on. `--splits` picks the towns again, by a random half of the features each time, and tells both
-sets apart by the other half.
+sets apart by the other half. `--sides` compares blocks, streets and turns of larger square towns, of which people made
+hardly any, with the lowest and the highest tenth of people's maps of their own sizes.
 """
 
 import argparse
@@ -57,6 +58,9 @@ FEATURES = (
 )
 """All features, sizes left out: these are given."""
 
+LARGER = ("mean_block", "mean_street", "turn_share")
+"""What is compared of larger maps."""
+
 SIZES = (
     *((3, 3), (3, 5), (4, 4), (4, 5), (5, 5), (4, 6), (5, 6), (5, 6), (5, 6), (5, 9), (6, 7), (4, 10), (6, 10), (7, 7)),
     *((7, 7), (3, 27), (10, 19), (10, 19)),
@@ -68,6 +72,7 @@ STYLES: dict[str, dict[str, Any]] = {
     "duckietown": {"rules": "duckietown"},
     "irregular": {"rules": "duckietown", "preset": "irregular"},
     "town": {"style": "town"},
+    "city": {"style": "city"},
 }
 """Searches by name."""
 
@@ -172,7 +177,7 @@ def apart(real: NDArray[np.float64], made: NDArray[np.float64], repeats: int = _
         "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(class_weight="balanced", max_iter=2000)),
         "forest": lambda: RandomForestClassifier(200, class_weight="balanced", min_samples_leaf=2, random_state=0),
     }
-    found = {}
+    found: dict[str, Any] = {}
     rng = np.random.default_rng(0)
     for name, make in makers.items():
         each = []
@@ -196,7 +201,7 @@ def apart_by_chance(real: NDArray[np.float64], made: NDArray[np.float64], draws:
     Sets are random halves of people's maps; and as many of ours as people's, in their place, against the rest.
     """
     rng = np.random.default_rng(0)
-    found = {}
+    found: dict[str, Any] = {}
     for words, among, part in (("people's halves", real, len(real) // 2), ("ours among ours", made, len(real))):
         each = []
         for _ in range(draws):
@@ -345,14 +350,34 @@ def split(
     return apart(*standardised(real, features_of(pick_maps(aimed, count)), others))
 
 
+def larger(style: str, side: int, evaluations: int, real: NDArray[np.float64]) -> dict[str, Any]:
+    """Measures 24 square maps: quantiles of each of `LARGER`, and the part of them between people's tenths."""
+    pool = evolve(0, (side, side), seeds=4, evaluations=evaluations, **STYLES[style])
+    rows = features_of([road_map.codes for road_map in pool.maps(24)])
+    found: dict[str, Any] = {"found": len(pool.maps(10_000)), "maps": len(rows)}
+    inside = np.ones(len(rows), bool)
+    for name in LARGER if len(rows) else ():
+        place = FEATURES.index(name)
+        low, high = np.quantile(real[:, place], [0.1, 0.9])
+        here = (rows[:, place] >= low) & (rows[:, place] <= high)
+        inside &= here
+        found[name] = {
+            "people": [low, high],
+            "maps": np.quantile(rows[:, place], [0.1, 0.5, 0.9]).tolist(),
+            "inside": here.mean(),
+        }
+    return found | {"all inside": inside.mean() if len(rows) else 0.0}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser(prog="realism", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--maps", type=checked_by(whole(8)), default=200, metavar="N", help="by default 200")
     parser.add_argument("--evaluations", type=checked_by(whole(1)), default=100_000, metavar="N")
-    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=list(STYLES), metavar="NAME")
+    parser.add_argument("--styles", nargs="+", default=list(STYLES)[:-1], choices=list(STYLES), metavar="NAME")
     parser.add_argument("--people", type=checked_by(path), metavar="FOLDER", help="read people's maps again")
     parser.add_argument("--splits", type=checked_by(whole(0)), default=0, metavar="N", help="random halves of features")
+    parser.add_argument("--sides", nargs="+", type=checked_by(whole(8)), metavar="N", help="compare larger towns alone")
     parser.add_argument("--out", type=checked_by(path), default=Path("results/realism"), metavar="DIR")
     options = parser.parse_args(arguments)
     return guarded("realism", lambda: _main(options), interrupted="nothing is kept")
@@ -369,8 +394,11 @@ def _main(options: argparse.Namespace) -> int:
         write_atomic(PEOPLE, (json.dumps(people, indent=1) + "\n").encode())
     known = json.loads(PEOPLE.read_text(encoding="utf-8"))
     real = np.array([[row[name] for name in FEATURES] for row in known.values()])
-    found = {}
-    for style in options.styles:
+    found: dict[str, Any] = {}
+    for style in options.styles if options.sides else ():
+        found[style] = {side: larger(style, side, options.evaluations, real) for side in options.sides}
+        say(f"{style}: {json.dumps(found[style], indent=1)}")
+    for style in () if options.sides else options.styles:
         pools = make_pools(style, options.evaluations)
         grids = pick_maps(pools, options.maps)
         if not grids:
@@ -398,7 +426,8 @@ def _main(options: argparse.Namespace) -> int:
             found[style]["by chance"] = apart_by_chance(*standardised(real, made, FEATURES))
             found[style]["splits"] = [split(pools, real, options.maps, seed) for seed in range(options.splits)]
         say(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
-    write_atomic(options.out / "realism.json", (json.dumps(found, indent=1) + "\n").encode())
+    name = "larger.json" if options.sides else "realism.json"
+    write_atomic(options.out / name, (json.dumps(found, indent=1) + "\n").encode())
     return 0
 
 

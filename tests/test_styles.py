@@ -61,8 +61,8 @@ def test_a_style_of_ones_own(tmp_path):
 @pytest.mark.parametrize(
     ("style", "message"),
     [
-        ("towns", "style: expected one of paper, town, or a file that ends in .toml, got 'towns'; is it town?"),
-        (3, "style: expected one of paper, town"),
+        ("towns", "style: expected one of paper, town, city, or a file that ends in .toml, got 'towns'; is it town?"),
+        (3, "style: expected one of paper, town, city"),
         ("no.toml", "style 'no.toml': no such file"),
         ("broken.toml", "style 'broken.toml': expected TOML"),
         ("unknown.toml", "got 'rule'; is it rules?"),

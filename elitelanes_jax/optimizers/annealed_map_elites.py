@@ -10,18 +10,19 @@ penalties alone, and go past a vacant niche to the ends of the axes, so that no 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 
-from elitelanes_jax._util.checks import flag, real, whole
+from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.optimizers.annealing import (
     LONGEST_CYCLE,
@@ -73,6 +74,9 @@ class AnnealedMapElitesConfig(Config):
       opposite: probability that a move of a cycle from an elite is made at the opposite place too, see `with_opposite`.
       mirrored: whether the opposite place may also be the image in a diagonal; static. Where cells may stay empty, it
         and little filling (`Mix.filling`) reach more of the certified optima.
+      grown: the number of cells from which on the chains begin with towns that were grown (see `grow_town`) in place
+        of random grids, and restart from none; None for never; static. On 24 x 24 tiles the moves do not lead from
+        random grids to networks without a flaw.
     """
 
     annealing: AnnealingConfig = nested(lambda: AnnealingConfig(chains=1, hottest=40, coldest=12))
@@ -83,6 +87,7 @@ class AnnealedMapElitesConfig(Config):
     elite_mate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     opposite: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     mirrored: bool = static(False, flag)
+    grown: int | None = static(None, none_or(whole(1)))
 
 
 class _Bits(NamedTuple):
@@ -146,6 +151,9 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     """
     config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
+    grows = config.grown is not None and shape[0] * shape[1] >= config.grown and min(shape) >= SMALLEST_GROWN
+    if grows:
+        config = replace(config, restart=0.0)
     groups, length = _Groups.of(problem.axes, count), _usual_length(config, shape)
     move = problem_move(problem, annealing.moves)
     opposite = partial(with_opposite, move=move, mirrored=config.mirrored)
@@ -153,7 +161,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None))
 
     def init(key: Array) -> AnnealedMapElitesState:
-        chains = evaluate(problem, problem.random(key, count))
+        chains = evaluate(problem, _first_towns(problem, key, count) if grows else problem.random(key, count))
         vacant = empty_archive(problem.axes, shape, copies=_GROUPS + 1, columns=problem.columns)
         archives = groups.insert(vacant, chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
@@ -203,6 +211,12 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         return state._replace(archives=archives)
 
     return Optimizer(init, step, elites, evaluations_per_step=count, receive=receive)
+
+
+def _first_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
+    """Returns the given grids, and for the other chains towns that were grown."""
+    towns = jax.vmap(lambda key: problem.repair(grow_town(key, problem.shape)))(jax.random.split(key, count))
+    return towns.at[: problem.given].set(problem.random(key, count)[: problem.given])
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:

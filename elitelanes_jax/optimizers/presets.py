@@ -37,7 +37,7 @@ PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
-    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, annealing=_IRREGULAR),
+    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, annealing=_IRREGULAR, grown=121),
     ("ea", "tuned"): AnnealingConfig(),
     ("ea", "paper"): EvolutionConfig(),
     ("pso", "tuned"): AnnealedPsoConfig(),

@@ -57,6 +57,7 @@ class Problem(NamedTuple):
       evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
       penalties: int32 ``[P, M]``, counts -> int32 ``[P]``, the fitness without rewards.
       extras: the names of the extra features, in the order of their columns: those of the axes first.
+      given: how many of the first random grids are given ones.
     """
 
     shape: tuple[int, int]
@@ -70,6 +71,7 @@ class Problem(NamedTuple):
     evaluate: Callable[[Int8[Array, "P H W"]], Evaluation]
     penalties: Callable[[Int32[Array, "P M"]], Int32[Array, " P"]]
     extras: tuple[str, ...] = ()
+    given: int = 0
 
     @property
     def columns(self) -> int:
@@ -156,4 +158,7 @@ def road_problem(
     def penalties(counts: Array) -> Array:
         return weigh(counts, penalty_weights(weights), None if extra_weights is None else jnp.maximum(extra_weights, 0))
 
-    return Problem(shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties, extras)
+    given = 0 if initial is None else len(initial)
+    return Problem(
+        shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties, extras, given
+    )

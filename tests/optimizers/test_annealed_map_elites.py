@@ -17,6 +17,7 @@ from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import bounds_of, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, tuned_axes
 from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.rules import RULES
 
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 
@@ -156,3 +157,18 @@ def test_it_runs_with_one_chain():
     annealing = AnnealingConfig(population=1, chains=1)
     result = evolve(jax.random.key(0), (3, 3), config=AnnealedMapElitesConfig(annealing), evaluations=300, fill=True)
     assert result.history.best_fitness[-1] == -10, "the optimum"
+
+
+def test_larger_grids_begin_with_grown_towns_and_given_grids():
+    ring = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)[None]
+    problem = road_problem((4, 4), "cyclomatic:4", weights=RULES["duckietown"].weights, initial=ring)
+
+    def flawed(cells):
+        optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(grown=cells))
+        chains = jax.jit(optimizer.init, compiler_options={"xla_backend_optimization_level": 0})(
+            jax.random.key(0)
+        ).chains
+        np.testing.assert_array_equal(chains.grids[0], ring[0])
+        return (np.asarray(problem.penalties(chains.counts)) > 0).sum()
+
+    assert flawed(16) == 0 and flawed(17) > 16

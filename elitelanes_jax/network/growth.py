@@ -1,0 +1,180 @@
+"""Towns that grow: a ring of road, then streets across its blocks and bends in its streets, all by Duckietown's rules.
+
+A street leads straight across a block, from one straight road to another; a bend moves a stretch of a straight road
+aside. Both leave cells without road between roads, and tiles between crossings and other crossings or turns: what grows
+is in one piece, has no dead end, and keeps the rules, however large it is.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Int8, Int32, Key, UInt32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides
+from elitelanes_jax.network.random_bits import randint, random_bits
+
+__all__ = ["SMALLEST_GROWN", "grow_town"]
+
+SMALLEST_GROWN = 3
+"""The shortest side of a grid on which a town grows."""
+
+# Towns differ in how many blocks and bends they get: between one for so many cells and one for so many.
+_CELLS_A_BLOCK, _CELLS_A_BEND = (29, 16), (12, 4)
+# The widest stretch that a bend moves, and the farthest; one of 2 links is the narrowest.
+_WIDEST, _FARTHEST = 4, 3
+# Cells for a step, and the most steps, however large the grid is.
+_CELLS_A_STEP, _MOST_STEPS = 4, 256
+
+_ALONG, _UPRIGHT = EAST | WEST, NORTH | SOUTH
+
+
+class _Town(NamedTuple):
+    """A town while it grows.
+
+    Attributes:
+      codes: int8 ``[N, N]``; what is beside the grid is full of crossings, on which nothing is built.
+      streets: int32, how many it still gets.
+      bends: int32, as many.
+    """
+
+    codes: Int8[Array, "N N"]
+    streets: Int32[Array, ""]
+    bends: Int32[Array, ""]
+
+
+def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]:
+    """Grows a town that covers its grid.
+
+    Args:
+      key: consumed.
+      shape: (height, width), each at least `SMALLEST_GROWN`.
+
+    Raises:
+      InputError: for a bad or smaller shape.
+    """
+    height, width = check_shape(shape, new=True)
+    if min(shape) < SMALLEST_GROWN:
+        raise InputError(f"shape: expected sides of at least {SMALLEST_GROWN} for a town to grow, got {shape}")
+    cells = (height - 1) * (width - 1)
+    steps = min(-(-cells // _CELLS_A_STEP), _MOST_STEPS)
+    bits = random_bits(key, (steps + 1, 5))
+    streets, bends = (
+        cells // few + randint(bits[steps, number], cells // many - cells // few + 1)
+        for number, (few, many) in enumerate((_CELLS_A_BLOCK, _CELLS_A_BEND))
+    )
+    ring = jnp.pad(_ring(height, width), [(0, max(shape) - side) for side in shape], constant_values=15)
+    town = jax.lax.fori_loop(0, steps, lambda step, town: _grow(town, bits[step]), _Town(ring, streets, bends))
+    return town.codes[:height, :width]
+
+
+def _ring(height: int, width: int) -> Int8[np.ndarray, "H W"]:
+    codes = np.zeros((height, width), np.int8)
+    codes[:, [0, -1]], codes[[0, -1]] = _UPRIGHT, _ALONG
+    codes[0, 0], codes[0, -1], codes[-1, 0], codes[-1, -1] = EAST | SOUTH, SOUTH | WEST, NORTH | EAST, NORTH | WEST
+    return codes
+
+
+def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
+    """Adds a street or a bend, where one is wanted and has a place."""
+    codes = _turn(town.codes, bits[0])
+    is_street = bits[0] & 8 == 0
+    placed, changed = (
+        jnp.where(is_street, street, bend)
+        for street, bend in zip(_street(codes, bits), _bend(codes, bits), strict=True)
+    )
+    happens = placed & jnp.where(is_street, town.streets > 0, town.bends > 0)
+    return _Town(
+        jnp.where(happens, _turn_back(changed, bits[0]), town.codes),
+        town.streets - (happens & is_street),
+        town.bends - (happens & ~is_street),
+    )
+
+
+def _turn(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
+    """Turns or mirrors a square one of eight ways: streets then run south, and bends lead there."""
+    exchanged = exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH).T
+    codes = jnp.where(bits & 1 == 0, codes, exchanged)
+    return _mirror(codes, bits)
+
+
+def _turn_back(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
+    codes = _mirror(codes, bits)
+    exchanged = exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH).T
+    return jnp.where(bits & 1 == 0, codes, exchanged)
+
+
+def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
+    codes = jnp.where(bits & 2 == 0, codes, exchange_sides(codes, NORTH, SOUTH)[::-1])
+    return jnp.where(bits & 4 == 0, codes, exchange_sides(codes, EAST, WEST)[:, ::-1])
+
+
+def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
+    """Lays a street that runs south, anywhere that it can; tells whether it can."""
+    along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
+    rows, columns = _places(codes)
+    # The first row from here on that is not free, doubled, and one more where no street can end there.
+    end = _next(jnp.where(free, 2**20, 2 * rows + ~along), axis=0)
+    after = jnp.pad(end[1:], ((0, 1), (0, 0)), constant_values=1)
+    some, north, column = _draw(bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20))
+    south = after[north, column] // 2
+    here = columns == column
+    added = jnp.where(here & (rows >= north) & (rows < south), SOUTH, 0)
+    added = added | jnp.where(here & (rows > north) & (rows <= south), NORTH, 0)
+    return some, codes | added.astype(jnp.int8)
+
+
+def _bend(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
+    """Moves a stretch of a road to the south, anywhere that it can be; tells whether it can."""
+    side = len(codes)
+    wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
+    rows, columns = _places(codes)
+    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first one from here on
+    below = jnp.pad(road[1:], ((0, 1), (0, 0)), constant_values=side)
+    free = (below > rows + far + 1) | (below == side) & (rows + far < side)
+    # A stretch of straight tiles, and no crossing beside its ends.
+    end = _next(jnp.where((codes == _ALONG) & free, side, columns), axis=1)
+    beside = jnp.pad(~jnp.isin(codes, np.array(CROSSINGS, np.int8)) & free, ((0, 0), (1, side + 1)))
+    after = jax.lax.dynamic_slice_in_dim(beside, wide + 2, side, axis=1)
+    some, row, west = _draw(bits[1], beside[:, :side] & (end - columns > wide) & after)
+    east = west + wide
+    across, at_ends = (columns > west) & (columns < east), (columns == west) | (columns == east)
+    within = (rows > row) & (rows < row + far)
+    turns = (
+        (row, west, SOUTH | WEST),
+        (row, east, EAST | SOUTH),
+        (row + far, west, NORTH | EAST),
+        (row + far, east, NORTH | WEST),
+    )
+    codes = jnp.where(across & (rows == row), 0, codes)
+    codes = jnp.where(across & (rows == row + far), _ALONG, codes)
+    codes = jnp.where(at_ends & within, _UPRIGHT, codes)
+    for place, column, code in turns:
+        codes = jnp.where((rows == place) & (columns == column), code, codes)
+    return some, codes.astype(jnp.int8)
+
+
+def _places(codes: Int8[Array, "N N"]) -> tuple[np.ndarray, np.ndarray]:
+    places = np.arange(len(codes), dtype=np.int32)
+    return places[:, None], places[None]
+
+
+def _with_sides(cells: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
+    """Tells where a cell and those east and west of it are all True."""
+    return cells & jnp.pad(cells, ((0, 0), (1, 0)))[:, :-1] & jnp.pad(cells, ((0, 0), (0, 1)))[:, 1:]
+
+
+def _next(numbers: Int32[Array, "N N"], axis: int) -> Int32[Array, "N N"]:
+    """Returns the least number from each place on, along an axis."""
+    return jax.lax.cummin(numbers, axis=axis, reverse=True)
+
+
+def _draw(bits: UInt32[Array, ""], where: Bool[Array, "N N"]) -> tuple[Bool[Array, ""], Array, Array]:
+    """Draws one of the places where it is True; returns whether there is one, and its row and column."""
+    reached = jnp.cumsum(where.reshape(-1), dtype=jnp.int32)
+    count = reached[-1]
+    place = jnp.argmax(reached > randint(bits, jnp.maximum(count, 1))).astype(jnp.int32)
+    return count > 0, place // len(where), place % len(where)

@@ -1,0 +1,42 @@
+"""Towns that grow: without a flaw on any size, as the oracle of NetworkX measures them."""
+
+from functools import partial
+
+import jax
+import numpy as np
+import pytest
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError
+from elitelanes_jax.network.growth import grow_town
+from elitelanes_jax.network.plain_metrics import plain_measure
+
+NONE = ("dead_ends", "mismatches", "boundary_violations", "bridges")
+
+
+def grown(shape, count):
+    grow = jax.jit(jax.vmap(partial(grow_town, shape=shape)), compiler_options={"xla_backend_optimization_level": 0})
+    return np.asarray(grow(jax.random.split(jax.random.key(0), count)))
+
+
+@pytest.mark.parametrize(
+    "shape", [(3, 3), (9, 14), *(pytest.param(shape, marks=pytest.mark.slow) for shape in ((3, 27), (24, 24)))]
+)
+def test_towns_have_no_flaw(shape, any_types):
+    towns = grown(shape, 60)
+    for town in towns:
+        measured, rules = oracle(town), plain_measure(town)
+        assert not any(measured[name] for name in NONE) and measured["components"] == 1
+        assert rules["crowded_crossings"] == rules["unlinked_neighbours"] == 0
+        assert town.any(axis=1).all() and town.any(axis=0).all()
+    if max(shape) > 9:
+        assert len({town.tobytes() for town in towns}) > 50
+        assert max(plain_measure(town)["crossings"] for town in towns) >= 2
+        assert max(plain_measure(town)["turns"] for town in towns) > (4 if min(shape) == 3 else 8)
+        again = np.asarray(grow_town(jax.random.split(jax.random.key(0), 60)[3], shape))
+        np.testing.assert_array_equal(again, towns[3])
+
+
+def test_a_ring_needs_three_tiles():
+    with pytest.raises(InputError, match=r"shape: expected sides of at least 3 for a town to grow, got \(2, 5\)"):
+        grow_town(jax.random.key(0), (2, 5))
