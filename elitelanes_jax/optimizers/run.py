@@ -1,5 +1,7 @@
 """Running an optimiser: many seeds and generations in one compiled call."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -64,13 +66,15 @@ def advance(
       The states, and an `Info` of arrays ``[most, S]`` of which the first `last` - `first` + 1 rows count.
     """
 
+    @partial(jax.jit, inline=True)  # traced once, for the shapes as for the loop
     def step(states: Pytree, generation: Array) -> tuple[Pytree, Info]:
         def step_one(key: Array, state: Pytree) -> tuple[Pytree, Info]:
             return optimizer.step(jax.random.fold_in(key, generation), state)
 
         return jax.vmap(step_one)(keys, states)
 
-    nothing = jax.tree.map(lambda info: jnp.zeros(info.shape, info.dtype), jax.eval_shape(step, states, 0)[1])
+    shapes = jax.eval_shape(step, states, jnp.int32(0))[1]
+    nothing = jax.tree.map(lambda info: jnp.zeros(info.shape, info.dtype), shapes)
 
     def generation(states: Pytree, number: Numeric) -> tuple[Pytree, Info]:
         def once(carry: tuple[Pytree, Info, Array]) -> tuple[Pytree, Info, Array]:
