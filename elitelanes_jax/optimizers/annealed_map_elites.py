@@ -26,6 +26,7 @@ from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.random_bits import bernoulli, randint
 from elitelanes_jax.optimizers.annealing import (
     LONGEST_CYCLE,
+    SMALL,
     AnnealingConfig,
     Cooling,
     StepBits,
@@ -52,9 +53,10 @@ from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = ["AnnealedMapElitesConfig", "AnnealedMapElitesState", "Cycle", "annealed_map_elites"]
 
-# What experiments/moves.md settled: the groups of isolated chains; among how many niches the mate is the nearest elite;
-# and of cycles in a direction, their share of the restarts, length in usual cycles, penalty of a bin and temperatures.
-_GROUPS, _TOURNAMENT = 4, 8
+# What experiments/moves.md settled: the share of `refit_window` on small grids; the groups of isolated chains; among
+# how many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in
+# usual cycles, penalty of a bin and temperatures.
+_REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
@@ -72,8 +74,8 @@ class AnnealedMapElitesConfig(Config):
       frontier: probability that a cycle pursues a vacant niche, if one is within reach.
       elite_mate: probability that a mate is an elite.
       opposite: probability that a move of a cycle from an elite is made at the opposite place too, see `with_opposite`.
-      mirrored: whether the opposite place may also be the image in a diagonal; static. Where cells may stay empty, it
-        and little filling (`Mix.filling`) reach more of the certified optima.
+      mirrored: whether the opposite place may also be the image in a diagonal; static. By default it may on grids of
+        up to 64 cells, where cells may stay empty.
       grown: the number of cells from which on the chains begin with towns that were grown (see `grow_town`) in place
         of random grids, and restart from none; None for never; static. On 24 x 24 tiles the moves do not lead from
         random grids to networks without a flaw.
@@ -86,7 +88,7 @@ class AnnealedMapElitesConfig(Config):
     frontier: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     opposite: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    mirrored: bool = static(False, flag)
+    mirrored: bool | None = static(None, none_or(flag))
     grown: int | None = static(None, none_or(whole(1)))
 
 
@@ -155,8 +157,12 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     if grows:
         config = replace(config, restart=0.0)
     groups, length = _Groups.of(problem.axes, count), _usual_length(config, shape)
-    move = problem_move(problem, annealing.moves)
-    opposite = partial(with_opposite, move=move, mirrored=config.mirrored)
+    small, moves = shape[0] * shape[1] <= SMALL, annealing.moves
+    if small and moves.refit is None:
+        moves = replace(moves, refit=_REFIT)
+    move = problem_move(problem, moves)
+    mirrored = small and not problem.fill if config.mirrored is None else config.mirrored
+    opposite = partial(with_opposite, move=move, mirrored=mirrored)
     make_children = jax.vmap(partial(_make_child, problem, opposite, config.opposite))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None))
 

@@ -25,6 +25,7 @@ from elitelanes_jax.problem.road_problem import Problem
 
 __all__ = [
     "LONGEST_CYCLE",
+    "SMALL",
     "AnnealingConfig",
     "Cooling",
     "StepBits",
@@ -46,8 +47,11 @@ _STEPS = 256
 LONGEST_CYCLE = 2**22
 """The longest cycle in steps: its product with the number of temperatures fits int32."""
 
-# Chains of an island, and the number of cells up to which islands of one chain were found better.
-_CHAINS, _SMALL = 4, 64
+SMALL = 64
+"""The number of cells up to which a grid is small: there islands of one chain were found better."""
+
+# Chains of an island.
+_CHAINS = 4
 
 
 @jax.tree_util.register_dataclass
@@ -87,7 +91,7 @@ class AnnealingConfig(Config):
 
     def chains_on(self, shape: tuple[int, int]) -> int:
         """Returns the number of chains of an island on grids of a shape."""
-        return self.chains or (1 if shape[0] * shape[1] <= _SMALL else _CHAINS)
+        return self.chains or (1 if shape[0] * shape[1] <= SMALL else _CHAINS)
 
     def first_cycle(self, shape: tuple[int, int]) -> Numeric:
         """Returns the steps of the first cycle on grids of a shape: an int, or an array where `cycle` is one."""

@@ -15,7 +15,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
-from elitelanes_jax._util.checks import real, whole
+from elitelanes_jax._util.checks import none_or, real, whole
 from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
@@ -62,7 +62,7 @@ class Mix(Config):
       slide: share of `slide_lines`.
       transplant: share of `transplant` to the same place.
       displaced: share of `transplant` from another place.
-      refit: share of `refit_window`.
+      refit: share of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64 cells.
       filling: probability that the filling repair follows the move (see `with_filling`), where repair does not fill.
     """
 
@@ -76,12 +76,12 @@ class Mix(Config):
     slide: Int[ArrayLike, "..."] = swept(1, whole(0))
     transplant: Int[ArrayLike, "..."] = swept(16, whole(0))
     displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
-    refit: Int[ArrayLike, "..."] = swept(0, whole(0))
+    refit: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(0)))
     filling: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
-        if all(isinstance(share, int) and share == 0 for share in astuple(self)[:-1]):
+        if all(share is None or (isinstance(share, int) and share == 0) for share in astuple(self)[:-1]):
             raise InputError("expected a share over 0 for at least one move, got none")
 
 
@@ -105,7 +105,7 @@ def random_move(mix: Mix, *, fill: bool, fixed: AnyArray = None) -> Move:
             _plan_slide: mix.slide,
             _plan_transplant: mix.transplant,
             _plan_displaced_transplant: mix.displaced,
-            _plan_refit: mix.refit,
+            _plan_refit: 0 if mix.refit is None else mix.refit,
         },
         empty=not fill,
     )

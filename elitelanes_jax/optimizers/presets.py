@@ -30,14 +30,14 @@ _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
     coldest=12,
-    moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, filling=0.0),
+    moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=0, filling=0.0),
 )
 
 PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
-    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, annealing=_IRREGULAR, grown=121),
+    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, mirrored=False, annealing=_IRREGULAR, grown=121),
     ("ea", "tuned"): AnnealingConfig(),
     ("ea", "paper"): EvolutionConfig(),
     ("pso", "tuned"): AnnealedPsoConfig(),
