@@ -16,7 +16,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, suppress
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +77,8 @@ def pin(count: int) -> None:
     """Lets all threads of this process run on so many cores alone, where the system can do that."""
     if hasattr(os, "sched_setaffinity"):
         for thread in Path("/proc/self/task").iterdir():
-            os.sched_setaffinity(int(thread.name), _CORES[:count])
+            with suppress(ProcessLookupError):  # a thread that has ended since
+                os.sched_setaffinity(int(thread.name), _CORES[:count])
 
 
 def evaluation(repetitions: int) -> list[dict[str, Any]]:
@@ -238,23 +242,29 @@ def steps(repetitions: int) -> dict[str, float]:
 
 
 def cores(repetitions: int) -> list[dict[str, Any]]:
-    """Measures 16 seeds of the tuned methods on 1, 2, 4 and all cores: µs an evaluation."""
+    """Measures 16 seeds of the tuned methods on 1, 2, 4 and all cores: µs an evaluation.
+
+    Each number of cores has a process of its own, as JAX begins as many threads as a process has cores then.
+    """
     rows = []
+    counts = [count for count in sorted({1, 2, 4, len(_CORES)}) if count <= len(_CORES)]
     print(f"\n{_SEEDS} seeds of the tuned methods, 12 x 12, on several cores\n")
-    for method in ("ea", "map-elites"):
-        seconds: dict[int, list[float]] = {
-            count: [] for count in sorted({1, 2, 4, len(_CORES)}) if count <= len(_CORES)
-        }
-        for repetition in range(repetitions // 4 + 2):
-            for count, values in seconds.items():
-                pin(count if repetition else len(_CORES))
-                spent = _tuned(method, count, 384)
-                if repetition:  # the first one compiles
-                    values.append(spent)
-        medians = {count: float(np.median(values)) * 1e6 for count, values in seconds.items()}
-        for count, median in medians.items():
-            rows.append({"method": method, "cores": count, "us": median, "speedup": medians[1] / median})
-            print(f"{method:>12} {count:>4} cores {median:>8.2f} µs an evaluation {medians[1] / median:>6.2f}x")
+    with ExitStack() as stack:
+        pools = {count: stack.enter_context(ProcessPoolExecutor(1, get_context("spawn"))) for count in counts}
+        for count, pool in pools.items():
+            pin(count)  # the process that starts now has these cores
+            pool.submit(os.getpid).result()
+        for method in ("ea", "map-elites"):
+            seconds: dict[int, list[float]] = {count: [] for count in counts}
+            for repetition in range(repetitions // 4 + 2):
+                for count, values in seconds.items():
+                    spent = pools[count].submit(_tuned, method, count, 384).result()
+                    if repetition:  # the first one compiles
+                        values.append(spent)
+            medians = {count: float(np.median(values)) * 1e6 for count, values in seconds.items()}
+            for count, median in medians.items():
+                rows.append({"method": method, "cores": count, "us": median, "speedup": medians[1] / median})
+                print(f"{method:>12} {count:>4} cores {median:>8.2f} µs an evaluation {medians[1] / median:>6.2f}x")
     return rows
 
 
@@ -266,9 +276,11 @@ from elitelanes_jax import evolve, use_compile_cache
 imported = time.perf_counter()
 use_compile_cache()
 jax.block_until_ready(evolve(0, {arguments}, progress=False).elites)
-import resource
-most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-print(imported - began, time.perf_counter() - imported, most)
+spent = time.perf_counter() - imported
+from pathlib import Path
+status = Path("/proc/self/status")  # `resource` counts the process too that started this one
+most = int(status.read_text().split("VmHWM:")[1].split()[0]) / 1024 if status.exists() else float("nan")
+print(imported - began, spent, most)
 """
 
 
