@@ -33,7 +33,7 @@ gc.set_threshold(100_000, 20, 20)
 
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
 ROOMS = ["network", "problem", "optimizers", "result", "search", "interop", "drive"]
-# jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
+jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
 
 import numpy as np
 import pytest

@@ -91,6 +91,7 @@ def test_processes_that_are_connected_return_what_one_returns(preset, processes,
     assert Result.load(Path(files[0])).elites.valid.any()
 
 
+@pytest.mark.usefixtures("any_types")
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive.distances import UNREACHABLE, distances, places, shortest_ways
 from elitelanes_jax.drive.lanes import Place, linked, movements
 from elitelanes_jax.network.checks import check_grid
@@ -103,7 +103,7 @@ def _draw(bits: Array, among: Array, width: int) -> Place:
 
 def make_levels(
     key: Key[Array, ""],
-    grids: Int[Array | np.ndarray, "M H W"],
+    grids: AnyArray,
     count: int | None = None,
     *,
     least: int = 1,

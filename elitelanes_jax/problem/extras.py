@@ -52,7 +52,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 
 
 def measure_extras(
-    grids: Int8[Array, "P H W"], names: Sequence[str], kernels: Mapping[str, Kernel]
+    grids: Int8[Array | np.ndarray, "P H W"], names: Sequence[str], kernels: Mapping[str, Kernel]
 ) -> Int32[Array, "P K"]:
     """Measures K extra features of grids; values of one's own are kept within 0 to `LARGEST_FEATURE`.
 
@@ -70,7 +70,7 @@ def measure_extras(
             values |= measure_town(grid, detour="mean_detour" in names)._asdict()
         return sum((values[name] * unit for name, unit in zip(names, units, strict=True)), jnp.int32(0))
 
-    return jax.vmap(measure_one)(grids)
+    return jax.vmap(measure_one)(jnp.asarray(grids))
 
 
 def measure_missing(

@@ -87,7 +87,7 @@ def test_faults_of_a_level_are_named(start, goal, message):
         check_level(level)
 
 
-def test_faults_of_a_batch_are_named(maps):
+def test_faults_of_a_batch_are_named(maps, any_types):
     level = make(RING, Place(0, 1, 1), Place(1, 0, 3))
     assert check_level(level) is level and level.shortest == 2
     with pytest.raises(InputError, match="level.grid: expected 4 x 5 tiles, got 3 x 4"):

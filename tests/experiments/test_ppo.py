@@ -92,7 +92,7 @@ def test_distributions_are_those_of_scipy():
     np.testing.assert_allclose(entropy(), stats.entropy(shares, axis=1), rtol=1e-4)
 
 
-def test_it_learns_the_same_again_and_drives_each_level_to_its_end():
+def test_it_learns_the_same_again_and_drives_each_level_to_its_end(any_types):
     settings = ppo.Ppo(25, envs=16, steps=8, minibatches=2, rate=0.02)
     outcomes = [
         [(jax.device_get(weights), float(reward)) for weights, reward in ppo.train(key, ECHO, PARAMS, Echo(), settings)]
