@@ -1,5 +1,6 @@
 """The elites of a search, with all that was measured of them."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ from jaxtyping import Array, Bool, Int8, Int32
 
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.problem.constraints import Range, satisfies
 
 __all__ = ["MeasuredElites", "in_short"]
 
@@ -37,6 +39,10 @@ class MeasuredElites(NamedTuple):
     def measures(self) -> dict[str, np.ndarray]:
         """Returns the metrics and the extra features by name, as arrays of NumPy."""
         return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
+
+    def satisfies(self, where: Sequence[Range]) -> Bool[np.ndarray, "*S N"]:
+        """Tells which elites are in all the ranges, exactly."""
+        return np.asarray(self.valid) & satisfies(self.measures(), where)
 
 
 def in_short(record: Pytree) -> str:

@@ -22,7 +22,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.constraints import parse_ranges, satisfies
+from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.selection import LEAST_DIFFERENT, Choice, choose_maps
@@ -132,7 +132,7 @@ class Result:
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
         """Tells which elites are in all the ranges of the specification, exactly."""
-        return np.asarray(self.elites.valid) & satisfies(self.elites.measures(), self.spec.where)
+        return self.elites.satisfies(self.spec.where)
 
     def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.

@@ -12,7 +12,7 @@ from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.problem.constraints import bounds_of, satisfies, violation
+from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import (
     FEATURES,
@@ -33,6 +33,7 @@ __all__ = [
     "describe_choice",
     "describe_shortage",
     "remedy",
+    "without_flaws",
 ]
 
 _OUTSIDE = "outside the ranges"
@@ -97,8 +98,8 @@ def choose_maps(
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
     fitness, grids, metrics = np.asarray(elites.fitness), np.asarray(elites.grids), elites.measures()
-    useful, rejected = _without_flaws(valid, metrics, spec)
-    satisfied = valid & satisfies(metrics, spec.where)
+    useful, rejected = without_flaws(valid, metrics, spec)
+    satisfied = elites.satisfies(spec.where)
     nearest = None
     if not (useful & satisfied).any():
         nearest = _nearest(metrics, useful if useful.any() else valid, (grids.shape[2], grids.shape[3]), spec)
@@ -171,10 +172,16 @@ def describe_shortage(choice: Choice, maps: int, more: str, *, writable: bool = 
     )
 
 
-def _without_flaws(
+def without_flaws(
     valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], spec: SearchSpec
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
-    """Returns which elites have no flaw, and the number of the others by reason."""
+    """Returns which elites have no flaw, and the number of the others by reason.
+
+    Args:
+      valid: which places hold an elite, in whatever shape.
+      metrics: by name, of the same shape.
+      spec: of the search, whose rules and given cells say what a flaw is.
+    """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
     for name, right, words in find_flaws(spec.rules, filled=spec.fills and spec.fix is None):

@@ -9,16 +9,15 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from elitelanes_jax import Result, evolve
+from elitelanes_jax import evolve
 from elitelanes_jax._util.checks import whole
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.problem.flaws import find_flaws
+from elitelanes_jax.selection import without_flaws
 
-__all__ = ["main", "without_flaws"]
+__all__ = ["main"]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -32,21 +31,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return guarded("niches", lambda: _main(options), interrupted="nothing is kept")
 
 
-def without_flaws(result: Result) -> NDArray[np.bool_]:
-    """Tells which elites are maps as their search asks for: in its ranges, and without a flaw."""
-    measured, spec = result.elites.measures(), result.spec
-    useful = np.array(result.satisfies())
-    for name, right, _ in find_flaws(spec.rules, filled=spec.fills and spec.fix is None):
-        useful &= measured[name] == right
-    return useful
-
-
 def _main(options: argparse.Namespace) -> int:
     use_compile_cache()
     result = evolve(
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
-    filled = without_flaws(result)
+    filled, _ = without_flaws(result.satisfies(), result.elites.measures(), result.spec)
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()
     of_runs = np.bincount(filled.sum(axis=0))[1:]
     say(

@@ -96,13 +96,14 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
 
 def _turn(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
     """Turns or mirrors a square one of eight ways: streets then run south, and bends lead there."""
-    exchanged = exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH).T
-    codes = jnp.where(bits & 1 == 0, codes, exchanged)
-    return _mirror(codes, bits)
+    return _mirror(_transpose(codes, bits), bits)
 
 
 def _turn_back(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    codes = _mirror(codes, bits)
+    return _transpose(_mirror(codes, bits), bits)
+
+
+def _transpose(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
     exchanged = exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH).T
     return jnp.where(bits & 1 == 0, codes, exchanged)
 
