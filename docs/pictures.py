@@ -33,8 +33,8 @@ def styles() -> None:
     for name, (style, where) in sheets.items():
         chosen = evolve(0, (7, 7), style=style, evaluations=100_000).maps(24, where=where)
         sheet(name, chosen, tile_px=24, columns=8)
-    cities = evolve(0, (24, 24), seeds=2, style="city", evaluations=50_000).maps(8)
-    sheet("city.jpg", cities, tile_px=28, columns=4, scale=0.5)
+    large = evolve(0, (24, 24), seeds=2, style="town", evaluations=50_000).maps(8)
+    sheet("large-towns.jpg", large, tile_px=28, columns=4, scale=0.5)
 
 
 def sheet(name: str, maps: Sequence[RoadMap], *, tile_px: int, columns: int, scale: float = 1) -> None:

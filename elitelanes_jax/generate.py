@@ -103,29 +103,29 @@ def write_joined(parts: Sequence[Path], folder: Path) -> list[RoadMap]:
     """Writes the files of the run whose parts these are to a folder that is there; returns its maps."""
     joined = join_parts(parts)
     tiles = load_tiles(joined.spec.tiles, blend=joined.spec.blend)
-    if joined.result.spec != drawable(joined.spec.search, tiles):
+    if joined.result.spec != drawable(joined.spec.search, tiles).on(joined.spec.size):
         raise InputError(f"{parts[0]}: expected a part for the tile set {tiles.name!r}, got one for another")
     return _write_run(folder, joined, tiles)
 
 
 def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     """Writes the files of a run, or of a part of one; returns its maps."""
-    spec, began = run.spec, time.perf_counter()
+    spec, search, began = run.spec, run.result.spec, time.perf_counter()
     choice, maps, chosen = None, [], began
     if spec.part is None:
         with Progress("choosing maps"):
             choice = run.result.choose(spec.maps, spec.seed)
         detail(describe_choice(choice, spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
-            words = remedy(choice, spec.search.method, spec.size)
+            words = remedy(choice, search.method, spec.size)
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, words))
         chosen = time.perf_counter()
         title = (
-            f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {spec.search.method}, "
-            f"{many(spec.seeds, 'seed')}, {_budget(spec.search)}, seed {spec.seed}"
+            f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {search.method}, "
+            f"{many(spec.seeds, 'seed')}, {_budget(search)}, seed {spec.seed}"
         )
-        if spec.search.like:
-            choice = choice._replace(maps=[_with_difference(one, spec.search.like) for one in choice.maps])
+        if search.like:
+            choice = choice._replace(maps=[_with_difference(one, search.like) for one in choice.maps])
         maps = write_maps(folder, choice.maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
     run.result.save(folder / ARCHIVE, state=False, seed=spec.seed)
     seconds = {"evolve": run.seconds + chosen - began, "draw": time.perf_counter() - chosen}
@@ -140,7 +140,7 @@ def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
       InputError: for a bad tile set, an alphabet that it lacks tiles of, or constraints that too few maps can meet.
     """
     tiles = load_tiles(spec.tiles, blend=spec.blend)
-    search = drawable(spec.search, tiles)
+    search = drawable(spec.search, tiles).on(spec.size)
     search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
     return search, tiles
 
@@ -170,12 +170,12 @@ def _budget(search: SearchSpec) -> str:
 
 
 def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: dict[str, float]) -> dict[str, Plain]:
-    spec, elites = run.spec, run.result.elites
+    spec, search, elites = run.spec, run.result.spec, run.result.elites
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "settings": spec.to_plain(),
-        "config": _plain(PRESETS[spec.search.method, spec.search.preset]),
-        "weights": spec.search.all_weights._asdict(),
+        "config": _plain(PRESETS[search.method, search.preset]),
+        "weights": search.all_weights._asdict(),
         "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
         "axes": [axis._asdict() for axis in run.result.axes],
         **(chosen or {}),

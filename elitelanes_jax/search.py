@@ -305,7 +305,7 @@ def prepare(
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
     kernels = check_kernels(features, shape)
     given = dict(options) if features is None else {**options, "features": tuple(kernels)}
-    spec, config = _resolve_config(spec.but(given), config, "method" in options)
+    spec, config = _resolve_config(spec.but(given).on(shape), config, "method" in options)
     spec.check_on(shape, "shape")
     unknown = [name for name in spec.features if name not in kernels]
     if unknown:

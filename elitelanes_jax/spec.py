@@ -1,7 +1,7 @@
 """The specifications of a search and of a generated folder: all settings with their defaults, without JAX."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +55,11 @@ METHODS = {
     "gwo": ("tuned", "paper"),
 }
 """The methods, and the presets of each, the default first."""
+
+LARGE = 12
+"""The shorter side from which on maps are large."""
+
+_NOT_A_STYLES = ("style", "like", "features")
 
 
 def check_names(features: UserValue) -> tuple[str, ...]:
@@ -160,12 +165,71 @@ def parse_part(part: UserValue) -> tuple[int, int]:
         raise InputError(f"expected a part such as 3/10, 1/10 being the first, got {short(repr(part), 40)}") from None
 
 
+def parse_large(large: UserValue, own: Collection[str] = ()) -> "SearchSpec":
+    """Reads the settings for large maps, from a mapping of them by name, or from a specification.
+
+    Args:
+      large: to read.
+      own: names of features of one's own.
+
+    Raises:
+      InputError: for anything else, an unknown setting, or a value that its check refuses.
+    """
+    if isinstance(large, SearchSpec):
+        return large
+    if not isinstance(large, Mapping):
+        raise InputError(f"expected settings by their names, got {short(repr(large))}")
+    known = [field for field in SearchSpec.options() if field not in (*_NOT_A_STYLES, "large")]
+    for field in large:
+        if field not in known:
+            words = f"settings of a search, {', '.join(known)}"
+            raise InputError(f"expected {words}, got {short(repr(field), 40)}{likely(field, known)}")
+    return SearchSpec().but({**large, "features": tuple(own)})
+
+
+_BY_FEATURE = (("where", parse_ranges), ("weights", parse_weights))
+
+
+def _join(taken: Mapping[str, UserValue], more: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
+    """Returns settings with more of them in their places.
+
+    Ranges and weights are joined feature by feature. Targets do not stay where there are axes, over which maps are
+    spread then, and a preset not where there is another method.
+    """
+    joined = {**taken, **more}
+    for field, parse in _BY_FEATURE:
+        if field in taken and field in more:
+            items = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
+            joined[field] = tuple(items.values())
+    if "method" in more and "preset" not in more:
+        joined.pop("preset", None)
+    if "axes" in more and "targets" not in more:
+        joined["targets"] = ()
+    if "large" in taken and "large" not in more:
+        joined["large"] = _left(taken["large"], more)
+    return joined
+
+
+def _left(large: "SearchSpec", given: Mapping[str, UserValue]) -> "SearchSpec":
+    """Returns those settings of large maps that are not given: given ones hold for all sizes."""
+    left = {field: value for field, value in large.given.items() if field not in given}
+    for field, parse in _BY_FEATURE:
+        if field in given:
+            names = {item[0] for item in parse(given[field], large.features)}
+            left[field] = tuple(item for item in getattr(large, field) if item[0] not in names)
+    if "axes" in given:
+        left.pop("targets", None)
+    if "method" in given:
+        left.pop("preset", None)
+    return SearchSpec(**left)
+
+
 @dataclass(frozen=True)
 class SearchSpec(Settings):
     """A search: the method, its budget, and what is searched for.
 
     Attributes:
-      style: a set of settings, town, city or paper, or a file .toml; other settings take the place of its own
+      style: a set of settings, town or paper, or a file .toml; other settings take the place of its own
       like: maps whose features others are to have, map.json or Duckietown's .yaml; none is written again
       method: the method: map-elites, ea, pso or gwo
       preset: settings of the method: tuned, paper, or for map-elites standard or irregular
@@ -181,6 +245,7 @@ class SearchSpec(Settings):
       fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
       initial: maps that every run begins with, map.json or Duckietown's .yaml
       alphabet: tile codes to draw from; by default all with two or more connections
+      large: settings for maps whose shorter side is 12 or more, in place of the others
     """
 
     style: str | Path | None = option(None, lambda value: value, "NAME")
@@ -199,6 +264,7 @@ class SearchSpec(Settings):
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
+    large: "SearchSpec | None" = option(None, none_or(parse_large), after="features")
 
     def __post_init__(self) -> None:
         """Takes the settings of a style and those of maps like given ones in place of defaults, then checks all.
@@ -206,12 +272,7 @@ class SearchSpec(Settings):
         What was taken stays, and the style goes: the record is the same again when it is made of its own fields.
         """
         object.__setattr__(self, "like", check_named("like", parse_initial, self.like))
-        defaults = {one.name: one.default for one in fields(self)}
-        given = {
-            field: value
-            for field, value in vars(self).items()  # arrays have no truth: they are compared with none of them
-            if not isinstance(value, type(defaults[field])) or value != defaults[field]
-        }
+        given = self.given
         if self.like and ranges_like() <= {item.name for item in parse_ranges(self.where, None)}:
             del given["like"]  # a record made of another's fields: they are taken already, and may have been changed
         for field, value in self._with_taken(given, self.features).items():
@@ -226,28 +287,37 @@ class SearchSpec(Settings):
           InputError: as that of `Settings`, and for a style that is none (see `read_style`).
         """
         taken = self._with_taken(given, given.get("features", self.features))
+        if "large" not in taken and self.large is not None:
+            taken["large"] = _left(self.large, taken)
         return super().but({field: value for field, value in taken.items() if field != "style"})
+
+    @property
+    def given(self) -> dict[str, UserValue]:
+        """The fields that differ from their defaults."""
+        defaults = {one.name: one.default for one in fields(self)}
+        return {
+            field: value
+            for field, value in vars(self).items()  # arrays have no truth: they are compared with none of them
+            if not isinstance(value, type(defaults[field])) or value != defaults[field]
+        }
+
+    def on(self, shape: tuple[int, int]) -> "SearchSpec":
+        """Returns the search for grids ``(height, width)``: its settings for large maps are taken, or dropped."""
+        if self.large is None:
+            return self
+        more = self.large.given if min(shape) >= LARGE else {}
+        return replace(self, **_join(self.given, more, self.features) | {"large": None})
 
     @classmethod
     def _with_taken(cls, given: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
-        """Returns given settings with those of the style and of the maps in `like` that are among them.
-
-        Ranges and weights are joined feature by feature, other settings are taken where they are not given; targets not
-        where axes are, over which maps are spread then.
-        """
+        """Returns given settings, and those of the style and of the maps in `like` that are not given (see `_join`)."""
         style, like = given.get("style"), check_named("like", parse_initial, given.get("like", ()))
-        known = [field for field in cls.options() if field not in ("style", "like", "features")]
+        known = [field for field in cls.options() if field not in _NOT_A_STYLES]
         taken = {} if style is None else read_style(style, known)
+        if "large" in taken:
+            taken["large"] = check_named("large", none_or(parse_large), taken["large"], own)
         for more in (settings_like(like) if like else {}, given):
-            for field, parse in (("where", parse_ranges), ("weights", parse_weights)):
-                if field in taken and field in more:
-                    joined = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
-                    more = {**more, field: tuple(joined.values())}
-            if "method" in more and "preset" not in more:
-                taken.pop("preset", None)  # presets are a method's
-            if "axes" in more and "targets" not in more:
-                more = {**more, "targets": ()}
-            taken = {**taken, **more}
+            taken = _join(taken, more, own)
         return taken
 
     def check_together(self) -> None:
@@ -272,6 +342,8 @@ class SearchSpec(Settings):
           InputError: for given cells or first maps of another shape, or weights with which the fitness of such grids
             might leave 32 bits.
         """
+        if self.large is not None:
+            return self.on(shape).check_on(shape, name)
         size = f"{shape[0]} x {shape[1]}"
         if self.fix is not None and self.fix.shape != shape:
             rows, columns = self.fix.shape
@@ -300,7 +372,7 @@ class SearchSpec(Settings):
         Raises:
           InputError: for constraints that cannot be met; the message says the limit.
         """
-        check_feasible(self._requirements(shape, maps))
+        check_feasible(self.on(shape)._requirements(shape, maps))
 
     def count_maps(self, shape: tuple[int, int], maps: int) -> None:
         """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
@@ -309,7 +381,7 @@ class SearchSpec(Settings):
           InputError: for constraints that cannot be met; the message says the limit.
         """
         self.check_maps(shape, maps)
-        check_number(self._requirements(shape, maps))
+        check_number(self.on(shape)._requirements(shape, maps))
 
     def _requirements(self, shape: tuple[int, int], maps: int) -> Requirements:
         return Requirements(shape, self.where, self.fix, self.rules, self.fills, self.alphabet, maps)
@@ -357,7 +429,11 @@ class SearchSpec(Settings):
             "weights": dict(self.weights),
             "targets": {target.name: list(target.values) for target in self.targets},
             "fix": None if self.fix is None else self.fix.rows,
+            "large": self.large and self.large._plain_given(),
         }
+
+    def _plain_given(self) -> dict[str, Plain]:
+        return {field: value for field, value in self.to_plain().items() if field in self.given and field != "features"}
 
 
 @dataclass(frozen=True)

@@ -72,7 +72,6 @@ STYLES: dict[str, dict[str, Any]] = {
     "duckietown": {"rules": "duckietown"},
     "irregular": {"rules": "duckietown", "preset": "irregular"},
     "town": {"style": "town"},
-    "city": {"style": "city"},
 }
 """Searches by name."""
 
@@ -374,7 +373,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="realism", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--maps", type=checked_by(whole(8)), default=200, metavar="N", help="by default 200")
     parser.add_argument("--evaluations", type=checked_by(whole(1)), default=100_000, metavar="N")
-    parser.add_argument("--styles", nargs="+", default=list(STYLES)[:-1], choices=list(STYLES), metavar="NAME")
+    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=list(STYLES), metavar="NAME")
     parser.add_argument("--people", type=checked_by(path), metavar="FOLDER", help="read people's maps again")
     parser.add_argument("--splits", type=checked_by(whole(0)), default=0, metavar="N", help="random halves of features")
     parser.add_argument("--sides", nargs="+", type=checked_by(whole(8)), metavar="N", help="compare larger towns alone")

@@ -58,11 +58,42 @@ def test_a_style_of_ones_own(tmp_path):
     assert SearchSpec(style=str(file)) == SearchSpec(style=file) == expected
 
 
+def test_large_maps_have_settings_of_their_own(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(
+        'axes = ["turns:4"]\nwhere = ["turns=2..", "edges=9.."]\n[targets]\nturns = [4, 5]\n'
+        '[large]\naxes = ["tiles:5"]\nwhere = ["turns=8.."]\nevaluations = 500\n'
+    )
+    small = SearchSpec(axes="turns:4", where="turns=2.. edges=9..", targets={"turns": [4, 5]})
+    large = SearchSpec(axes="tiles:5", where="turns=8.. edges=9..", evaluations=500)
+    spec = SearchSpec(style=file)
+    assert spec.on((11, 30)) == small and spec.on((12, 12)) == large
+    assert small.on((12, 12)) == small
+    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec == SearchSpec().but({"style": file})
+    # Given ones hold for all sizes.
+    given = {"axes": "bridges:2", "where": "turns=3..", "weights": {"edges": 1}}
+    joined = SearchSpec(evaluations=500, **given | {"where": "turns=3.. edges=9.."})
+    for one in (SearchSpec(style=file, **given), SearchSpec().but({"style": file, **given})):
+        assert one.on((12, 12)) == joined
+    assert spec.but(given).on((12, 12)) == SearchSpec(evaluations=500, **given)
+    assert spec.but({"large": None}).on((12, 12)) == small
+
+
+def test_large_towns_are_those_of_their_style():
+    town, large = (SearchSpec(style="town").on(shape) for shape in ((11, 11), (12, 24)))
+    assert town.targets and not large.targets and town.large is large.large is None
+    assert "mean_block" in {axis.metric for axis in large.axes} & {item.name for item in large.where}
+    with pytest.raises(InputError, match="large: expected settings of a search.*got 'large'"):
+        SearchSpec(large={"large": {}})
+    searched = evolve(jax.random.split(jax.random.key(0), 1), (12, 12), style="town", evaluations=0).spec
+    assert searched == large.but({"evaluations": 0})
+
+
 @pytest.mark.parametrize(
     ("style", "message"),
     [
-        ("towns", "style: expected one of paper, town, city, or a file that ends in .toml, got 'towns'; is it town?"),
-        (3, "style: expected one of paper, town, city"),
+        ("towns", "style: expected one of paper, town, or a file that ends in .toml, got 'towns'; is it town?"),
+        (3, "style: expected one of paper, town, or"),
         ("no.toml", "style 'no.toml': no such file"),
         ("broken.toml", "style 'broken.toml': expected TOML"),
         ("unknown.toml", "got 'rule'; is it rules?"),

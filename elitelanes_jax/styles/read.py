@@ -13,7 +13,7 @@ __all__ = ["FOLDER", "STYLES", "read_style"]
 FOLDER = Path(__file__).parent
 """The folder with the package's own styles."""
 
-STYLES = ("paper", "town", "city")
+STYLES = ("paper", "town")
 """Their names; `paper` is what searches do without a style."""
 
 
