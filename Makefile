@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo towns lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -85,6 +85,13 @@ rl: .venv-rl/.ready
 # duckietown-world, called from ours as a program.
 duckietown: $(READY) .venv-duckietown/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_duckietown.py
+
+# A thousand towns, loaded by duckietown-world and driven through in SUMO; it goes on where it ended.
+towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
+	test -d results/towns || $(BIN)/elitelanes generate --style town --size 9 9 --maps 1000 --seeds 32 \
+	  --evaluations 100000 --out results/towns
+	.venv-sumo/bin/python tests/formats/check_folder.py sumo results/towns
+	$(BIN)/python tests/formats/check_folder.py duckietown results/towns
 
 .venv-duckietown/.ready: tests/formats/duckietown_world/requirements.txt
 	rm -rf .venv-duckietown

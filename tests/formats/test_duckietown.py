@@ -1,17 +1,14 @@
 """Duckietown's map files: there and back, by files that others wrote, and by duckietown-world itself."""
 
-import json
 import re
-import subprocess
-from collections import Counter
-from itertools import pairwise, permutations
-from pathlib import Path
+from itertools import pairwise
 
 import jax
 import numpy as np
 import pytest
 import yaml
 from conftest import grids
+from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_world, say_by_duckietown_world
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -19,13 +16,9 @@ from hypothesis.extra import numpy as hnp
 from elitelanes_jax import InputError, evolve, measure, random_grids, repair
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.formats.duckietown import from_duckietown, to_duckietown, without_dead_ends
-from elitelanes_jax.formats.graph import linked_tiles, reduced_graph
 from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.codes import CONNECTIONS, ROAD_ALPHABET
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate_batch
-
-OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-duckietown" / "bin" / "python"
-PROGRAMS = Path(__file__).parent / "duckietown_world"
 
 # A loop with a bar across it: what each tile joins is plain.
 LOOP = """
@@ -175,23 +168,6 @@ def test_bad_settings_are_named():
         to_duckietown(grid, dead_ends="floor")
 
 
-def lanes(grid):
-    """What duckietown-world should make of a grid: its lanes between crossings and across them, by their ends.
-
-    An end is the border between two tiles, in the direction of travel.
-    """
-    links = linked_tiles(grid)
-    crossings = [tile for tile in links if CONNECTIONS[grid[tile]] >= 3]
-    expected = Counter(
-        (*one, *tile, *tile, *other) for tile in crossings for one, other in permutations(links[tile], 2)
-    )
-    for *_, path in reduced_graph(grid).edges(data="path"):
-        if {path[0], path[-1]} <= set(crossings) and len(path) > 2:
-            for way in (path, path[::-1]):
-                expected[(*way[0], *way[1], *way[-2], *way[-1])] += 1
-    return expected
-
-
 def maps_of_all_kinds():
     """200 grids: collapsed, filled, with dead ends turned to grass, evolved, by Duckietown's rules."""
     collapsed = generate_batch(np.random.default_rng(0), 50, (12, 12), border="closed", attempts=100)
@@ -215,27 +191,6 @@ def maps_of_all_kinds():
 def with_none_of(elites, *names):
     flaws = sum(np.asarray(getattr(elites.metrics, name)) for name in names)
     return np.asarray(elites.grids)[np.asarray(elites.valid) & (flaws == 0)]
-
-
-def say_by_duckietown_world(program, *arguments):
-    if not OWN_ENVIRONMENT.exists():
-        pytest.skip("duckietown-world is not here: make duckietown")
-    done = subprocess.run([OWN_ENVIRONMENT, PROGRAMS / program, *arguments], capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-
-
-def read_by_duckietown_world(files):
-    read = say_by_duckietown_world("lanes.py", *files)
-    assert len(read) == len(files)
-    return read
-
-
-def check_lanes(grid, graph):
-    metrics = measure(grid)
-    sides = int(CONNECTIONS[grid][CONNECTIONS[grid] >= 3].sum())
-    assert graph["nodes"] == 2 * sides - metrics.adjacent_crossings
-    assert Counter((*start, *end) for start, end in graph["lanes"]) == lanes(grid)
 
 
 @pytest.mark.slow

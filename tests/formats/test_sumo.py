@@ -2,7 +2,6 @@
 
 import math
 import os
-import random
 import re
 import subprocess
 import sys
@@ -17,6 +16,7 @@ import pytest
 from conftest import grids
 from hypothesis import assume, example, given
 from oracle import road_graph
+from sumo_drive import drive, elements, points, read, run
 
 from elitelanes_jax import InputError, evolve
 from elitelanes_jax.formats.sumo import Streets, convert, network, plain_xml, write_sumo
@@ -26,21 +26,6 @@ KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to 
 RING = np.array([[6, 3], [12, 9]], np.int8)
 CITY = generate_batch(np.random.default_rng(0), 1, (9, 12), border="closed").grid[0]
 TO_SCALE = Streets(tile=8.43, right_of_way="right_before_left")
-
-
-def points(text):
-    return [complex(*map(float, point.split(","))) for point in text.split()]
-
-
-def elements(text):
-    return [element.attrib for element in ET.fromstring(text)]
-
-
-def read(plain):
-    """Nodes as places, edges as attributes with their shapes as points, connections as pairs."""
-    nodes = {node["id"]: complex(float(node["x"]), float(node["y"])) for node in elements(plain.nodes)}
-    edges = {edge["id"]: edge | {"shape": points(edge["shape"])} for edge in elements(plain.edges)}
-    return nodes, edges, [(pair["from"], pair["to"]) for pair in elements(plain.connections)]
 
 
 def opposites(edges):
@@ -242,31 +227,6 @@ def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
 # From here on SUMO itself, in an environment of its own: make sumo.
 
 
-def run(program, *arguments):
-    """What one of SUMO's programs says on standard error."""
-    home = pytest.importorskip("sumo", reason="SUMO is not here: make sumo").SUMO_HOME
-    command = [Path(home, "bin", program), *map(str, arguments)]
-    done = subprocess.run(command, env={**os.environ, "SUMO_HOME": home}, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done.stderr
-
-
-def drive(net, connections, folder, seed, vehicles=20, kind=""):
-    """Routes vehicles between random edges and lets them drive; returns how many arrive, and what SUMO complains of."""
-    onward, rng = nx.DiGraph(connections), random.Random(seed)
-    trips = []
-    for number in range(vehicles):
-        start = rng.choice(sorted(onward))
-        end = rng.choice(sorted(nx.descendants(onward, start)))
-        trips.append(f'<trip id="{number}" depart="{number}" from="{start}" to="{end}"/>')
-    (folder / "trips.xml").write_text(f"<routes>{kind}{''.join(trips)}</routes>")
-    said = run("duarouter", "-n", net, "-r", folder / "trips.xml", "-o", folder / "routes.xml")
-    said += run(
-        "sumo", "-n", net, "-r", folder / "routes.xml", "--tripinfo-output", folder / "trips.out", "--end", 3600
-    )
-    return len(ET.parse(folder / "trips.out").findall("tripinfo")), said
-
-
 def keeps_right(net, opposite):
     """Whether each lane lies to the right of the one that goes the other way."""
     lanes = {edge.get("id"): points(edge.find("lane").get("shape")) for edge in net.iter("edge") if edge.get("from")}
@@ -331,7 +291,7 @@ def test_to_scale_cars_as_long_as_duckiebots_arrive(tmp_path):
     shorter = '<vType id="DEFAULT_VEHTYPE" length="2.6" minGap="1"/>'
     for seed, grid in enumerate(maps_of("duckietown")):
         assert harmful(convert(net, grid, streets=TO_SCALE)) == []
-        assert drive(net, read(plain_xml(grid))[2], tmp_path, seed, kind=shorter) == (20, "")
+        assert drive(net, read(plain_xml(grid))[2], tmp_path, seed, kind=shorter, crossings=False) == (20, "")
 
 
 @pytest.mark.slow

@@ -1,9 +1,10 @@
 """Loads Duckietown maps by duckietown-world, in an environment of its own, and prints the graphs of their lanes.
 
-python lanes.py MAP.yaml ...: a line of JSON for each file, `{"nodes": N, "lanes": [[start, end], ...]}`. A start or end
-is `[row, column, row, column]`, the tile that is left there and the one that is entered; both are read off the lane's
-point and heading, so that nothing is taken from our side. Of a map with roads that lead nowhere no graph is made: then
-the line is `{"incomplete": MESSAGE}`.
+python lanes.py MAP.yaml ...: a line of JSON for each file, `{"nodes": N, "lanes": [[start, end], ...], "on_tiles":
+[[start, end], ...]}`: the lanes of the skeleton graph, and those that they are made of, each on one tile. A start or
+end is `[row, column, row, column]`, the tile that is left there and the one that is entered; both are read off the
+lane's point and heading, so that nothing is taken from our side. Of a map with roads that lead nowhere no graph is
+made: then the line is `{"incomplete": MESSAGE}`.
 """
 
 import json
@@ -27,16 +28,25 @@ def border(point, tile_size, height):
     return [int(number) for x, y in tiles for number in (height - 1 - y, x)]  # its rows count from the south
 
 
+def between_borders(graph, points, tile_size, height):
+    borders = {node: border(point, tile_size, height) for node, point in points.items()}
+    return [[borders[start], borders[end]] for start, end in graph.edges()]
+
+
 for name in sys.argv[1:]:
     values = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
     try:
-        graph = get_skeleton_graph(construct_map(values)).G
+        skeleton = get_skeleton_graph(construct_map(values))
     except Exception as error:
         if "Completeness assumption" not in str(error):
             raise
         print(json.dumps({"incomplete": str(error)}))
         continue
-    height, tile_size = len(values["tiles"]), values["tile_size"]
-    borders = {node: border(point, tile_size, height) for node, point in graph.nodes(data="point")}
-    lanes = [[borders[start], borders[end]] for start, end in graph.edges()]
-    print(json.dumps({"nodes": graph.number_of_nodes(), "lanes": lanes}))
+    graph, on_tiles, size = skeleton.G, skeleton.G0, (values["tile_size"], len(values["tiles"]))
+    points = {node: meeting.point for node, meeting in on_tiles.nodes(data="meeting_point")}
+    found = {
+        "nodes": graph.number_of_nodes(),
+        "lanes": between_borders(graph, dict(graph.nodes(data="point")), *size),
+        "on_tiles": between_borders(on_tiles, points, *size),
+    }
+    print(json.dumps(found))
