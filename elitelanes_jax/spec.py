@@ -37,6 +37,7 @@ from elitelanes_jax.styles.like import ranges_like, settings_like
 from elitelanes_jax.styles.read import read_style
 
 __all__ = [
+    "LARGE",
     "METHODS",
     "GenerateSpec",
     "PickSpec",
@@ -44,6 +45,7 @@ __all__ = [
     "check_names",
     "check_size",
     "parse_initial",
+    "parse_large",
     "parse_part",
     "parse_weights",
 ]
