@@ -9,7 +9,7 @@ DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo towns lint docs benchmark compare scaling optimum certify segmentation navigation realism throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo towns lint docs benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -43,7 +43,8 @@ explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 
 # The tests that need large or old packages have an environment each: SUMO,
 sumo: .venv-sumo/.ready
-	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py -k sumo
+	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
+	  tests/experiments/test_references.py -k 'sumo or references'
 
 .venv-sumo/.ready: pyproject.toml constraints.txt
 	rm -rf .venv-sumo
@@ -129,6 +130,11 @@ segmentation: $(READY)
 realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism]'
 	$(BIN)/python experiments/realism.py
+
+# Maps of SUMO's generator in place of ours.
+references: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism,sumo]'
+	$(BIN)/python experiments/realism.py --styles netgenerate-grid netgenerate-rand --out results/references
 
 navigation: $(READY)
 	$(BIN)/python experiments/navigation.py

@@ -1,7 +1,7 @@
 """How like people's maps ours are: features of both, and measures of how far two sets of them lie apart.
 
     python experiments/realism.py [--maps N] [--evaluations N] [--styles NAME ...] [--people FOLDER] [--splits N]
-                                  [--sides N ...] [--out DIR]
+                                  [--sides N ...] [--map-utils FOLDER] [--out DIR]
 
 People's maps are those in the package duckietown-world-daffy 6.4.3, cut to their roads. Their features are kept in
 results/people.json; `--people` takes the folder of the unpacked package and writes that file again. Ours have the
@@ -13,6 +13,9 @@ the area under the ROC curve on maps that they were not fitted to. The first hal
 style `town` was tuned on. `--splits` picks the towns again, by a random half of the features each time, and tells both
 sets apart by the other half. `--sides` compares blocks, streets and turns of larger square towns, of which people made
 hardly any, with the lowest and the highest tenth of people's maps of their own sizes.
+
+Other generators are named as styles are: netgenerate-grid, netgenerate-rand (pip install '.[sumo]') and map-utils, of
+which `--map-utils` takes a copy of the repository.
 """
 
 import argparse
@@ -27,6 +30,7 @@ from typing import Any
 import jax
 import numpy as np
 from numpy.typing import NDArray
+from references import REFERENCES, use_map_utils
 
 from elitelanes_jax import Result, evolve
 from elitelanes_jax._util.atomic_io import write_atomic
@@ -77,6 +81,7 @@ STYLES: dict[str, dict[str, Any]] = {
 
 PEOPLE = Path(__file__).parent / "results" / "people.json"
 
+_NAMES = [*STYLES, *REFERENCES, "map-utils"]
 _NEIGHBOURS, _FOLDS, _REPEATS = 5, 6, 5
 
 
@@ -231,13 +236,17 @@ def make_pools(style: str, evaluations: int) -> dict[tuple[int, int], Result]:
     return pools
 
 
+def shares(count: int) -> dict[tuple[int, int], int]:
+    """Parts a number of maps among people's sizes, equally for each of people's maps."""
+    ends = [0, *np.cumsum(list(Counter(SIZES).values()))]
+    parts = np.diff([round(count * end / len(SIZES)) for end in ends])
+    return dict(zip(Counter(SIZES), parts.tolist(), strict=True))
+
+
 def pick_maps(pools: dict[tuple[int, int], Result], count: int) -> list[NDArray[np.int8]]:
     """Picks equally many maps of each of people's sizes, those of a size with fewer more than once."""
     picked: list[NDArray[np.int8]] = []
-    done = 0
-    for size, times in Counter(SIZES).items():
-        done += times
-        wanted = round(count * done / len(SIZES)) - len(picked)
+    for size, wanted in shares(count).items():
         found = [road_map.codes for road_map in pools[size].maps(wanted)]
         picked += [found[place % len(found)] for place in range(wanted if found else 0)]
     return picked
@@ -373,10 +382,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser(prog="realism", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--maps", type=checked_by(whole(8)), default=200, metavar="N", help="by default 200")
     parser.add_argument("--evaluations", type=checked_by(whole(1)), default=100_000, metavar="N")
-    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=list(STYLES), metavar="NAME")
+    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=_NAMES, metavar="NAME")
     parser.add_argument("--people", type=checked_by(path), metavar="FOLDER", help="read people's maps again")
     parser.add_argument("--splits", type=checked_by(whole(0)), default=0, metavar="N", help="random halves of features")
     parser.add_argument("--sides", nargs="+", type=checked_by(whole(8)), metavar="N", help="compare larger towns alone")
+    parser.add_argument("--map-utils", type=checked_by(path), metavar="FOLDER", help="a copy of duckietown/map-utils")
     parser.add_argument("--out", type=checked_by(path), default=Path("results/realism"), metavar="DIR")
     options = parser.parse_args(arguments)
     return guarded("realism", lambda: _main(options), interrupted="nothing is kept")
@@ -391,6 +401,9 @@ def _main(options: argparse.Namespace) -> int:
         rows = features_of(list(maps.values()))
         people = {name: dict(zip(FEATURES, row.tolist(), strict=True)) for name, row in zip(maps, rows, strict=True)}
         write_atomic(PEOPLE, (json.dumps(people, indent=1) + "\n").encode())
+    others = REFERENCES | ({"map-utils": use_map_utils(options.map_utils)} if "map-utils" in options.styles else {})
+    if options.sides and not others.keys().isdisjoint(options.styles):
+        raise InputError(f"--sides: expected styles among {', '.join(STYLES)}, got {' '.join(options.styles)}")
     known = json.loads(PEOPLE.read_text(encoding="utf-8"))
     real = np.array([[row[name] for name in FEATURES] for row in known.values()])
     found: dict[str, Any] = {}
@@ -398,8 +411,8 @@ def _main(options: argparse.Namespace) -> int:
         found[style] = {side: larger(style, side, options.evaluations, real) for side in options.sides}
         say(f"{style}: {json.dumps(found[style], indent=1)}")
     for style in () if options.sides else options.styles:
-        pools = make_pools(style, options.evaluations)
-        grids = pick_maps(pools, options.maps)
+        pools = {} if style in others else make_pools(style, options.evaluations)
+        grids = others[style](shares(options.maps)) if style in others else pick_maps(pools, options.maps)
         if not grids:
             say(f"{style}: no maps")
             continue

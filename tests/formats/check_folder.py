@@ -26,7 +26,7 @@ from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.sumo import convert, plain_xml
 from elitelanes_jax.network.symmetry import canonical_form
 
-_AT_ONCE = 20  # duckietown-world takes two seconds to start
+_AT_ONCE = 50  # duckietown-world takes two seconds to start
 
 
 def graphs_of(grids, folder):

@@ -10,6 +10,7 @@ made: then the line is `{"incomplete": MESSAGE}`.
 import json
 import logging
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,12 @@ import yaml
 
 logging.disable(logging.CRITICAL)
 
+from duckietown_world.world_duckietown import tile  # noqa: E402
 from duckietown_world.world_duckietown.map_loading import construct_map  # noqa: E402
 from duckietown_world.world_duckietown.segmentify import get_skeleton_graph  # noqa: E402
+
+# It looks for five textures of each tile among all of its files, and takes most of its time for that.
+tile.get_if_exists = cache(tile.get_if_exists)
 
 
 def border(point, tile_size, height):
