@@ -79,6 +79,10 @@ class AnnealedMapElitesConfig(Config):
       grown: the number of cells from which on the chains begin with towns that were grown (see `grow_town`) in place
         of random grids, and restart from none; None for never; static. On 24 x 24 tiles the moves do not lead from
         random grids to networks without a flaw.
+      drifts: whether a grid takes the place of an elite of the same fitness; static. Where many networks have the
+        same fitness, as towns have, elites would else hardly change, and cycles begin from the same ones.
+      complete: whether a niche counts as vacant until its elite has no penalty; static. Else cycles seldom pursue those
+        that hold flawed elites.
     """
 
     annealing: AnnealingConfig = nested(lambda: AnnealingConfig(chains=1, hottest=40, coldest=12))
@@ -90,6 +94,8 @@ class AnnealedMapElitesConfig(Config):
     opposite: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     mirrored: bool | None = static(None, none_or(flag))
     grown: int | None = static(None, none_or(whole(1)))
+    drifts: bool = static(False, flag)
+    complete: bool = static(False, flag)
 
 
 class _Bits(NamedTuple):
@@ -156,7 +162,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     grows = config.grown is not None and shape[0] * shape[1] >= config.grown and min(shape) >= SMALLEST_GROWN
     if grows:
         config = replace(config, restart=0.0)
-    groups, length = _Groups.of(problem.axes, count), _usual_length(config, shape)
+    groups, length = _Groups.of(problem.axes, count, config.drifts), _usual_length(config, shape)
     small, moves = shape[0] * shape[1] <= SMALL, annealing.moves
     if small and moves.refit is None:
         moves = replace(moves, refit=_REFIT)
@@ -164,7 +170,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     mirrored = small and not problem.fill if config.mirrored is None else config.mirrored
     opposite = partial(with_opposite, move=move, mirrored=mirrored)
     make_children = jax.vmap(partial(_make_child, problem, opposite, config.opposite))
-    draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None))
+    draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
     def init(key: Array) -> AnnealedMapElitesState:
         chains = evaluate(problem, _first_towns(problem, key, count) if grows else problem.random(key, count))
@@ -180,7 +186,10 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
         def new_cycles(fitness: Array) -> Cycle:
-            drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness)
+            filled = fitness < VACANT
+            if config.complete:
+                filled &= problem.penalties(archives.counts) == 0
+            drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness, filled)
             return select(begins, drawn, cycles)
 
         cycles = _compute_if(begins.any(), new_cycles, archives.fitness, cycles)
@@ -243,6 +252,7 @@ class _Groups(NamedTuple):
       isolated: bool ``[C]``, which chains are: the first half.
       first: int32 ``[C]``, where the archive begins that each chain knows.
       last: where that of all chains begins.
+      drifts: whether a grid takes the place of an elite of the same fitness.
     """
 
     axes: tuple[Axis, ...]
@@ -250,18 +260,19 @@ class _Groups(NamedTuple):
     isolated: Bool[np.ndarray, " C"]
     first: Int32[np.ndarray, " C"]
     last: int
+    drifts: bool
 
     @staticmethod
-    def of(axes: tuple[Axis, ...], chains: int) -> "_Groups":
+    def of(axes: tuple[Axis, ...], chains: int, drifts: bool) -> "_Groups":
         niches = Niches.of(axes)
         size = len(niches.places)
         group = (np.arange(chains) * 2 * _GROUPS // chains).clip(max=_GROUPS)
-        return _Groups(axes, niches, group < _GROUPS, (group * size).astype(np.int32), _GROUPS * size)
+        return _Groups(axes, niches, group < _GROUPS, (group * size).astype(np.int32), _GROUPS * size, drifts)
 
     def insert(self, archives: Archive, found: Population) -> Archive:
         """Offers each chain's grid to the archive that it knows, and to that of all."""
         niche = niche_index(compute_descriptor(found.counts, self.axes), self.axes)
-        return insert_at(archives, jnp.stack([niche + self.first, niche + self.last]), *found)
+        return insert_at(archives, jnp.stack([niche + self.first, niche + self.last]), *found, drifts=self.drifts)
 
 
 def _draw_cycle(
@@ -271,6 +282,7 @@ def _draw_cycle(
     first: Int32[Array, ""],
     isolated: Bool[Array, ""],
     fitness: Int32[Array, " A"],
+    filled: Bool[Array, " A"],
 ) -> Cycle:
     """Draws one chain's cycle.
 
@@ -281,13 +293,14 @@ def _draw_cycle(
       first: where the archive begins that the chain knows.
       isolated: whether the chain is.
       fitness: int32 ``[A]``, of all archives.
+      filled: bool ``[A]``, the niches that are not pursued as vacant ones.
     """
     niches = groups.niches
-    known = jax.lax.dynamic_slice_in_dim(fitness, first, len(niches.places))
-    filled = fitness[groups.last :] < VACANT
+    known, own = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.places)) for array in (fitness, filled))
+    filled = filled[groups.last :]
     restarts = isolated & bernoulli(bits.restart, config.restart)
     directed = restarts & reachable(niches, filled).any() & bernoulli(bits.direction, _DIRECTION_SHARE)
-    target = draw_target(niches, bits.target, known < VACANT, config.frontier)
+    target = draw_target(niches, bits.target, own, config.frontier)
     target = jnp.where(directed, draw_direction(niches, bits.target[1], filled), target)
     return Cycle(target, directed, restarts, first + nearest_elite(known, niches.places, target, config.bin_penalty))
 

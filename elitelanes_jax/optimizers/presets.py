@@ -25,19 +25,23 @@ from elitelanes_jax.problem.road_problem import Problem
 __all__ = ["PRESETS", "find_preset", "make_optimizer"]
 
 # Moves without those that mirror parts of a map and with few that copy them, so that its parts differ. Outlines of
-# rectangles lead from one sparse network to the next: 67 towns of 12 x 12 with them, 47 with the usual share.
+# rectangles lead from one sparse network to the next: 67 towns of 12 x 12 with them, 47 with the usual share. Towns are
+# equally fit, and most flawed ones have a single flaw: elites drift, windows are refitted, and a niche is pursued until
+# it holds a network without a flaw.
 _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
     coldest=12,
-    moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=0, filling=0.0),
+    moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, filling=0.0),
 )
 
 PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
-    ("map-elites", "irregular"): AnnealedMapElitesConfig(opposite=0.0, mirrored=False, annealing=_IRREGULAR, grown=121),
+    ("map-elites", "irregular"): AnnealedMapElitesConfig(
+        opposite=0.0, mirrored=False, annealing=_IRREGULAR, grown=121, drifts=True, complete=True
+    ),
     ("ea", "tuned"): AnnealingConfig(),
     ("ea", "paper"): EvolutionConfig(),
     ("pso", "tuned"): AnnealedPsoConfig(),

@@ -23,11 +23,12 @@ SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 
 
 @cache
-def search(axes, restart):
+def search(axes, restart, **more):
     """The states of a search with short cycles, from the first on."""
     problem = road_problem(SHAPE, axes, fill=True)
     annealing = AnnealingConfig(population=CHAINS, chains=1, cycle=CYCLE)
-    optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(annealing, restart=restart, restart_length=2))
+    config = AnnealedMapElitesConfig(annealing, restart=restart, restart_length=2, **more)
+    optimizer = annealed_map_elites(problem, config)
     step, state = jax.jit(optimizer.step), optimizer.init(jax.random.key(0))
     states = [state]
     for number in range(STEPS):
@@ -124,6 +125,21 @@ def test_directions_go_to_the_ends_and_count_penalties_alone():
 def test_where_no_niche_is_vacant_no_cycle_goes_in_a_direction():
     _, _, states = search((Axis("tiles", 1),), 0.5)
     assert not np.any([state.cycles.directed for state in states])
+
+
+def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
+    problem, _, states = search((Axis("cyclomatic", 6, 2),), 0, complete=True, drifts=True, frontier=1.0)
+    pursued = set()
+    for before, after in pairwise(states):
+        fitness, counts = before.archives.fitness[-6:], before.archives.counts[-6:]
+        done = (fitness < VACANT) & (np.asarray(problem.penalties(jnp.asarray(counts))) == 0)
+        beside = np.convolve(done, [1, 1, 1], "same") > 0
+        for chain in np.arange(CHAINS // 2, CHAINS)[before.cooling.step[CHAINS // 2 :] == 0]:
+            target = int(after.cycles.target[chain, 0])
+            if (beside & ~done).any():
+                assert beside[target] and not done[target]
+                pursued.add(bool(fitness[target] < VACANT))
+    assert True in pursued
 
 
 def test_penalties_are_the_fitness_without_rewards():

@@ -53,6 +53,9 @@ MAKERS = {
     "ea, tuned": partial(annealed_ea, config=TUNED),
     "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
     "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, mirrored=True)),
+    "map-elites, irregular": partial(
+        annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, drifts=True, complete=True)
+    ),
     "pso, tuned": partial(annealed_pso, config=AnnealedPsoConfig(TUNED)),
     "gwo, tuned": partial(annealed_gwo, config=AnnealedGwoConfig(TUNED)),
     "gwo, the worst as omega": partial(gwo, config=GwoConfig(horizon=100, omega="worst")),
@@ -62,6 +65,7 @@ GENERATIONS = 30
 
 # The tuned swarms are the tuned EA with other mates, and the others differ from theirs in a choice: slow proofs.
 SLOW = {
+    "map-elites, irregular",
     "map-elites, tuned, mirrored",
     "pso, tuned",
     "gwo, tuned",

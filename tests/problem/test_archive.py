@@ -1,5 +1,7 @@
 """The archive against a dictionary filled one grid at a time, and its ties."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,18 +27,19 @@ AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 
 
 insert_jit = jax.jit(insert, static_argnums=1)
-insert_at_jit = jax.jit(insert_at)
+insert_at_jit = jax.jit(insert_at, static_argnames="drifts")
 
 
-def one_by_one(batches):
-    """Niche -> (grid, fitness, counts), the first of the best."""
-    best = {}
-    for grids, fitness, many_counts in batches:
+def one_by_one(batches, drifts=False):
+    """Niche -> (grid, fitness, counts), the first of the best; if elites drift, of the last batch with one."""
+    best, since = {}, {}
+    for number, (grids, fitness, many_counts) in enumerate(batches):
         for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
             cyclomatic, dead_ends = counts[COUNT_NAMES.index("cyclomatic")], counts[COUNT_NAMES.index("dead_ends")]
             niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
-            if niche not in best or value < best[niche][1]:
-                best[niche] = (grid, value, counts)
+            drift = drifts and niche in best and value == best[niche][1] and since[niche] < number
+            if niche not in best or value < best[niche][1] or drift:
+                best[niche], since[niche] = (grid, value, counts), number
     return best
 
 
@@ -53,12 +56,18 @@ def some_batches(draw):
     return batches
 
 
-@given(some_batches())
-def test_insertion_is_that_of_one_after_another(batches):
+@pytest.mark.parametrize("drifts", [False, True])
+@given(batches=some_batches())
+def test_insertion_is_that_of_one_after_another(batches, drifts):
     archive = empty_archive(AXES, (2, 2))
-    for batch in batches:
-        archive = insert_jit(archive, AXES, *map(jnp.asarray, batch))
-    expected = one_by_one(batches)
+    for batch in map(partial(map, jnp.asarray), batches):
+        if drifts:
+            grids, fitness, counts = batch
+            niche = niche_index(compute_descriptor(counts, AXES), AXES)
+            archive = insert_at_jit(archive, niche, grids, fitness, counts, drifts=True)
+        else:
+            archive = insert_jit(archive, AXES, *batch)
+    expected = one_by_one(batches, drifts)
     assert set(np.flatnonzero(archive.valid)) == set(expected)
     for niche, (grid, value, counts) in expected.items():
         np.testing.assert_array_equal(archive.grids[niche], grid)
