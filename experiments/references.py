@@ -173,15 +173,20 @@ def use_map_utils(folder: Path | None) -> Callable[[Mapping[tuple[int, int], int
 
     def make(wanted: Mapping[tuple[int, int], int]) -> list[NDArray[np.int8]]:
         made: list[NDArray[np.int8]] = []
+        seeds = iter(range(10 * sum(wanted.values())))
         with Progress("map-utils", sum(wanted.values()), "maps") as progress, tempfile.TemporaryDirectory() as scratch:
+            output = Path(scratch, "output.yaml")
             for (rows, columns), count in wanted.items():
                 for _ in range(count):
                     size = ("--height", str(rows), "--width", str(columns))
-                    command = [sys.executable, "-c", _SEEDED, str(len(made)), str(program), *size, "--no-border"]
-                    done = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
-                    if done.returncode:
+                    for seed in seeds:  # it gives up now and then
+                        command = [sys.executable, "-c", _SEEDED, str(seed), str(program), *size, "--no-border"]
+                        done = subprocess.run(command, cwd=scratch, capture_output=True, text=True)
+                        if not done.returncode:
+                            break
+                    else:
                         raise InputError(f"map-utils: expected a map, got: {' '.join(done.stderr.split())[-200:]}")
-                    made.append(np.asarray(read_map(Path(scratch, "output.yaml")).codes))
+                    made.append(np.asarray(read_map(output).codes))
                     progress.count()
         return made
 

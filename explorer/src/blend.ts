@@ -13,7 +13,7 @@ export type PixelsOf = (picture: number) => Pixels;
 
 /** What squared 255 · (gain - 1) and offset cost, beside squared grey levels. */
 const GAIN = 1, OFFSET = 0.01;
-const STRIP = 1 / 8, FEATHER = 0.02;
+const STRIP = 1 / 2, FEATHER = 0.02;
 const CLOSE = 1e-9, MOST_ROUNDS = 2000;
 
 export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: number): Pixels {

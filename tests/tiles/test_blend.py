@@ -65,8 +65,8 @@ def least_squares(picture, grid):
         for one, other, level in seams(grid):
             colours = at_seam(picture.image[..., channel].astype(float), one, other, level, PX)
             labels = at_seam(picture.labels, one, other, level, PX)
-            first, second = (np.concatenate(side[: PX // 8]) for side in colours)
-            marks = [np.concatenate(side[: PX // 8]) for side in labels]
+            first, second = (np.concatenate(side[: PX // 2]) for side in colours)
+            marks = [np.concatenate(side[: PX // 2]) for side in labels]
             alike = (marks[0] == marks[1]) & (marks[0] > 0)
             block = np.zeros((alike.sum(), unknowns))
             here, there = (2 * (place[0] * width + place[1]) for place in (one, other))
