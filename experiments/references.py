@@ -123,7 +123,7 @@ def netgenerate_grid(wanted: Mapping[tuple[int, int], int]) -> list[NDArray[np.i
     return made
 
 
-def netgenerate_rand(wanted: Mapping[tuple[int, int], int], networks: int = 600) -> list[NDArray[np.int8]]:
+def netgenerate_rand(wanted: Mapping[tuple[int, int], int], networks: int = 200) -> list[NDArray[np.int8]]:
     """Makes networks of ``netgenerate --rand --rand.grid``, and takes those whose sizes are nearest, in tiles.
 
     Junctions are two tiles apart, all other options netgenerate's own. Roads that lead nowhere, which Duckietown has no
