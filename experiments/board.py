@@ -5,9 +5,9 @@ python experiments/board.py ROW ... --tune
 python experiments/board.py --table [--out DIR]
 
 A row is measured by one command. It writes the raw archive of each task, which `elitelanes score` measures anew, and
-its scores. `--tune` tries six settings, drawn at random, on 5 x 5 and 6 x 6 alone, with other seeds: as many for each
-row of another library. `--table` makes the table and the curves of all rows that are in the folder. QDax, evosax and
-pyribs come with the extra `interop`.
+its scores. `--tune` tries settings on 6 x 6 alone, with other seeds: for every row as many, drawn at random
+from its choices. The trials are kept in the folder `tuning`; the same command goes on where it was. `--table` makes the
+table and the curves of all rows that are in the folder. QDax, evosax and pyribs come with the extra `interop`.
 
 All that a search evaluates is offered to a record of the best network of each niche, which the search does not see. The
 record of the tuned EA has the grids that its chains move to.
@@ -40,10 +40,10 @@ from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.compile_cache import use_compile_cache
 
 TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
-TUNED_ON = [f"{size}-100000" for size in ("5x5B", "6x6A", "6x6B")]
-_TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 6, 4, 1000
+TUNED_ON = [f"{size}-100000" for size in ("6x6A", "6x6B")]
+TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 8, 4, 1000
 
-_COLOURS = mpl.color_sequences["tab10"]
+_COLOURS = (*mpl.color_sequences["tab10"], "black")
 
 
 def best_of(task: Task, found: Found) -> NDArray[np.float64]:
@@ -72,22 +72,49 @@ def measure_row(name: str, task: Task, runs: int, out: Path) -> None:
     say(f"{name}, {task.name}, {runs} runs: {_told(scores)} ({seconds:.0f} s)")
 
 
-def tune(name: str) -> None:
-    """Prints how well each of the settings that are tried does: the mean reliability, by budget and in all."""
-    tried: list[dict[str, Any]] = []
-    draws = np.random.default_rng(0)
-    while len(tried) < _TRIALS:
-        settings = {key: values[draws.integers(len(values))] for key, values in ROWS[name].choices.items()}
-        if settings in tried:
-            continue
-        tried.append(settings)
-        means = []
-        for task in map(find_task, TUNED_ON):
-            budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
-            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, budgets, settings)
-            means.append(compute_scores(task, best_of(task, found)).reliability.mean(axis=0))
-        of_tasks = ", ".join("/".join(f"{mean:.3f}" for mean in task) for task in means)
-        say(f"{name}, {settings}: reliability {np.mean(means):.3f} ({of_tasks})")
+def tune(name: str, out: Path) -> None:
+    """Tries settings of a row; writes the mean reliability of each at every budget of every task, and says the best."""
+    file = out / "tuning" / f"{name}.json"
+    known = _read(file)["trials"] if file.exists() else []
+    fresh = [{"settings": settings, "reliability": {}, "seconds": 0.0} for settings in drawn_settings(name)]
+    trials = [next((old for old in known if old["settings"] == one["settings"]), one) for one in fresh]
+    for trial, task in product(trials, map(find_task, TUNED_ON)):
+        if task.name not in trial["reliability"]:
+            _try(name, trial, task)
+            record = {"row": name, "seeds": _TUNING_SEEDS, "trials": trials}
+            write_atomic(file, (json.dumps(record, indent=1) + "\n").encode())
+    for trial in trials:
+        say(f"{name}, {trial['settings']}: reliability {mean_reliability(trial):.3f}")
+    best = max(trials, key=mean_reliability)["settings"]
+    told = "as" if best == ROWS[name].settings else "not as"
+    say(f"{name}, the best of {len(trials)}: {best}; {told} in board_rows.py")
+
+
+def drawn_settings(name: str) -> list[dict[str, Any]]:
+    """Draws the settings of a row that are tried, the same each time: every choice comes equally often, or nearly."""
+    choices, draws = ROWS[name].choices, np.random.default_rng(0)
+    if not choices:
+        raise InputError(f"{name}: expected a row with settings to tune, got one without")
+    while True:
+        orders = [draws.permutation(np.arange(TRIALS) % len(values)) for values in choices.values()]
+        drawn = list(zip(*orders, strict=True))
+        if len(set(drawn)) == TRIALS:
+            return [{key: values[at] for (key, values), at in zip(choices.items(), one, strict=True)} for one in drawn]
+
+
+def mean_reliability(trial: dict[str, Any]) -> float:
+    """Returns the mean reliability of a trial over tasks and budgets."""
+    return float(np.mean(list(trial["reliability"].values())))
+
+
+def _try(name: str, trial: dict[str, Any], task: Task) -> None:
+    """Runs a trial on a task, and adds its mean reliability at every budget."""
+    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
+    began = time.process_time()
+    found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, budgets, trial["settings"])
+    scores = compute_scores(task, best_of(task, found))
+    trial["reliability"][task.name] = np.round(scores.reliability.mean(axis=0), 6).tolist()
+    trial["seconds"] = round(trial["seconds"] + time.process_time() - began, 1)
 
 
 def _steps() -> list[int]:
@@ -116,7 +143,12 @@ def write_table(out: Path) -> None:
     if not records:
         raise InputError(f"{out}: expected scores of rows, got none")
     sizes = sorted({size for _, size in records})
-    lines = []
+    lines = [
+        "# The board",
+        "",
+        "Means of the runs, with bootstrap intervals of 95 %. [What it is](../../docs/benchmark.md#board).",
+        "",
+    ]
     for size, budget in product(sizes, BUDGETS):
         rows = {name: records[name, size] for name in ROWS if (name, size) in records}
         rows = {name: record for name, record in rows.items() if budget in record["evaluations"]}
@@ -128,6 +160,7 @@ def write_table(out: Path) -> None:
             cells = [_cell(np.array(of_row[field], float)[:, at]) for field in Scores._fields]
             lines.append(f"| {ROWS[name].title} | {' | '.join(cells)} |")
         lines += [""] * bool(rows)
+    lines += _tuning(out / "tuning")
     write_atomic(out / "board.md", "\n".join(lines).encode())
     figure, axes = plt.subplots(
         2,
@@ -160,6 +193,25 @@ def write_table(out: Path) -> None:
     say(f"written to {out}")
 
 
+def _tuning(folder: Path) -> list[str]:
+    """Makes the table of what was tried for each row: means of reliability over tasks and budgets."""
+    records = {record["row"]: record["trials"] for record in map(_read, folder.glob("*.json"))}
+    lines = [
+        "Tuning",
+        "",
+        "| search | trials | best | median | worst | settings of the best |",
+        "|---|---:|---:|---:|---:|---|",
+    ]
+    for name, row in ROWS.items():
+        if trials := records.get(name):
+            means = [mean_reliability(trial) for trial in trials]
+            told = [f"{value:.2f}" for value in (max(means), np.median(means), min(means))]
+            best = trials[int(np.argmax(means))]["settings"]
+            settings = ", ".join(f"{key} {value}" for key, value in best.items())
+            lines.append(f"| {row.title} | {len(trials)} | {' | '.join(told)} | {settings} |")
+    return [*lines, ""] if records else []
+
+
 def _read(file: Path) -> dict[str, Any]:
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
@@ -185,7 +237,7 @@ def _run(options: argparse.Namespace) -> int:
     use_compile_cache()
     for name in options.rows:
         if options.tune:
-            tune(name)
+            tune(name, options.out)
             continue
         for task in tasks:
             measure_row(name, task, options.runs, options.out)

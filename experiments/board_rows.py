@@ -5,7 +5,7 @@ A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds of it side by s
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -120,6 +120,15 @@ def _mirrored(problem: Problem) -> Optimizer:
     return make_optimizer(problem, replace(config, annealing=annealing, mirrored=True))
 
 
+def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, filling: float, refit: int) -> Optimizer:
+    """Makes the tuned MAP-Elites with settings that `--tune` draws."""
+    config = PRESETS["map-elites", "tuned"]
+    assert isinstance(config, AnnealedMapElitesConfig)
+    moves = replace(config.annealing.moves, filling=filling, refit=refit)
+    annealing = replace(config.annealing, hottest=hottest, coldest=3 * hottest // 10, moves=moves)
+    return make_optimizer(problem, replace(config, annealing=annealing, bin_penalty=penalty, restart=restart))
+
+
 def _ea(problem: Problem) -> Optimizer:
     """The tuned EA, with a record of the grids that its chains move to."""
     ea = make_optimizer(problem, PRESETS["ea", "tuned"])
@@ -165,9 +174,10 @@ def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: 
     return Optimizer(init, step, elites, batch)
 
 
-def _qdax_moves(problem: Problem, *, batch: int, share: float, filling: float) -> Optimizer:
+def _qdax_moves(problem: Problem, *, batch: int, share: float, filling: float, refit: int) -> Optimizer:
     """QDax's MAP-Elites with our moves: genotypes are grids."""
-    return _qdax(problem, problem.random, lambda grids: grids, qdax_moves(problem, Mix(filling=filling)), batch, share)
+    vary = qdax_moves(problem, Mix(filling=filling, refit=refit))
+    return _qdax(problem, problem.random, lambda grids: grids, vary, batch, share)
 
 
 def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Optimizer:
@@ -186,13 +196,13 @@ def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Opti
     )
 
 
-def _evosax(problem: Problem, *, population: int, restart: int) -> Optimizer:
+def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> Optimizer:
     """SNES of evosax on logits, begun anew after so many generations."""
     from evosax.algorithms import SNES
 
     task = evosax_task(problem)
     strategy = SNES(population_size=population, solution=jnp.zeros(task.num_dims))
-    params = strategy.default_params
+    params = strategy.default_params.replace(std_init=std)
 
     def begin(key: Any) -> Any:
         drawn, rest = jax.random.split(key)
@@ -270,15 +280,20 @@ def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: 
     return Scheduler(archive, emitters), lambda solutions: decode(solutions.astype(np.float32))
 
 
-def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, filling: float) -> Any:
+@cache
+def _vary(problem: Problem, filling: float, refit: int) -> Any:
+    """Compiles the moves once for all seeds: (grids, mates, a whole number to draw from) -> grids."""
+    _, vary = qdax_moves(problem, Mix(filling=filling, refit=refit))
+    return jax.jit(lambda grids, mates, seed: vary(grids, mates, jax.random.key(seed)))
+
+
+def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, filling: float, refit: int) -> Any:
     """The genetic emitter of pyribs, with our moves in place of its operators."""
     from ribs.archives import GridArchive
     from ribs.emitters import GeneticAlgorithmEmitter
     from ribs.schedulers import Scheduler
 
-    mutate, vary = (jax.jit(move) for move in qdax_moves(problem, Mix(filling=filling)))
-    draws, crossed = np.random.default_rng(seed), int(batch * share)
-    keys = iter(lambda: jax.random.key(int(draws.integers(2**31))), None)
+    vary, crossed, draws = _vary(problem, filling, refit), int(batch * share), np.random.default_rng(seed)
 
     def as_grids(solutions: Any) -> Any:
         return solutions.reshape(-1, *problem.shape).astype(np.int8)
@@ -288,18 +303,19 @@ def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, fillin
             if self.archive.empty:
                 return self.initial_solutions
             one, other = (as_grids(self.archive.sample_elites(batch)["solution"]) for _ in range(2))
-            varied = vary(one[:crossed], other[:crossed], next(keys))
-            return np.concatenate([varied, mutate(one[crossed:], next(keys))]).reshape(batch, -1)
+            mates = np.concatenate([other[:crossed], one[crossed:]])
+            return np.asarray(vary(one, mates, draws.integers(2**31))).reshape(batch, -1)
 
     archive = GridArchive(**ribs_archive_space(problem), seed=seed)
-    start = np.asarray(problem.random(next(keys), batch)).reshape(batch, -1)
+    start = np.asarray(problem.random(jax.random.key(int(draws.integers(2**31))), batch)).reshape(batch, -1)
     emitter = MovesEmitter(
         archive, operator="gaussian", operator_kwargs={"sigma": 1}, initial_solutions=start, seed=seed
     )
     return Scheduler(archive, [emitter]), as_grids
 
 
-_MOVES = {"batch": (16, 32, 64, 128), "share": (0.0, 0.2, 0.5, 0.8), "filling": (0.0, 0.05, 0.1, 0.3)}
+_MIX = {"filling": (0.0, 0.05, 0.1, 0.3), "refit": (0, 8, 25)}
+_MOVES = {"batch": (16, 32, 64, 128), "share": (0.0, 0.2, 0.5, 0.8), **_MIX}
 
 ROWS = {
     **{
@@ -307,33 +323,42 @@ ROWS = {
         for preset in ("paper", "standard", "tuned")
     },
     "tuned-mirrored": Row("the same, no refitted windows, little filling", _in_jax(_mirrored)),
+    "drawn": Row(
+        "the same as `tuned`, with the effort of the other libraries",
+        _in_jax(_drawn),
+        {"hottest": 80, "penalty": 400, "restart": 0.0, "filling": 0.05, "refit": 25},
+        {"hottest": (20, 40, 80, 160), "penalty": (100, 200, 400, 800), "restart": (0.0, 0.1, 0.3), **_MIX},
+    ),
     "ea": Row("EA with restarts, `tuned`", _in_jax(_ea)),
     "qdax-moves": Row(
-        "QDax: MAP-Elites, our moves", _in_jax(_qdax_moves), {"batch": 32, "share": 0.2, "filling": 0.0}, _MOVES
+        "QDax: MAP-Elites, our moves",
+        _in_jax(_qdax_moves),
+        {"batch": 16, "share": 0.2, "filling": 0.0, "refit": 25},
+        _MOVES,
     ),
     "qdax-line": Row(
         "QDax: MAP-Elites, Iso+LineDD on logits",
         _in_jax(_qdax_line),
-        {"batch": 32, "iso": 0.3, "line": 0.2},
+        {"batch": 128, "iso": 0.3, "line": 0.2},
         {"batch": (16, 32, 64, 128), "iso": (0.03, 0.1, 0.3, 1.0, 3.0), "line": (0.0, 0.2, 0.5, 1.0)},
     ),
     "ribs-cma": Row(
         "pyribs: CMA-ME on logits",
         _in_ribs(_ribs_cma),
-        {"ranker": "obj", "sigma": 1.0, "batch": 72},
+        {"ranker": "2imp", "sigma": 0.1, "batch": 72},
         {"ranker": ("imp", "2imp", "2rd", "obj"), "sigma": (0.1, 0.3, 1.0, 3.0), "batch": (12, 36, 72)},
     ),
     "ribs-moves": Row(
         "pyribs: genetic emitter, our moves",
         _in_ribs(_ribs_moves),
-        {"batch": 32, "share": 0.2, "filling": 0.0},
+        {"batch": 16, "share": 0.2, "filling": 0.0, "refit": 25},
         _MOVES,
     ),
     "evosax": Row(
         "evosax: SNES on logits, with restarts",
         _in_jax(_evosax),
-        {"population": 64, "restart": 50},
-        {"population": (16, 32, 64, 128), "restart": (25, 50, 100, 200, 400)},
+        {"population": 16, "restart": 100, "std": 3.0},
+        {"population": (16, 32, 64, 128), "restart": (25, 50, 100, 200, 400), "std": (0.3, 1.0, 3.0)},
     ),
 }
 """The rows by their names on the command line."""

@@ -5,8 +5,8 @@ python experiments/optimum.py [--out DIR] [--quick]
 What is done is kept in the folder, and a search goes on where it was: killed at any moment, the same command continues.
 
 Compares the presets with the proven optima, fills the niches of the cyclomatic number, searches under random
-constraints, and makes maps after Duckietown's rules. A search is given nothing that is known: optima, floors and the
-comb are only compared with its results.
+constraints, and makes maps after Duckietown's rules. A search is given nothing that is known: optima, the best fitness
+found before and the comb are only compared with its results.
 """
 
 import argparse
@@ -22,6 +22,7 @@ import matplotlib as mpl
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from bounds import FOUND
 from numpy.typing import NDArray
 from results_folder import kept, open_results
 
@@ -45,9 +46,6 @@ OPTIMA = {
     False: {3: -10, 4: -34, 5: -82, 6: -158, 8: -466, 12: -2034},
 }
 
-# The best known fitness of a flawless network of 12 x 12 filled cells, by its cyclomatic number from 3 on.
-FLOORS = [-1734, -1752, -1810, -1858, -1898, -1696, -1604, -1548, -1444, -1312, -1150, -1076, -950, -846, -764, -636]
-FLOORS += [-540, -496, -342]
 FLAWS = ("dead_ends", "adjacent_crossings", "adjacent_turns")
 
 METHODS = ("ea", "pso", "gwo", "map-elites")
@@ -166,9 +164,9 @@ def niches(quick: bool, fill: bool, place: Path) -> list[str]:
     row += f"{budget:,} evaluations, {coverage(filled).mean():.0%} in the mean; {seconds:.0f} s for all seeds. "
     row += f"QD score {qd_score(best, filled, 0).mean():,.0f} in the mean (an elite of fitness 0 counts nothing)."
     if fill:
-        as_good = (best <= np.array(FLOORS)).sum(axis=1)
+        as_good = (best <= np.array(FOUND)).sum(axis=1)
         row += f" At least as good as the best known: {sorted(as_good.tolist())}."
-    return [row, niche_table(best, least, FLOORS if fill else None)]
+    return [row, niche_table(best, least, FOUND if fill else None)]
 
 
 def niche_table(best: NDArray[np.float64], least: int, known: list[int] | None) -> str:
