@@ -127,10 +127,12 @@ def netgenerate_rand(wanted: Mapping[tuple[int, int], int], networks: int = 200)
     """Makes networks of ``netgenerate --rand --rand.grid``, and takes those whose sizes are nearest, in tiles.
 
     Junctions are two tiles apart, all other options netgenerate's own. Roads that lead nowhere, which Duckietown has no
-    tile for, are left out. No size can be asked for: maps are taken from networks of 4 to 80 streets.
+    tile for, are left out. No size can be asked for: maps are taken from networks of 4 to 80 streets that are no longer
+    than the longest size.
     """
     found: dict[bytes, NDArray[np.int8]] = {}
     shortest, longest = _ITERATIONS
+    longest_side = max(max(size) for size in wanted)
     with Progress("netgenerate --rand", networks, "networks") as progress:
         for number in range(networks):
             spacing = (*("--rand.min-distance", str(2 * _TILE)), *("--rand.max-distance", str(2 * _TILE)))
@@ -141,7 +143,7 @@ def netgenerate_rand(wanted: Mapping[tuple[int, int], int], networks: int = 200)
                     *("--rand.iterations", str(streets), "--seed", str(number)),
                 )
             )
-            if grid.any():
+            if grid.any() and max(_extent(grid)) <= longest_side:
                 found.setdefault(canonical_form(grid), grid)
             progress.count()
     made = []
