@@ -23,11 +23,14 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["STRAIGHT", "Cell", "Sweep", "insert", "sweep", "tile_of"]
+__all__ = [
+    *("BESIDE_TURN", "CROSSING", "STRAIGHT", "TURN", "Cell", "Sweep", "decode", "encode", "find", "insert"),
+    *("join_splits", "sweep", "tile_of"),
+]
 
 # Kinds. Without a road: what is before the line is a turn, or anything else. With one: a turn, a crossing, or
 # STRAIGHT + L for a straight of L tiles so far.
-_CLEAR, _BESIDE_TURN, _TURN, _CROSSING, STRAIGHT = 0, 1, 2, 3, 3
+_CLEAR, BESIDE_TURN, TURN, CROSSING, STRAIGHT = 0, 1, 2, 3, 3
 
 _WITHOUT_KINDS = np.uint64(0xFFF0FFF0FFF0FFF0)
 _NEVER = 1 << 20
@@ -165,7 +168,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
     state = np.zeros(old.shape[1], np.uint64)
     left_bit, up_bit = 1 << column, 1 << column + 1
     for source in range(len(old)):
-        count = _decode(old, source, kinds, blocks, splits, owners)
+        count = decode(old, source, kinds, blocks, splits, owners)
         components = 0
         for place in range(places + 2):
             members[place] = 0
@@ -208,7 +211,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
                     taken = (up_bit if up else 0) | (left_bit if left else 0)
                     for number in range(count):
                         new_splits[number], new_owners[number] = splits[number], owners[number]
-                    new_count = _join(members, up, left, taken, own, mine, count, new_splits, new_owners)
+                    new_count = join_splits(members, up, left, taken, own, mine, count, new_splits, new_owners)
                     if new_count < 0:
                         continue
             elif cell.bridgeless:
@@ -219,7 +222,7 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
             if ended:
                 _offer(cell, old_values, source, gain, cycle, origin, final, final_origins, 0)
                 continue
-            _encode(state, new_kinds, new_blocks, new_splits, new_count, np.int64(column == width - 1))
+            encode(state, new_kinds, new_blocks, new_splits, new_count, np.int64(column == width - 1))
             place, size, states, values, origins, used = insert(size, states, values, origins, used, state)
             _offer(cell, old_values, source, gain, cycle, origin, values, origins, place)
     return states, values, origins, used
@@ -228,21 +231,21 @@ def _advance(cell: Any, old: Any, old_values: Any, final: Any, final_origins: An
 @numba.njit(cache=True)
 def tile_of(cell: Any, left: Any, up: Any, right: Any, down: Any) -> Any:
     """Returns what a tile adds to the straight score, and the kinds to its right and below it; -1 if it may not be."""
-    has_left, has_up = left >= _TURN, up >= _TURN
+    has_left, has_up = left >= TURN, up >= TURN
     connections = has_left + has_up + right + down
     if connections == 0:
         return -1 if cell.fill else 0, _CLEAR, _CLEAR
     if connections == 1:
         return -1, _CLEAR, _CLEAR
     if connections > 2:
-        if left == _CROSSING or up == _CROSSING:
+        if left == CROSSING or up == CROSSING:
             return -1, _CLEAR, _CLEAR
-        return 0, _CROSSING * right, _CROSSING * down
+        return 0, CROSSING * right, CROSSING * down
     if has_up != down:
-        if left in (_TURN, _BESIDE_TURN) or up in (_TURN, _BESIDE_TURN):
+        if left in (TURN, BESIDE_TURN) or up in (TURN, BESIDE_TURN):
             return -1, _CLEAR, _CLEAR
-        right_kind = _CLEAR if cell.column == cell.width - 1 else _TURN if right else _BESIDE_TURN
-        return 0, right_kind, _TURN if down else _BESIDE_TURN
+        right_kind = _CLEAR if cell.column == cell.width - 1 else TURN if right else BESIDE_TURN
+        return 0, right_kind, TURN if down else BESIDE_TURN
     before = up if has_up else left
     length = before - STRAIGHT + 1 if before > STRAIGHT else 1
     kind = STRAIGHT + (length if cell.lengths else 1)
@@ -250,7 +253,7 @@ def tile_of(cell: Any, left: Any, up: Any, right: Any, down: Any) -> Any:
 
 
 @numba.njit(cache=True)
-def _join(
+def join_splits(
     members: Any, up: Any, left: Any, taken: Any, own: Any, mine: Any, count: Any, splits: Any, owners: Any
 ) -> Any:
     """Changes splits as roads meet in a tile; returns their number, or -1 if some link has become a bridge.
@@ -320,7 +323,7 @@ def _offer(
 
 
 @numba.njit(cache=True)
-def _decode(states: Any, number: Any, kinds: Any, blocks: Any, splits: Any, owners: Any) -> Any:
+def decode(states: Any, number: Any, kinds: Any, blocks: Any, splits: Any, owners: Any) -> Any:
     """Reads one of the states; returns the number of splits."""
     count = 0
     for place in range(len(kinds)):
@@ -345,7 +348,7 @@ def _decode(states: Any, number: Any, kinds: Any, blocks: Any, splits: Any, owne
 
 
 @numba.njit(cache=True)
-def _encode(state: Any, kinds: Any, blocks: Any, splits: Any, count: Any, shift: Any) -> None:
+def encode(state: Any, kinds: Any, blocks: Any, splits: Any, count: Any, shift: Any) -> None:
     """Writes a state, its components numbered as they come; past the end of a row all moves on by one place."""
     places = len(kinds)
     numbers, opens, closes = np.zeros(places + 2, np.int64), np.zeros(places, np.int64), np.zeros(places, np.int64)
@@ -371,7 +374,7 @@ def _encode(state: Any, kinds: Any, blocks: Any, splits: Any, count: Any, shift:
 
 
 @numba.njit(cache=True)
-def _find(states: Any, used: Any, state: Any) -> Any:
+def find(states: Any, used: Any, state: Any) -> Any:
     """Returns where a state is in a hash table, or should be."""
     mixed = np.uint64(0)
     for word in range(len(state)):
@@ -392,11 +395,11 @@ def _find(states: Any, used: Any, state: Any) -> Any:
 @numba.njit(inline="always")  # counting takes a quarter longer with a call
 def insert(size: Any, states: Any, values: Any, origins: Any, used: Any, state: Any) -> Any:
     """Finds a state in a hash table of so many states, or adds it; returns its place, the number, and the table."""
-    place = _find(states, used, state)
+    place = find(states, used, state)
     if not used[place]:
         if 3 * size > 2 * len(used):
             states, values, origins, used = _rehash(2 * len(used), states, values, origins, used)
-            place = _find(states, used, state)
+            place = find(states, used, state)
         used[place] = True
         for word in range(len(state)):
             states[place, word] = state[word]
@@ -416,7 +419,7 @@ def _rehash(capacity: Any, states: Any, values: Any, origins: Any, used: Any) ->
         if used[old]:
             for word in range(len(state)):
                 state[word] = states[old, word]
-            place = _find(new_states, new_used, state)
+            place = find(new_states, new_used, state)
             new_used[place] = True
             for word in range(len(state)):
                 new_states[place, word] = state[word]

@@ -20,7 +20,10 @@ VERSION = 1
 BUDGETS = (10_000, 100_000, 1_000_000)
 """The evaluations that a run may take. A run with one budget is also scored at all lower ones."""
 
-SIZES = ("5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B", "9x9A")
+SIZES = (
+    *("5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B", "9x9A"),
+    *("9x9B", "10x10A", "12x12A"),
+)
 """Height, width and variant: in A every cell is filled, in B cells may be empty."""
 
 
@@ -37,7 +40,7 @@ class Task(NamedTuple):
       evaluations: the budget of a run.
       cyclomatic: int ``[F]``, the feasible niches: all other cyclomatic numbers are proven to have no network.
       optimum: int ``[F]``, the lowest fitness of each, proven.
-      networks: int ``[F]``, how many flawless networks each has.
+      networks: int ``[F]``, how many flawless networks each has; -1 where they are not counted.
       witnesses: int8 ``[F, H, W]``, an optimal network of each.
     """
 
@@ -65,7 +68,8 @@ def find_task(name: str) -> Task:
     niches = _certificates()[*shape, fill]
     grids = [[[int(code, 16) for code in row] for row in niche["witness"]] for niche in niches]
     cyclomatic, optimum, networks = (
-        np.array([niche[key] for niche in niches]) for key in ("cyclomatic", "optimum", "networks")
+        np.array([-1 if niche[key] is None else niche[key] for niche in niches])
+        for key in ("cyclomatic", "optimum", "networks")
     )
     return Task(name, shape, fill, int(parts[5]), cyclomatic, optimum, networks, np.array(grids, np.int8))
 

@@ -43,7 +43,7 @@ def test_it_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
 
 def test_gaps_are_tabulated_by_niche():
     best = np.array([[-10.0, np.inf, np.inf], [-14.0, -7.0, np.inf]])
-    assert optimum.niche_table(best, 3, [-12, -5, -1]).splitlines()[2:] == [
+    assert optimum.niche_table(best, 3, np.array([-12, -5, -1])).splitlines()[2:] == [
         "| 3 | 2 of 2 | -14 | -12 | -2 | +0 |",
         "| 4 | 1 of 2 | -7 | -7 | -2 | -2 |",
         "| 5 | 0 of 2 |  |  |  |  |",

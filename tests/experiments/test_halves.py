@@ -1,0 +1,160 @@
+"""Optima by halves: against the certificates of the sweep, and the sweep over a half against enumeration."""
+
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import certify
+import numpy as np
+import pytest
+from check_archive import rescore
+from frontier import BESIDE_TURN, CROSSING, STRAIGHT, TURN, sweep
+from half_sweep import UNIT, find_highest, find_rests, make_half
+from half_worths import across, choose_worths, first_worths
+from halves import find_most_crossings, find_optimum, find_patterns
+
+from elitelanes_jax.benchmark.tasks import find_task
+
+
+def two_halves(height, width, fill=True):
+    upper = make_half(height // 2, width, fill=fill)
+    return upper, upper if height % 2 == 0 else make_half(height - height // 2, width, fill=fill)
+
+
+def check_all(height, width, optima):
+    """Compares all cyclomatic numbers that a grid may have, and one more."""
+    upper, lower = two_halves(height, width)
+    most = 1 + find_most_crossings(upper, lower) // 2
+    assert most >= max(optima)
+    for cyclomatic in range(1, most + 2):
+        proof = find_optimum(upper, lower, cyclomatic)
+        if cyclomatic not in optima:
+            assert proof.score == -1 and proof.grid is None
+            continue
+        assert -2 * (cyclomatic + proof.score) == optima[cyclomatic]
+        assert proof.with_bridges >= proof.score
+        assert rescore(proof.grid.astype(int)) == (optima[cyclomatic], cyclomatic, True, True)
+
+
+def certified(name):
+    task = find_task(f"{name}-10000")
+    return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
+
+
+@pytest.mark.parametrize(("height", "width", "size"), [(5, 5, "5x5A"), (6, 6, "6x6A")])
+def test_halves_find_the_optima_of_the_sweep(height, width, size):
+    check_all(height, width, certified(size))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("height", "width", "size"), [(7, 7, "7x7A"), (8, 8, "8x8A"), (7, 9, "7x9A"), (9, 7, "7x9A"), (9, 9, "9x9A")]
+)
+def test_halves_find_the_optima_of_the_sweep_on_larger_grids(height, width, size):
+    check_all(height, width, certified(size))
+
+
+def test_bridges_are_allowed_if_asked_for():
+    upper, lower = two_halves(5, 6)
+    swept = sweep((5, 6), 7, fill=True).values
+    found = [find_optimum(upper, lower, cyclomatic, bridgeless=False).score for cyclomatic in range(1, 7)]
+    np.testing.assert_array_equal(found, np.nan_to_num(swept[1:], nan=-1))
+
+
+def test_a_search_that_may_keep_little_ends_with_a_bound():
+    upper, lower = two_halves(7, 7)
+    optimum = certified("7x7A")[4]
+    proof = find_optimum(upper, lower, 4, most=300)
+    assert proof.grid is None
+    assert -2 * (4 + proof.score) <= optimum
+    assert proof.peak <= 300
+
+
+def enumerate_half(height, width, fill, worth, price):
+    """Returns the highest value over all links of a half, each measured anew."""
+    best = -np.inf
+    across_count, down_count = height * (width - 1), height * width
+    for bits in itertools.product((0, 1), repeat=across_count + down_count):
+        east = np.zeros((height, width), int)
+        east[:, :-1] = np.reshape(bits[:across_count], (height, width - 1))
+        south = np.reshape(bits[across_count:], (height, width))
+        west, north = np.roll(east, 1, axis=1), np.roll(south, 1, axis=0)
+        north[0] = 0
+        count = north + east + south + west
+        turn, crossing = (count == 2) & (north != south), count > 2
+        if (
+            (count == 1).any()
+            or (fill and not count.all())
+            or (turn[1:] & turn[:-1]).any()
+            or (turn[:, 1:] & turn[:, :-1]).any()
+        ):
+            continue
+        if (crossing[:, 1:] & crossing[:, :-1] & (east[:, :-1] > 0)).any():
+            continue
+        if (crossing[1:] & crossing[:-1] & (south[:-1] > 0)).any():
+            continue
+        upright, level = (count == 2) & (north == 1) & (south == 1), (count == 2) & (east == 1) & (west == 1)
+        runs = [len(list(run)) for line in (*level, *upright.T) for there, run in itertools.groupby(line) if there]
+        value = UNIT * sum(run**2 for run in runs) + price * np.maximum(count - 2, 0).sum()
+        for column in range(width):
+            run = next((row for row in range(height) if not upright[::-1][row, column]), height)
+            if south[-1, column]:
+                label = TURN if turn[-1, column] else CROSSING if crossing[-1, column] else STRAIGHT + run
+            else:
+                label = BESIDE_TURN if turn[-1, column] else 0
+            value += worth[column, label]
+        best = max(best, value)
+    return best
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (2, 3), (2, 4), (3, 3)])
+@pytest.mark.parametrize("fill", [True, False])
+def test_the_highest_half_is_that_of_enumeration(shape, fill):
+    draws = np.random.default_rng(0)
+    worth, price = draws.integers(-9 * UNIT, 9 * UNIT, (shape[1], 16)), int(draws.integers(-5 * UNIT, 5 * UNIT))
+    half = make_half(*shape, fill=fill)
+    value, score, crossings, labels = find_highest(half, worth, price)
+    assert value == enumerate_half(*shape, fill, worth, price) == find_rests(half, worth, price)[0][0]
+    assert value == UNIT * score + price * crossings + worth[np.arange(shape[1]), labels].sum()
+
+
+@pytest.mark.parametrize(("height", "pattern"), [(6, None), (7, None), (6, 0b1000001), (7, 0b1001101)])
+def test_labels_that_fit_are_worth_enough(height, pattern):
+    upper, lower = two_halves(height, 7)
+    halves = (upper,) if upper is lower else (upper, lower)
+    worths = choose_worths(halves, 6, first_worths(halves), pattern, 0)
+    first, second = worths.labels[0], worths.labels[-1]
+    for one, other in np.ndindex(first.shape[1], first.shape[1]):
+        if across(one, other) >= 0:
+            linked = np.array([pattern is None or (pattern >> column & 1) == (one >= TURN) for column in range(7)])
+            assert (first[:, one] + second[:, other] >= UNIT * across(one, other))[linked].all()
+
+
+@pytest.mark.parametrize(
+    "size",
+    [(6, 6, True), (5, 5, False)]
+    + [pytest.param(size, marks=pytest.mark.slow) for size in ((6, 6, False), (6, 7, False), (8, 8, False))],
+)
+def test_certificates_by_halves_are_those_of_the_sweep(size):
+    with ThreadPoolExecutor(1) as workers:
+        record = certify.certify_by_halves(size, workers)
+    swept = certify.certify(size)
+    for niche, expected in zip(record["niches"], swept["niches"], strict=True):
+        assert niche["networks"] is None
+        assert (niche["cyclomatic"], niche["optimum"]) == (expected["cyclomatic"], expected["optimum"])
+        grid = np.array([[int(code, 16) for code in row] for row in niche["witness"]])
+        assert rescore(grid) == (niche["optimum"], niche["cyclomatic"], True, bool(grid.all()))
+    assert record["cost"].keys() == swept["cost"].keys()
+
+
+@pytest.mark.parametrize("size", ["6x6A", "6x6B", pytest.param("9x9A", marks=pytest.mark.slow)])
+def test_no_pattern_of_a_network_is_left_out(size):
+    task = find_task(f"{size}-10000")
+    upper, lower = two_halves(*task.shape, task.fill)
+    halves = (upper,) if upper is lower else (upper, lower)
+    for cyclomatic, optimum, grid in zip(task.cyclomatic.tolist(), task.optimum.tolist(), task.witnesses, strict=True):
+        score, crossings = -optimum // 2 - cyclomatic, 2 * (cyclomatic - 1)
+        worths = choose_worths(halves, crossings, first_worths(halves), None, 0)
+        linked = grid[task.shape[0] // 2 - 1] & 2 > 0
+        pattern = min(sum(1 << place for place in np.flatnonzero(side).tolist()) for side in (linked, linked[::-1]))
+        for target in (score, score - 1, score - 5, score - 20):
+            assert pattern in find_patterns(halves, worths, crossings, target, 10**7)
