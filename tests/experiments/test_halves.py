@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from check_archive import rescore
 from frontier import BESIDE_TURN, CROSSING, STRAIGHT, TURN, sweep
+from half_patterns import find_patterns
 from half_sweep import UNIT, find_highest, find_rests, make_half
 from half_worths import across, choose_worths, first_worths
-from halves import find_most_crossings, find_optimum, find_patterns
+from halves import find_most_crossings, find_optimum
 
 from elitelanes_jax.benchmark.tasks import find_task
 
