@@ -389,7 +389,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--map-utils", type=checked_by(path), metavar="FOLDER", help="a copy of duckietown/map-utils")
     parser.add_argument("--out", type=checked_by(path), default=Path("results/realism"), metavar="DIR")
     options = parser.parse_args(arguments)
-    return guarded("realism", lambda: _main(options), interrupted="nothing is kept")
+    return guarded("realism", lambda: _main(options), interrupted="styles that were done are kept")
 
 
 def _main(options: argparse.Namespace) -> int:
@@ -438,8 +438,10 @@ def _main(options: argparse.Namespace) -> int:
             found[style]["by chance"] = apart_by_chance(*standardised(real, made, FEATURES))
             found[style]["splits"] = [split(pools, real, options.maps, seed) for seed in range(options.splits)]
         say(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
-    name = "larger.json" if options.sides else "realism.json"
-    write_atomic(options.out / name, (json.dumps(found, indent=1) + "\n").encode())
+        write_atomic(options.out / "realism.json", (json.dumps(found, indent=1) + "\n").encode())
+        jax.clear_caches()  # the programs of several styles together are more than a process may map
+    if options.sides:
+        write_atomic(options.out / "larger.json", (json.dumps(found, indent=1) + "\n").encode())
     return 0
 
 
