@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from frontier import decode, encode, insert, join_splits
-from half_sweep import Half, find_rests, value_of
+from half_sweep import Half, value_of
 from half_worths import Worths
 from numpy.typing import NDArray
 
@@ -39,11 +39,9 @@ def fill(
     halves: tuple[Half, ...], worths: Worths, crossings: int, target: int, most: int, bridgeless: bool
 ) -> list[Fillings] | None:
     """Finds the ways to fill each half that may be of a network of a score; None if they are too many."""
-    rests = [find_rests(half, worth, worths.price) for half, worth in zip(halves, worths.labels, strict=True)]
-    tops, least = [int(rest[0][0]) for rest in rests], worths.least(crossings, target)
     filled = []
-    for half, worth, rest, other in zip(halves, worths.labels, rests, tops[::-1], strict=True):
-        found = _fill_half(half, worth, worths.price, rest, least - other, most, bridgeless)
+    for half, worth, rest, least in worths.needs(halves, crossings, target):
+        found = _fill_half(half, worth, worths.price, rest, least, most, bridgeless)
         if found is None:
             return None
         filled.append(found)

@@ -5,7 +5,7 @@ from typing import Any
 import numba
 import numpy as np
 from frontier import TURN, insert
-from half_sweep import Half, find_rests, value_of
+from half_sweep import Half, value_of
 from half_worths import Worths
 
 __all__ = ["find_patterns"]
@@ -24,15 +24,13 @@ def find_patterns(halves: tuple[Half, ...], worths: Worths, crossings: int, targ
     Returns:
       The columns as bits, of two patterns that are mirrored the lower number; None if states are too many.
     """
-    rests = [find_rests(half, worth, worths.price) for half, worth in zip(halves, worths.labels, strict=True)]
-    tops, least = [int(rest[0][0]) for rest in rests], worths.least(crossings, target)
     highest = []
-    for half, worth, rest, other in zip(halves, worths.labels, rests, tops[::-1], strict=True):
+    for half, worth, rest, least in worths.needs(halves, crossings, target):
         keys, values = np.zeros((1, 1), np.uint64), np.zeros((1, 1), np.int64)
         for number, layer in enumerate(half.layers):
             column = number // half.height
             keys, values, used = _extend_pattern(
-                layer, column, keys, values, rest[number + 1], worth[column], worths.price, least - other, most
+                layer, column, keys, values, rest[number + 1], worth[column], worths.price, least, most
             )
             if len(keys) == 0:
                 return None
@@ -45,7 +43,7 @@ def find_patterns(halves: tuple[Half, ...], worths: Worths, crossings: int, targ
     for key, value in highest[0].items():
         pattern, used = key & 0xFFFF, key >> 16
         partner = highest[-1].get(pattern | (crossings - used) << 16)
-        if partner is not None and value + partner >= least:
+        if partner is not None and value + partner >= worths.least(crossings, target):
             found.add(min(pattern, int(f"{pattern:0{halves[0].width}b}"[::-1], 2)))
     return sorted(found)
 

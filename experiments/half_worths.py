@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numba
 import numpy as np
 from frontier import BESIDE_TURN, CROSSING, STRAIGHT, TURN
-from half_sweep import NEVER, UNIT, Half, find_highest
+from half_sweep import NEVER, UNIT, Half, find_highest, find_rests
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
@@ -40,6 +40,15 @@ class Worths(NamedTuple):
     def least(self, crossings: int, target: int) -> int:
         """Returns what two halves have to be worth together for a straight score."""
         return UNIT * target + self.price * crossings
+
+    def needs(
+        self, halves: tuple[Half, ...], crossings: int, target: int
+    ) -> list[tuple[Half, NDArray[np.int64], list[NDArray[np.int64]], int]]:
+        """Returns each half, its worths, its rests (see `find_rests`), and what it has to be worth for a score."""
+        rests = [find_rests(half, worth, self.price) for half, worth in zip(halves, self.labels, strict=True)]
+        others = [int(rest[0][0]) for rest in rests][::-1]
+        least = [self.least(crossings, target) - other for other in others]
+        return list(zip(halves, self.labels, rests, least, strict=True))
 
 
 @numba.njit(cache=True)
