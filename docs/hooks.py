@@ -16,8 +16,7 @@ from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
 from nbconvert import MarkdownExporter
 
-from elitelanes_jax.explorer.collect import collect
-from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.explorer import collect, page_of
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"

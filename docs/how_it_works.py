@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elitelanes_jax.formats.graph import Cell, tile_graph
+from elitelanes_jax.formats import Cell, tile_graph
 from elitelanes_jax.plots import road_map
 
 CODES = np.array(

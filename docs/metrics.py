@@ -15,12 +15,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
 from elitelanes_jax.cli.metrics import meanings, number, range_text
-from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network import COUNT_NAMES, CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, Weights, plain_measure
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.problem.extremes import FILE, features_of
+from elitelanes_jax.problem import EXTREMES, features_of
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -64,7 +61,7 @@ def search() -> None:
             holders = [place for place, value in enumerate(values) if value == extreme]
             if not chosen & set(holders):
                 chosen.add(holders[0])
-    FILE.write_text("".join(f"{text(pool[place])}\n" for place in sorted(chosen)), encoding="ascii")
+    EXTREMES.write_text("".join(f"{text(pool[place])}\n" for place in sorted(chosen)), encoding="ascii")
 
 
 def text(grid: NDArray[np.int8]) -> str:

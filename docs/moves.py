@@ -9,8 +9,9 @@ import jax
 from matplotlib.figure import Figure
 
 from elitelanes_jax import random_grids, repair
-from elitelanes_jax.network.random_bits import random_bits
-from elitelanes_jax.optimizers.moves import (
+from elitelanes_jax.network import random_bits
+from elitelanes_jax.optimizers import (
+    Move,
     clear_block,
     lay_straight,
     mirror_block,
@@ -24,7 +25,6 @@ from elitelanes_jax.optimizers.moves import (
     with_filling,
     with_opposite,
 )
-from elitelanes_jax.optimizers.mutations import Move
 from elitelanes_jax.plots import road_map
 
 SIDE = 7

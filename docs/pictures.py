@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
-from elitelanes_jax.formats.road_map import RoadMap, read_map
-from elitelanes_jax.ride import make_rides, trails
-from elitelanes_jax.tiles.render import Picture, overlay
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.drive import make_rides, trails
+from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.tiles import Picture, load_tiles, overlay
 
 FOLDER = Path(__file__).parent
 

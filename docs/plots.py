@@ -10,8 +10,8 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from elitelanes_jax import Result, evolve, random_grids, repair
-from elitelanes_jax.network.random_bits import random_bits
-from elitelanes_jax.optimizers.moves import toggle_outline
+from elitelanes_jax.network import random_bits
+from elitelanes_jax.optimizers import toggle_outline
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map
 
 HERE = Path(__file__).parent

@@ -9,12 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.tiles.contact_sheet import write_text
-from elitelanes_jax.tiles.masking import propose_masks
-from elitelanes_jax.tiles.render import render
-from elitelanes_jax.tiles.seams import find_seams, seam_picture
-from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+from elitelanes_jax.formats import read_map
+from elitelanes_jax.tiles import TileSet, find_seams, load_tiles, propose_masks, render, seam_picture, write_text
 
 FOLDER = Path(__file__).parent
 CORNERS = ((412, 188), (1210, 204), (1394, 1082), (236, 1050))  # of the tile, in the photograph

@@ -8,8 +8,6 @@ import os
 import signal
 import sys
 
-__all__ = ["run"]
-
 
 def run() -> None:
     """Runs the command line of the process; modules load within, so that an interruption is caught from the start."""

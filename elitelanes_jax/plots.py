@@ -21,9 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from elitelanes_jax.problem.descriptor import Axis
-    from elitelanes_jax.result import History
-
-__all__ = ["archive_map", "history", "metric_boxes", "road_map", "seed_band"]
+    from elitelanes_jax.search.result import History
 
 _GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "#f5c842", "#d7263d", "#e9e9e6"
 

@@ -18,11 +18,11 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
+from elitelanes_jax import InputError
 from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.search import use_compile_cache
 
 # The metrics that distinguish readings: those whose values in the paper are neither 0 nor 1.
 _TELLING = ("cyclomatic", "adjacent_crossing_score", "crossings", "straight_score", "adjacent_turns")

@@ -216,7 +216,7 @@ _SEEDS = 16
 def _tuned(method: str, devices: int, generations: int) -> float:
     """Returns the seconds an evaluation that 16 seeds of a tuned method take on so many devices, once compiled."""
     from elitelanes_jax import evolve
-    from elitelanes_jax.optimizers.run import seed_keys
+    from elitelanes_jax.optimizers import seed_keys
 
     setting: dict[str, Any] = {"method": method, "preset": "tuned", "fill": True, "devices": devices}
     history = evolve(seed_keys(0, _SEEDS), generations=generations, progress=False, **setting).history

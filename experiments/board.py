@@ -29,15 +29,23 @@ import numpy as np
 from board_rows import ROWS, Found
 from numpy.typing import NDArray
 
+from elitelanes_jax import InputError
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.benchmark.scores import Scores, compute_scores, confidence_interval
-from elitelanes_jax.benchmark.submissions import Submission, score_submission, write_submission
-from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
+from elitelanes_jax.benchmark import (
+    BUDGETS,
+    Scores,
+    Submission,
+    Task,
+    compute_scores,
+    confidence_interval,
+    find_task,
+    score_submission,
+    write_submission,
+)
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.search import use_compile_cache
 
 TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
 TUNED_ON = [f"{size}-100000" for size in ("6x6A", "6x6B")]

@@ -15,19 +15,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.benchmark.tasks import Task
-from elitelanes_jax.interop import evosax_task, qdax_centroids, qdax_moves, qdax_scoring_fn, ribs_archive_space
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
-from elitelanes_jax.optimizers.emitters import Niches
-from elitelanes_jax.optimizers.moves import Mix
-from elitelanes_jax.optimizers.population import Population, evaluate
-from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
-from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.problem.archive import Archive, empty_archive, insert
-from elitelanes_jax.problem.descriptor import compute_descriptor, tuned_axes
-from elitelanes_jax.problem.road_problem import Problem, road_problem
+from elitelanes_jax.benchmark import Task
+from elitelanes_jax.network import COUNT_NAMES
+from elitelanes_jax.optimizers import (
+    PRESETS,
+    AnnealedMapElitesConfig,
+    Elites,
+    Info,
+    Mix,
+    Niches,
+    Optimizer,
+    Population,
+    evaluate,
+    make_optimizer,
+    seed_keys,
+)
+from elitelanes_jax.optimizers.interop import (
+    evosax_task,
+    qdax_centroids,
+    qdax_moves,
+    qdax_scoring_fn,
+    ribs_archive_space,
+)
+from elitelanes_jax.problem import Archive, Problem, compute_descriptor, empty_archive, insert, road_problem, tuned_axes
 
 __all__ = ["ROWS", "Found", "Row"]
 

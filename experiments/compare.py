@@ -24,14 +24,11 @@ from elitelanes_jax import Result
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.explorer.collect import collect_results
-from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json
-from elitelanes_jax.formats.table import table_to_csv
-from elitelanes_jax.network.counts import Metrics
-from elitelanes_jax.tiles.render import render, write_picture
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.explorer import collect_results, page_of
+from elitelanes_jax.formats import RoadMap, map_to_json, table_to_csv
+from elitelanes_jax.network import Metrics
+from elitelanes_jax.search import use_compile_cache
+from elitelanes_jax.tiles import load_tiles, render, write_picture
 
 _PICTURED = (14, 14)
 _MOST_BYTES = 8 * 2**20  # of the page to explore

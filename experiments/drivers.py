@@ -9,7 +9,7 @@ import numpy as np
 from flax import linen as nn
 from numpy.typing import NDArray
 
-from elitelanes_jax.drive.environment import Environment, Transition
+from elitelanes_jax.drive import Environment, Transition
 
 __all__ = ["LaneNetwork", "MapNetwork", "WindowNetwork", "at_choices", "in_lane", "lane_layers"]
 

@@ -32,14 +32,21 @@ import numpy as np
 from elitelanes_jax import random_grids, repair
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.drive.camera import Camera, Sight, look_around, make_sight
-from elitelanes_jax.drive.environment import Environment, auto_reset
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive.lanes import Pose
-from elitelanes_jax.drive.levels import make_levels
-from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
-from elitelanes_jax.tiles.render import scale_tiles
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.drive import (
+    Camera,
+    Environment,
+    LaneDrive,
+    LaneDriveParams,
+    Pose,
+    RoadNav,
+    RoadNavParams,
+    Sight,
+    auto_reset,
+    look_around,
+    make_levels,
+    make_sight,
+)
+from elitelanes_jax.tiles import load_tiles, scale_tiles
 
 __all__ = ["main"]
 

@@ -21,11 +21,8 @@ from elitelanes_jax import InputError, random_grids, repair
 from elitelanes_jax._util.checks import whole
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive.lanes import movements
-from elitelanes_jax.drive.levels import make_levels
-from elitelanes_jax.drive.pure_pursuit import pure_pursuit
-from elitelanes_jax.formats.duckietown import from_duckietown, without_dead_ends
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, make_levels, movements, pure_pursuit
+from elitelanes_jax.formats import from_duckietown, without_dead_ends
 
 __all__ = ["drive_all", "human_made", "main"]
 

@@ -19,15 +19,14 @@ import numpy as np
 from navigation_maps import DISTANCES, SIDE
 from numpy.typing import NDArray
 
-from elitelanes_jax import Result, evolve
+from elitelanes_jax import InputError, Result, evolve
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.drive.localization import ambiguity
-from elitelanes_jax.problem.descriptor import Axis, niche_bins
+from elitelanes_jax.drive import ambiguity
+from elitelanes_jax.problem import Axis, niche_bins
+from elitelanes_jax.search import use_compile_cache
 
 __all__ = ["failure_feature", "main", "read_driver"]
 
@@ -121,7 +120,7 @@ def failure_feature(task: str, weights: Any, each: int = 21, seed: int = 0) -> C
     from navigation_tasks import TASKS
     from ppo import drive_levels
 
-    from elitelanes_jax.drive.levels import random_level
+    from elitelanes_jax.drive import random_level
 
     about = TASKS[task]
     target = jnp.asarray([DISTANCES[number % len(DISTANCES)] for number in range(each)])

@@ -22,15 +22,14 @@ import numpy as np
 from navigation_maps import SIDE, MapBudget, human_maps, make_maps
 from results_folder import kept, open_results
 
+from elitelanes_jax import InputError, __version__
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.search import use_compile_cache
 
 _TASKS = ("map", "window", "where", "lane")
 _HUMAN = Path(__file__).parents[1] / ".venv-duckietown"

@@ -10,16 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax import evolve, random_grids, repair
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive.distances import UNREACHABLE, distances
-from elitelanes_jax.drive.lanes import Place
-from elitelanes_jax.drive.levels import Level, random_level
-from elitelanes_jax.formats.duckietown import from_duckietown, without_dead_ends
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax import InputError, evolve, random_grids, repair
+from elitelanes_jax.drive import UNREACHABLE, Level, Place, distances, random_level
+from elitelanes_jax.formats import from_duckietown, without_dead_ends
+from elitelanes_jax.network import canonical_form
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.problem.descriptor import niche_bins
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.problem import niche_bins
 
 __all__ = ["AXES", "DISTANCES", "SIDE", "MapBudget", "draw_levels", "human_maps", "make_maps"]
 

@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import measure
-from elitelanes_jax.drive.distances import places
-from elitelanes_jax.drive.localization import NEVER, ambiguity, localization_steps
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.features import SHARE_UNIT
+from elitelanes_jax.drive import NEVER, ambiguity, localization_steps, places
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.problem import SHARE_UNIT
 
 __all__ = ["find_places"]
 

@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from report import table
 
 from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax.problem.descriptor import Axis
-from elitelanes_jax.tiles.render import render
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.problem import Axis
+from elitelanes_jax.tiles import load_tiles, render
 
 __all__ = ["Archive", "hard_niches", "write_report"]
 

@@ -12,10 +12,7 @@ from navigation_maps import SIDE, draw_levels
 from numpy.typing import NDArray
 from ppo import Ppo, drive_levels, train
 
-from elitelanes_jax.drive.environment import Environment
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive.levels import Level
-from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
+from elitelanes_jax.drive import Environment, LaneDrive, LaneDriveParams, Level, RoadNav, RoadNavParams
 
 __all__ = [
     "CONDITIONS",

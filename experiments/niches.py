@@ -14,8 +14,7 @@ from elitelanes_jax import evolve
 from elitelanes_jax._util.checks import whole
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.selection import without_flaws
+from elitelanes_jax.search import use_compile_cache, without_flaws
 
 __all__ = ["main"]
 

@@ -29,16 +29,14 @@ from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax._util.atomic_io import remove, write_atomic
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.version import installed_versions
-from elitelanes_jax.benchmark.tasks import find_task
+from elitelanes_jax.benchmark import find_task
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.formats.text import LINES
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.problem.features import SHARES
-from elitelanes_jax.problem.qd_metrics import coverage, gaps, qd_score
-from elitelanes_jax.result import Result
+from elitelanes_jax.formats import LINES
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.problem import SHARES, coverage, gaps, qd_score
+from elitelanes_jax.search import Result, use_compile_cache
 
 # The proven optima by side, from integer programming: of grids with all cells filled (A), or some left empty (B).
 OPTIMA = {

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import optax
 
-from elitelanes_jax.drive.environment import Environment, auto_reset
+from elitelanes_jax.drive import Environment, auto_reset
 
 __all__ = ["Ppo", "advantages", "distribution", "drive_levels", "train"]
 

@@ -5,9 +5,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from elitelanes_jax import Weights
-from elitelanes_jax.optimizers.gwo import GwoConfig
-from elitelanes_jax.optimizers.map_elites import MapElitesConfig
-from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.optimizers import EvolutionConfig, GwoConfig, MapElitesConfig
 
 __all__ = ["READINGS", "Reading"]
 

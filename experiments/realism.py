@@ -32,20 +32,16 @@ import numpy as np
 from numpy.typing import NDArray
 from references import REFERENCES, use_map_utils
 
-from elitelanes_jax import Result, evolve
+from elitelanes_jax import InputError, Result, evolve
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.codes import EAST, SOUTH
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.problem.extras import measure_missing
+from elitelanes_jax.formats import read_map
+from elitelanes_jax.network import EAST, SOUTH, canonical_form, measure_town, plain_measure
+from elitelanes_jax.problem import measure_missing
+from elitelanes_jax.search import use_compile_cache
 
 __all__ = ["FEATURES", "TUNED", "apart", "coverage_and_co", "cut", "energy_distance", "features_of", "read_people"]
 

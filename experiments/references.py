@@ -19,13 +19,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.formats.duckietown import without_dead_ends
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.codes import SIDE_TOWARDS
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.formats import read_map, without_dead_ends
+from elitelanes_jax.network import SIDE_TOWARDS, canonical_form
 
 __all__ = ["REFERENCES", "netgenerate_grid", "netgenerate_rand", "rasterised", "use_map_utils"]
 

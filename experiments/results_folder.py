@@ -5,8 +5,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from elitelanes_jax import InputError
 from elitelanes_jax._util.atomic_io import compare_settings, write_atomic, write_json
-from elitelanes_jax._util.errors import InputError
 
 __all__ = ["kept", "open_results"]
 

@@ -13,10 +13,9 @@ from results_folder import kept
 from tqdm import tqdm
 
 from elitelanes_jax import SearchSpec, evolve, fitness, measure
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network import COUNT_NAMES
 from elitelanes_jax.network.wfc import generate
-from elitelanes_jax.optimizers.presets import PRESETS
-from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.optimizers import PRESETS, seed_keys
 
 __all__ = ["METHODS", "OFFSPRING", "Runs", "kept_runs", "run_method"]
 

@@ -21,8 +21,8 @@ from settings import add_settings, checked_settings
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.formats.table import table_to_csv
+from elitelanes_jax.formats import table_to_csv
+from elitelanes_jax.search import use_compile_cache
 
 _SIZES = [(side, side) for side in (8, 12, 16, 24, 32, 48, 64)]
 

@@ -21,18 +21,16 @@ from results_folder import kept, open_results
 from segmentation_report import figure, tables
 from training_sets import CONDITIONS, SOURCES, Pictures, draw_maps, make_maps, patterns, split_tiles, training_set
 
+from elitelanes_jax import InputError, __version__
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.formats.table import table_to_csv
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.tiles.render import LABELS
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.formats import table_to_csv
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.search import use_compile_cache
+from elitelanes_jax.tiles import LABELS, load_tiles
 
 Row = dict[str, Any]
 

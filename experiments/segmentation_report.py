@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from report import table
 from training_sets import CONDITIONS
 
-from elitelanes_jax.tiles.render import LABELS
+from elitelanes_jax.tiles import LABELS
 
 __all__ = ["TESTS", "figure", "tables"]
 

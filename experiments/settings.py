@@ -7,11 +7,10 @@ from typing import Any
 from readings import READINGS
 from runs import METHODS
 
+from elitelanes_jax import InputError, __version__
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import add_cores, checked_by
-from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.network import check_shape
 
 __all__ = ["add_settings", "checked_settings"]
 

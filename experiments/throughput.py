@@ -23,15 +23,11 @@ import numpy as np
 from elitelanes_jax._util.checks import whole
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
-from elitelanes_jax.dataset import samples as drawing
-from elitelanes_jax.dataset.formats import FORMATS
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.dataset.transforms import STANDARD
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.dataset import FORMATS, STANDARD, DatasetSpec, make_dataset
+from elitelanes_jax.dataset import _samples as drawing
+from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.tiles.render import png_of
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import load_tiles, png_of
 
 __all__ = ["main"]
 

@@ -11,17 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, evolve
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.samples import draw_sample
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.dataset.tile_splits import tiles_by_split
-from elitelanes_jax.dataset.transforms import STANDARD, Transforms
-from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample, make_dataset, tiles_by_split
+from elitelanes_jax.formats import RoadMap
+from elitelanes_jax.network import rotate
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.tiles.files import read_picture
-from elitelanes_jax.tiles.tileset import TileSet, default_tiles, load_tiles
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.tiles import TileSet, default_tiles, load_tiles, read_picture
 
 __all__ = [
     "CONDITIONS",

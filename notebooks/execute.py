@@ -22,8 +22,7 @@ from PIL import Image
 from traitlets.config import Config
 
 from elitelanes_jax import road_problem, run
-from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
-from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax.optimizers import PRESETS, make_optimizer, seed_keys
 
 __all__ = ["NOTEBOOKS", "execute", "normalised"]
 

@@ -32,7 +32,9 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 gc.set_threshold(100_000, 20, 20)
 
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
-ROOMS = ["network", "problem", "optimizers", "result", "search", "interop", "drive"]
+ROOMS = ["network", "problem", "optimizers", "search._islands", "search.evolution", "search.result"]
+DRIVE = Path(__file__).parents[1] / "elitelanes_jax" / "drive"
+ROOMS += [f"drive.{file.stem}" for file in DRIVE.glob("*.py") if file.stem not in ("__init__", "rides")]
 jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
 
 import numpy as np
@@ -42,7 +44,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax.search import _Search
+from elitelanes_jax.search.evolution import _Search
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 # Examples are few enough for CI and the same every time; compilation of a new shape may take its time.

@@ -19,9 +19,10 @@ from pathlib import Path
 
 import jax
 
-from elitelanes_jax import generate as module
-from elitelanes_jax.compile_cache import use_compile_cache
-from elitelanes_jax.spec import GenerateSpec, SearchSpec
+from elitelanes_jax.maps import generation as module
+from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.search.compile_cache import use_compile_cache
+from elitelanes_jax.search.spec import SearchSpec
 
 __all__ = ["SPEC", "digest"]
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pages import blocks
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval
 from elitelanes_jax.benchmark.submissions import Submission, read_submission, score_submission, write_submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task

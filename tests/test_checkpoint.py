@@ -15,13 +15,16 @@ import numpy as np
 import pytest
 from killed_runs import digest
 
-from elitelanes_jax import InputError, Result, SearchInterrupted, evolve, search
-from elitelanes_jax._util.errors import NotEnoughMapsError
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.locks import locked
 from elitelanes_jax._util.unfinished import is_kept
-from elitelanes_jax.checkpoint import Checkpoint
-from elitelanes_jax.generate import generate
-from elitelanes_jax.spec import GenerateSpec, SearchSpec
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.search import evolution as search
+from elitelanes_jax.search._checkpoint import Checkpoint
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result, SearchInterrupted
+from elitelanes_jax.search.spec import SearchSpec
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(5), 3)
@@ -142,7 +145,7 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
 def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monkeypatch):
     for worth, left in ((10, []), (0, ["result.npz", "search.json"])):
         with monkeypatch.context() as patch:
-            patch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", worth)
+            patch.setattr("elitelanes_jax.search._checkpoint._WORTH_KEEPING", worth)
             interrupt_at(patch, 4)
             with pytest.raises(SearchInterrupted):
                 run(checkpoint=tmp_path / "folder")
@@ -198,7 +201,7 @@ def test_folders_in_use_damaged_or_no_folders_are_refused(kept, tmp_path):
 
 def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_path, monkeypatch, whole):
     clock = [0.0]
-    monkeypatch.setattr("elitelanes_jax.checkpoint.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("elitelanes_jax.search._checkpoint.time.monotonic", lambda: clock[0])
     monkeypatch.setattr(Result, "save", lambda self, path: clock.__setitem__(0, clock[0] + 3.0))
     often, seldom = Checkpoint(tmp_path, {}, 0), Checkpoint(tmp_path, {}, 20)
     clock[0] = 50.0  # compiling
@@ -222,8 +225,8 @@ SMALL = GenerateSpec(size=SHAPE, seeds=3, maps=2, tile_px=16, search=SearchSpec(
 
 def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     generate(SMALL, tmp_path / "whole")
-    monkeypatch.setattr("elitelanes_jax.checkpoint._WORTH_KEEPING", 0)
-    monkeypatch.setattr(importlib.import_module("elitelanes_jax.generate"), "_WORTH_KEEPING", 0)
+    monkeypatch.setattr("elitelanes_jax.search._checkpoint._WORTH_KEEPING", 0)
+    monkeypatch.setattr(importlib.import_module("elitelanes_jax.maps.generation"), "_WORTH_KEEPING", 0)
     out, hidden = tmp_path / "out", tmp_path / ".out-search"
     with monkeypatch.context() as patch:
         interrupt_at(patch, 4)

@@ -15,10 +15,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax import InputError, devices, evolve, measure, random_grids
 from elitelanes_jax._util import cores
+from elitelanes_jax._util.cores import use_cores
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.devices import choose_devices, cut, join, side_by_side, spread, use_cores
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.search import _devices as devices
+from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side, spread
+from elitelanes_jax.search.evolution import evolve
 
 CPU = jax.devices("cpu")[0]
 
@@ -27,10 +32,12 @@ import chex
 import jax
 from jax.sharding import NamedSharding, PartitionSpec
 
-from elitelanes_jax import evolve, measure, random_grids
-from elitelanes_jax.optimizers.map_elites import map_elites
-from elitelanes_jax.optimizers.run import advance, start
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.optimizers._map_elites import map_elites
+from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.problem.problem import road_problem
 
 mesh, split = jax.make_mesh((2,), ("batch",), axis_types=(jax.sharding.AxisType.Auto,)), PartitionSpec("batch")
 

@@ -24,9 +24,9 @@ from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
 from elitelanes_jax.problem.template import parse_template
-from elitelanes_jax.result import Result
+from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.files import read_mask, read_points
-from elitelanes_jax.tiles.render import png_of
+from elitelanes_jax.tiles.rendering import png_of
 from elitelanes_jax.tiles.tileset import inspect_tiles
 
 CODES = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)

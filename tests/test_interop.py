@@ -13,8 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, repair
-from elitelanes_jax.interop import (
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers.interop import (
     evosax_task,
     qdax_centroids,
     qdax_moves,
@@ -23,10 +26,8 @@ from elitelanes_jax.interop import (
     ribs_evaluate,
     ribs_grids,
 )
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.optimizers.moves import Mix
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, tuned_axes
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.template import parse_template
 
 # Other libraries' warnings are theirs.

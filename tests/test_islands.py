@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Result, evolve
-from elitelanes_jax.islands import evolve_islands
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.search._islands import evolve_islands
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result
 
 SHAPE = (5, 6)
 SMALL = {"preset": "standard", "generations": 23, "progress": False}
@@ -26,7 +28,7 @@ import jax
 address, count, number, islands, preset, out = sys.argv[1:]
 jax.distributed.initialize(address, int(count), int(number))
 
-from elitelanes_jax.islands import evolve_islands
+from elitelanes_jax.search._islands import evolve_islands
 
 small = {"preset": preset, "generations": 23, "progress": False}
 evolve_islands(7, (5, 6), islands=int(islands), every=10, **small).save(out, state=False)

@@ -7,10 +7,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Result, evolve, measure
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result
 
 SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]

@@ -11,10 +11,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea, evolve
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.optimizers.population import EvolutionConfig
-from elitelanes_jax.spec import METHODS
+from elitelanes_jax.optimizers._ea import ea
+from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.spec import METHODS, SearchSpec
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(3), 3)

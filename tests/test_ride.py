@@ -7,13 +7,13 @@ import cv2
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive.lanes import on_road
-from elitelanes_jax.explorer.collect import collect
+from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats.rides import RIDES, read_rides
-from elitelanes_jax.ride import film, load_policy, make_rides, rides_to_json, trails
-from elitelanes_jax.tiles.render import render
+from elitelanes_jax.tiles.rendering import render
 
 GRID = np.array([[6, 7, 3], [12, 13, 9]], np.int8)
 

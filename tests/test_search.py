@@ -12,15 +12,22 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax import Axis, InputError, Optimizer, SearchSpec, Weights, ea, evolve, fitness
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig
-from elitelanes_jax.optimizers.map_elites import MapElitesConfig
-from elitelanes_jax.optimizers.population import EvolutionConfig
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig
+from elitelanes_jax.optimizers._ea import ea
+from elitelanes_jax.optimizers._map_elites import MapElitesConfig
+from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import PRESETS
-from elitelanes_jax.optimizers.run import seed_keys
-from elitelanes_jax.result import RunState
-from elitelanes_jax.spec import METHODS, GenerateSpec
+from elitelanes_jax.problem.descriptor import Axis
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import RunState
+from elitelanes_jax.search.spec import METHODS, SearchSpec
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
@@ -350,16 +357,16 @@ def test_a_state_of_another_run_is_refused():
 
 
 def test_a_search_that_cannot_fit_is_refused_before_it_is_compiled(monkeypatch):
-    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 202_000_000)
-    monkeypatch.setattr("elitelanes_jax.search._run", None)
+    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 202_000_000)
+    monkeypatch.setattr("elitelanes_jax.search.evolution._run", None)
     took = (
         r"not enough memory: 40 seeds of 6 x 7 tiles take 0\.2 GB or more, and 0\.2 GB are free; [0-9]+ seeds? at most"
     )
     with pytest.raises(MemoryError, match=f"{took} would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
-    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 200_000_010)
+    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 200_000_010)
     with pytest.raises(MemoryError, match="smaller maps or fewer niches would fit$"):
         evolve(0, (6, 7), seeds=40, generations=1)
-    monkeypatch.setattr("elitelanes_jax.search.free_memory", lambda: 10)
+    monkeypatch.setattr("elitelanes_jax.search.evolution.free_memory", lambda: 10)
     with pytest.raises(MemoryError, match=r"to compile a search takes 0\.2 GB, and 0\.0 GB are free$"):
         evolve(0, (6, 7), seeds=40, generations=1)

@@ -9,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, evolve, measure, mirror, repair, rotate
-from elitelanes_jax.elites import MeasuredElites
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.metrics import stack_counts
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.metrics import measure, stack_counts
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
-from elitelanes_jax.result import History, Result, RunState
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import History, Result, RunState
+from elitelanes_jax.search.spec import SearchSpec
 
 AXES = paper_axes((6, 6))
 

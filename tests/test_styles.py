@@ -7,18 +7,19 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.generate import NEAREST, generate
+from elitelanes_jax.maps.generation import NEAREST, generate
+from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.spec import GenerateSpec, SearchSpec
-from elitelanes_jax.styles.like import difference_from, ranges_like, settings_like
-from elitelanes_jax.styles.read import STYLES
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
+from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.search.style import STYLES
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

@@ -6,12 +6,17 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, evolve, fitness, random_grids, rotate
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.generate import generate
-from elitelanes_jax.spec import GenerateSpec, SearchSpec
-from elitelanes_jax.tiles.render import choose_tiles, render
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.tiles.rendering import choose_tiles, render
 
 GRID = np.array([[6, 3], [12, 9]])
 

@@ -4,7 +4,7 @@ import jax
 from evosax.algorithms import SNES
 
 from elitelanes_jax import road_problem
-from elitelanes_jax.interop import evosax_task
+from elitelanes_jax.optimizers.interop import evosax_task
 
 task = evosax_task(road_problem((6, 6), fill=True))
 key = jax.random.key(0)

@@ -8,9 +8,9 @@ from qdax.core.map_elites import MAPElites
 from qdax.utils.metrics import default_qd_metrics
 
 from elitelanes_jax import road_problem
-from elitelanes_jax.interop import qdax_centroids, qdax_moves, qdax_scoring_fn
+from elitelanes_jax.optimizers.interop import qdax_centroids, qdax_moves, qdax_scoring_fn
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.problem.descriptor import tuned_axes
+from elitelanes_jax.problem import tuned_axes
 
 problem = road_problem((12, 12), tuned_axes((12, 12)), fill=True)
 mutate, vary = qdax_moves(problem)

@@ -5,7 +5,7 @@ from ribs.emitters import IsoLineEmitter
 from ribs.schedulers import Scheduler
 
 from elitelanes_jax import road_problem
-from elitelanes_jax.interop import ribs_archive_space, ribs_evaluate, ribs_grids
+from elitelanes_jax.optimizers.interop import ribs_archive_space, ribs_evaluate, ribs_grids
 
 problem = road_problem((6, 6), ["cyclomatic:12:1", "straight_share:10"], fill=True)
 evaluate = ribs_evaluate(problem)

@@ -19,18 +19,6 @@ from elitelanes_jax._util.types import Plain
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-__all__ = [
-    "check_new",
-    "compare_settings",
-    "first_difference",
-    "foreign_file",
-    "new_folder",
-    "remove",
-    "unwritable_error",
-    "write_atomic",
-    "write_json",
-]
-
 _LOCK = ".elitelanes-lock"  # held by the process that writes in a hidden folder
 _REPLACED = ".replaced"  # in it, what is removed when all new files have their places
 

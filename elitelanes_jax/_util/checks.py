@@ -11,26 +11,6 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import UserValue
 
-__all__ = [
-    "LARGEST",
-    "Check",
-    "check_named",
-    "check_unique",
-    "ends_as_file",
-    "flag",
-    "folder",
-    "is_real",
-    "is_whole",
-    "name",
-    "none_or",
-    "one_of",
-    "path",
-    "real",
-    "split_settings",
-    "switch",
-    "whole",
-]
-
 Check = Callable[[UserValue], UserValue]
 """From a value or a text to the value as it should be; raises `InputError`."""
 

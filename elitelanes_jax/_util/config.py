@@ -11,8 +11,6 @@ from elitelanes_jax._util.checks import Check, check_named
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import UserValue
 
-__all__ = ["Config", "nested", "static", "swept"]
-
 
 def static(default: UserValue, check: Check) -> UserValue:
     """Declares a field that `jax.jit` compiles for: another value is another program."""

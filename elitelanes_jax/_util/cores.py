@@ -4,8 +4,6 @@ import os
 
 from elitelanes_jax._util.checks import check_named, whole
 
-__all__ = ["count_cores", "use_cores"]
-
 _most: int | None = None
 
 

@@ -5,17 +5,6 @@ from difflib import get_close_matches
 
 from elitelanes_jax._util.types import UserValue
 
-__all__ = [
-    "InputError",
-    "MissingPackageError",
-    "NotEnoughMapsError",
-    "NotEnoughMemoryError",
-    "likely",
-    "many",
-    "reason",
-    "short",
-]
-
 
 class InputError(ValueError):
     """A fault of an argument, a file or a folder: the message names it, what was expected and what came.

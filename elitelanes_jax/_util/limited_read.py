@@ -4,8 +4,6 @@ from pathlib import Path
 
 from elitelanes_jax._util.errors import InputError
 
-__all__ = ["KIB", "MIB", "read_bytes", "read_text"]
-
 KIB, MIB = 2**10, 2**20
 """Bytes in a kibibyte and in a mebibyte."""
 

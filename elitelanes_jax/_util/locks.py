@@ -9,8 +9,6 @@ from filelock import FileLock, Timeout
 from elitelanes_jax._util.atomic_io import unwritable_error
 from elitelanes_jax._util.errors import InputError
 
-__all__ = ["LOCK", "locked"]
-
 LOCK = "lock"
 """The name of the file that is locked. The system unlocks it when its process ends, killed or not."""
 

@@ -5,8 +5,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["free_memory", "in_gigabytes", "is_out_of_memory"]
-
 _GROUPS = Path("/sys/fs/cgroup")
 
 

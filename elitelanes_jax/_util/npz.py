@@ -15,8 +15,6 @@ from elitelanes_jax._util.errors import InputError, reason, short
 from elitelanes_jax._util.limited_read import MIB
 from elitelanes_jax._util.types import Plain, Untyped
 
-__all__ = ["pack", "unpack"]
-
 _SETTINGS = "settings"
 _MOST_BYTES, _MOST_RATIO = 512 * MIB, 64  # unpacked, whichever is more; arrays of ours shrink to a tenth at most
 

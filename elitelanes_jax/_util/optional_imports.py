@@ -5,8 +5,6 @@ from types import ModuleType
 
 from elitelanes_jax._util.errors import MissingPackageError
 
-__all__ = ["import_optional"]
-
 
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.

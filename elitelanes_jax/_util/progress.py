@@ -15,8 +15,6 @@ from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import TextIO
 
-__all__ = ["Loudness", "Progress", "announce", "detail", "loudness", "reporting"]
-
 # In seconds: between two drawings of a bar, between two lines, before a bar is shown that nobody asked for, and the
 # shortest step whose time is told.
 _REDRAW, _LINES, _DELAY, _TOLD = 0.2, 30.0, 1.0, 0.5

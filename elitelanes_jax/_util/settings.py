@@ -13,8 +13,6 @@ from elitelanes_jax._util.checks import Check, check_named
 from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax._util.types import UserValue
 
-__all__ = ["Option", "Settings", "option", "record"]
-
 
 class Option(NamedTuple):
     """The properties of a field beside its name, default and description.

@@ -8,8 +8,6 @@ from elitelanes_jax._util.checks import check_unique
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 
-__all__ = ["parse_json"]
-
 
 def parse_json(text: str) -> Plain:
     """Parses JSON.

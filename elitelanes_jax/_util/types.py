@@ -2,8 +2,6 @@
 
 from typing import Any, TypeAlias
 
-__all__ = ["AnyArray", "Numeric", "Plain", "Pytree", "Untyped", "UserValue"]
-
 UserValue: TypeAlias = Any
 """A user's value, from Python, the command line or a file: whoever takes it checks it, and refuses what is wrong."""
 

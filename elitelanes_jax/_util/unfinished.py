@@ -8,8 +8,6 @@ from pathlib import Path
 from elitelanes_jax._util.atomic_io import remove
 from elitelanes_jax._util.locks import locked
 
-__all__ = ["is_kept", "kept_work"]
-
 _KEPT = "search"
 
 

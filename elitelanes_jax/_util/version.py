@@ -3,8 +3,6 @@
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
-__all__ = ["__version__", "installed_versions"]
-
 __version__ = "0.1.0"
 
 # OpenCV comes under several names; the first that is installed counts.

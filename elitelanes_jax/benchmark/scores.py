@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.problem.qd_metrics import coverage
 
-__all__ = ["Scores", "compute_scores", "confidence_interval"]
-
 _RESAMPLES = 10_000
 
 

@@ -17,8 +17,6 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
 
-__all__ = ["LEAST_RUNS", "Submission", "read_submission", "score_submission", "write_submission"]
-
 LEAST_RUNS = 10
 """The least number of runs, each from another seed."""
 

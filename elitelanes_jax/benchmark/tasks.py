@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import Plain
 
-__all__ = ["BUDGETS", "SIZES", "VERSION", "Task", "find_task"]
-
 VERSION = 1
 """The version of tasks and scores: scores of different versions are not comparable."""
 

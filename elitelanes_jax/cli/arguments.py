@@ -14,25 +14,6 @@ from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
 from elitelanes_jax._util.types import Untyped, UserValue
 
-__all__ = [
-    "COMPILING",
-    "Commands",
-    "Parser",
-    "add_blend",
-    "add_cores",
-    "add_force",
-    "add_loudness",
-    "add_map",
-    "add_options",
-    "add_scheduler",
-    "add_tile_pictures",
-    "checked_by",
-    "descriptions",
-    "naming_options",
-    "read_options",
-]
-
-
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 """The commands of a parser; argparse has no public name for their type."""
 

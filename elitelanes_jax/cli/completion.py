@@ -8,8 +8,6 @@ from elitelanes_jax._util.checks import one_of
 from elitelanes_jax.cli.arguments import Commands, checked_by
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_completion"]
-
 _SHELLS = ("bash", "zsh", "fish")
 
 _LOADING = """add one line to the file that the shell reads when it starts:
@@ -69,8 +67,8 @@ def _values() -> dict[str, list[str]]:
     from elitelanes_jax.network.weights import Weights
     from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
     from elitelanes_jax.problem.rules import RULES
-    from elitelanes_jax.spec import METHODS
-    from elitelanes_jax.styles.read import STYLES
+    from elitelanes_jax.search.spec import METHODS
+    from elitelanes_jax.search.style import STYLES
 
     return {
         "--style": list(STYLES),

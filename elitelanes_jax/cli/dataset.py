@@ -19,8 +19,6 @@ from elitelanes_jax.cli.arguments import (
 )
 from elitelanes_jax.cli.program import fail, say
 
-__all__ = ["add_dataset"]
-
 _CONTINUES = "what is complete stays, and the same command continues from there"
 
 
@@ -57,8 +55,8 @@ def _dataset(options: argparse.Namespace) -> int:
     if spec.maps_from is None:
         with naming_options(DatasetSpec()):
             spec.check_search()
-    from elitelanes_jax.compile_cache import use_compile_cache
     from elitelanes_jax.dataset.make import make_dataset
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
@@ -66,7 +64,7 @@ def _dataset(options: argparse.Namespace) -> int:
             if options.scheduler is None:
                 about = make_dataset(spec, options.out, force=options.force)
             else:
-                from elitelanes_jax.cluster import dask_executor
+                from elitelanes_jax.maps.cluster import dask_executor
 
                 with dask_executor(options.scheduler) as executor:
                     about = make_dataset(spec, options.out, force=options.force, executor=executor)

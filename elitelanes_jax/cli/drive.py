@@ -8,8 +8,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, add_blend, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_drive"]
-
 
 def add_drive(commands: Commands) -> None:
     """Adds the command to a parser's."""
@@ -73,10 +71,10 @@ def _policy(text: str) -> str | Path:
 
 def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import check_new, write_atomic
-    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.formats.road_map import read_map
-    from elitelanes_jax.ride import film, load_policy, make_rides, rides_to_json, trails, write_film
-    from elitelanes_jax.tiles.render import choose_tiles, png_of, recall_choice
+    from elitelanes_jax.search.compile_cache import use_compile_cache
+    from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
     check_new(options.out)

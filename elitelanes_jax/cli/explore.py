@@ -8,8 +8,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, add_blend, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_explore"]
-
 _PAGE = "explore.html"
 
 _EXAMPLES = """examples:

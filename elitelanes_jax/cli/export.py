@@ -16,8 +16,6 @@ from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
 
-__all__ = ["FORMATS", "TABLES", "add_export", "add_show"]
-
 # Formats import slow modules when they run.
 
 

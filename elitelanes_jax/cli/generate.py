@@ -25,8 +25,6 @@ from elitelanes_jax.cli.program import INTERRUPTED, fail, say
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
 
-__all__ = ["add_generate", "describe_maps"]
-
 _CONTINUES = "what is found is kept, and the same command continues from there"
 _KEPT = "; what is found is kept: fewer maps need no new search, and more evaluations continue it"
 
@@ -54,7 +52,7 @@ _EXAMPLES = """examples:
 
 def add_generate(commands: Commands) -> None:
     """Adds the command to a parser's."""
-    from elitelanes_jax.spec import GenerateSpec
+    from elitelanes_jax.maps.spec import GenerateSpec
 
     command = commands.add_parser(
         "generate",
@@ -75,19 +73,19 @@ def add_generate(commands: Commands) -> None:
 
 
 def _generate(options: argparse.Namespace) -> int:
-    from elitelanes_jax.spec import GenerateSpec
+    from elitelanes_jax.maps.spec import GenerateSpec
 
     spec = read_options(options, GenerateSpec())
     from elitelanes_jax._util.unfinished import is_kept
-    from elitelanes_jax.compile_cache import use_compile_cache
-    from elitelanes_jax.generate import generate
+    from elitelanes_jax.maps.generation import generate
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
         if options.scheduler is None:
             maps = generate(spec, options.out, force=options.force)
         else:
-            from elitelanes_jax.cluster import dask_executor, generate_on
+            from elitelanes_jax.maps.cluster import dask_executor, generate_on
 
             with dask_executor(options.scheduler) as executor:
                 maps = generate_on(executor, spec, options.out, force=options.force)

@@ -22,8 +22,6 @@ from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.score import add_score
 from elitelanes_jax.cli.tiles import add_tiles
 
-__all__ = ["main", "make_parser"]
-
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""

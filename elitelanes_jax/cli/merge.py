@@ -7,8 +7,6 @@ from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, chec
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_merge"]
-
 
 def add_merge(commands: Commands) -> None:
     """Adds the command to a parser's."""
@@ -34,7 +32,7 @@ def add_merge(commands: Commands) -> None:
 
 
 def _merge(options: argparse.Namespace) -> int:
-    from elitelanes_jax.generate import merge
+    from elitelanes_jax.maps.generation import merge
 
     maps = merge(options.parts, options.out, force=options.force)
     say(describe_maps(maps, len(maps), options.out))

@@ -8,8 +8,6 @@ from elitelanes_jax._util.checks import name
 from elitelanes_jax.cli.arguments import Commands, checked_by, descriptions
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_metrics", "meanings", "number", "range_text"]
-
 _WIDTH = 110
 
 

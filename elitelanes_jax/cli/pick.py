@@ -7,8 +7,6 @@ from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, add_
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_pick"]
-
 _EXAMPLES = """examples:
   elitelanes pick maps/archive.npz --maps 40 --out more
   elitelanes pick maps/archive.npz --unlike maps/maps/*/map.json --out others
@@ -18,7 +16,7 @@ _EXAMPLES = """examples:
 
 def add_pick(commands: Commands) -> None:
     """Adds the command to a parser's."""
-    from elitelanes_jax.spec import PickSpec
+    from elitelanes_jax.maps.spec import PickSpec
 
     command = commands.add_parser(
         "pick",
@@ -40,10 +38,10 @@ def add_pick(commands: Commands) -> None:
 
 
 def _pick(options: argparse.Namespace) -> int:
-    from elitelanes_jax.spec import PickSpec
+    from elitelanes_jax.maps.spec import PickSpec
 
     spec = read_options(options, PickSpec())
-    from elitelanes_jax.pick import pick
+    from elitelanes_jax.maps.picking import pick
 
     maps = pick(spec, options.archives, options.out, force=options.force)
     say(describe_maps(maps, spec.maps, options.out))

@@ -15,8 +15,6 @@ from elitelanes_jax._util.memory import is_out_of_memory
 from elitelanes_jax._util.progress import Loudness, loudness, reporting
 from elitelanes_jax.cli.signals import catch_interrupts
 
-__all__ = ["INTERRUPTED", "fail", "guarded", "leave", "say", "warn"]
-
 INTERRUPTED = 130
 """The exit code after an interruption."""
 

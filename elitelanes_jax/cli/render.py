@@ -7,8 +7,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import Commands, add_blend, add_force, add_map, add_tile_pictures, checked_by
 from elitelanes_jax.cli.program import say
 
-__all__ = ["add_render"]
-
 
 def add_render(commands: Commands) -> None:
     """Adds the command to a parser's."""
@@ -43,8 +41,8 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax._util.atomic_io import new_folder
     from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
-    from elitelanes_jax.map_folder import foreign_to_picture
-    from elitelanes_jax.tiles.render import overlay, render, write_picture, write_png
+    from elitelanes_jax.maps.folder import foreign_to_picture
+    from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)

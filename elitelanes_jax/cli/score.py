@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from elitelanes_jax.benchmark.scores import Scores
     from elitelanes_jax.benchmark.submissions import Submission
 
-__all__ = ["add_score"]
-
 
 def add_score(commands: Commands) -> None:
     """Adds the command ``score`` to a parser's commands."""
@@ -32,7 +30,7 @@ def add_score(commands: Commands) -> None:
 
 def _score(options: argparse.Namespace) -> int:
     from elitelanes_jax.benchmark.submissions import read_submission, score_submission
-    from elitelanes_jax.compile_cache import use_compile_cache
+    from elitelanes_jax.search.compile_cache import use_compile_cache
 
     use_compile_cache()
     for file in options.archives:

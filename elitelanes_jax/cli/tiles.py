@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["add_tiles"]
-
 _MASKED = ("road", "red", "yellow")
 
 
@@ -123,7 +121,7 @@ def _new_beside(folder: Path, file: Path) -> Path:
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
     """Writes all pictures or, if one cannot be written, none."""
-    from elitelanes_jax.tiles.render import write_png
+    from elitelanes_jax.tiles.rendering import write_png
 
     aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
     try:

@@ -19,22 +19,20 @@ from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax._util.version import installed_versions
-from elitelanes_jax.cluster import run_on
-from elitelanes_jax.dataset.card import sample_sheet, write_card
-from elitelanes_jax.dataset.formats import Format, find_format
-from elitelanes_jax.dataset.given import GivenMaps, given
-from elitelanes_jax.dataset.plan import Maps, evolve_maps, given_maps, split_maps
-from elitelanes_jax.dataset.remove import place_for
-from elitelanes_jax.dataset.samples import draw_sample, write_sample
+from elitelanes_jax.dataset._card import sample_sheet, write_card
+from elitelanes_jax.dataset._formats import Format, find_format
+from elitelanes_jax.dataset._given import GivenMaps, given
+from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
+from elitelanes_jax.dataset._remove import place_for
+from elitelanes_jax.dataset._samples import draw_sample, write_sample
+from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
+from elitelanes_jax.dataset._work import LAST, WORK, work_folder
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
-from elitelanes_jax.dataset.tile_splits import check_given, digest, tiles_by_split
-from elitelanes_jax.dataset.work import LAST, WORK, work_folder
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.generate import drawable
-from elitelanes_jax.tiles.render import LABEL_COLOURS, LABELS, png_of
+from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.generation import drawable
+from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
-
-__all__ = ["make_dataset"]
 
 _ON_SHEET = 12
 

@@ -1,1 +1,5 @@
 """Driving on maps: lanes, routes, environments for reinforcement learning, and what a camera sees."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -21,27 +21,6 @@ from numpy.typing import NDArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 
-__all__ = [
-    "EXIT",
-    "HALF_ROAD",
-    "LANE_OFFSET",
-    "MOVEMENTS",
-    "TURNS",
-    "LanePose",
-    "Movement",
-    "Place",
-    "Pose",
-    "lane_curvature",
-    "lane_errors",
-    "lane_length",
-    "lane_point",
-    "lane_pose",
-    "linked",
-    "movements",
-    "on_road",
-    "wrap_angle",
-]
-
 LANE_OFFSET = 0.2
 """From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
 

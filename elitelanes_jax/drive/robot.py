@@ -12,8 +12,6 @@ from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 
-__all__ = ["TILE", "Robot", "Wheels", "drive", "still", "to_wheels"]
-
 TILE = 0.585
 """The side of a tile in metres."""
 

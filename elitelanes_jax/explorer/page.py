@@ -10,10 +10,8 @@ from pathlib import Path
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.explorer.collect import collect
-from elitelanes_jax.explorer.payload import Payload
-
-__all__ = ["explore", "page_of", "static_text"]
+from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.explorer._payload import Payload
 
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 

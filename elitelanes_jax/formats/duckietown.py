@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import is_real
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.graph import linked_tiles
-from elitelanes_jax.formats.yaml_tree import yaml_tree
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
-
-__all__ = ["GROUNDS", "TILE_SIZE", "from_duckietown", "to_duckietown", "without_dead_ends"]
 
 TILE_SIZE = 0.585
 """The pitch of Duckietown's tiles in metres."""

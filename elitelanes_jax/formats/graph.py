@@ -23,8 +23,6 @@ from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, SIDES
 if TYPE_CHECKING:
     import networkx
 
-__all__ = ["Cell", "linked_tiles", "reduced_graph", "tile_graph", "to_graphml"]
-
 Cell = tuple[int, int]
 """A place in the grid: row and column, from the north-west corner."""
 

@@ -13,8 +13,6 @@ from elitelanes_jax._util.strict_json import parse_json
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.checks import check_grid
 
-__all__ = ["RIDES", "RecordedRide", "read_rides"]
-
 RIDES = "elitelanes rides, version 1"
 """The format of the file, which it says itself."""
 

@@ -17,8 +17,6 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
-__all__ = ["Drawn", "RoadMap", "map_to_json", "read_map", "read_maps"]
-
 _Read = TypeVar("_Read")
 
 _FORMAT = "elitelanes map, version 1"

@@ -27,8 +27,6 @@ from elitelanes_jax.formats.graph import Cell, reduced_graph
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDE_TOWARDS
 
-__all__ = ["Network", "PlainXml", "Streets", "convert", "network", "plain_xml", "write_sumo"]
-
 _RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
 _OUTPUTS = {"net": "--output-file", "opendrive": "--opendrive-output"}
 _OPTIONS = (

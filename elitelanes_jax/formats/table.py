@@ -10,8 +10,6 @@ import numpy as np
 from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
-__all__ = ["Row", "measure_maps", "table_to_csv", "table_to_json"]
-
 Row = dict[str, Plain]
 """The name of a map, `file`, its `height` and `width` in tiles, and its metrics, numbers."""
 

@@ -6,8 +6,6 @@ from numpy.typing import ArrayLike
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST
 
-__all__ = ["LINES", "draw_text"]
-
 LINES = " ╴╷┐╶─┌┬╵┘│┤└┴├┼"
 """The character of each code."""
 

@@ -7,8 +7,6 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, UserValue
 
-__all__ = ["LONGEST_SIDE", "check_grid", "check_shape", "check_sides"]
-
 LONGEST_SIDE = 1024
 """The longest side of a grid, in tiles: the sums of squares in its metrics then fit 32 bits."""
 

@@ -11,24 +11,6 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, UserValue
 
-__all__ = [
-    "CONNECTIONS",
-    "CROSSINGS",
-    "EAST",
-    "KINDS",
-    "KIND_OF",
-    "NORTH",
-    "ROAD_ALPHABET",
-    "SIDES",
-    "SIDE_TOWARDS",
-    "SOUTH",
-    "WEST",
-    "Side",
-    "check_alphabet",
-    "exchange_sides",
-    "rotate_codes",
-]
-
 NORTH = 8
 """The bit of a code that connects to the north."""
 

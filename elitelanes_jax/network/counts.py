@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from jaxtyping import Array, Float32, Int32
 
-__all__ = ["COUNT_NAMES", "Metrics", "largest_counts"]
-
 
 class Metrics(NamedTuple):
     """The metrics of one network, int32 scalars, `coverage` a float32; or arrays ``[...]`` of many networks.

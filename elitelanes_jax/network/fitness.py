@@ -10,8 +10,6 @@ from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.counts import Metrics
 from elitelanes_jax.network.weights import Weights
 
-__all__ = ["fitness", "penalty_weights"]
-
 
 def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:
     """Sums a network's metrics by weight; lower is better.

@@ -3,8 +3,6 @@
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int32, Real
 
-__all__ = ["UNIT", "multiply", "to_fixed"]
-
 UNIT = 4096
 """The whole number that stands for 1."""
 

@@ -9,11 +9,9 @@ from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
-from elitelanes_jax.network.random_bits import randint, random_bits
-
-__all__ = ["random_grids"]
 
 
 def random_grids(

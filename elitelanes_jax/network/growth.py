@@ -13,11 +13,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides
-from elitelanes_jax.network.random_bits import randint, random_bits
-
-__all__ = ["SMALLEST_GROWN", "grow_town"]
 
 SMALLEST_GROWN = 3
 """The shortest side of a grid on which a town grows."""

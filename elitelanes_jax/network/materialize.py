@@ -8,8 +8,6 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, Int, Shaped
 
-__all__ = ["batch_all", "lookup", "materialize"]
-
 
 @jax.custom_batching.custom_vmap
 def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:

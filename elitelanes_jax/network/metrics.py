@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
 from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network._faces import find_faces
+from elitelanes_jax.network._padded_layout import PaddedLayout, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
-from elitelanes_jax.network.faces import find_faces
-from elitelanes_jax.network.padded_layout import PaddedLayout, find_links
-
-__all__ = ["measure", "stack_counts", "unstack_counts"]
 
 
 def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:

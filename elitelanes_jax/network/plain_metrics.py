@@ -9,8 +9,6 @@ from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, NORTH, SOUTH, WEST, check_alphabet
 
-__all__ = ["plain_measure"]
-
 _Cells = NDArray[np.bool_]
 
 
@@ -92,7 +90,7 @@ def _squared_runs(straight: _Cells) -> int:
 
 
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
-    """Counts the inner faces and the bridges (see `elitelanes_jax.network.faces`), by filling face after face.
+    """Counts the inner faces and the bridges (see `elitelanes_jax.network._faces`), by filling face after face.
 
     Args:
       east_links: ``[H, W - 1]``, from each tile to the one to its east.

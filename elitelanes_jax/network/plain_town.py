@@ -6,8 +6,6 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.plain_metrics import plain_measure
 
-__all__ = ["cut_to_roads", "plain_town"]
-
 
 def cut_to_roads(grid: AnyArray) -> AnyArray:
     """Returns the smallest box of a grid of NumPy that has all its tiles; of a grid without tiles, all of it."""

@@ -10,8 +10,6 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_codes
 
-__all__ = ["canonical_form", "mirror", "rotate"]
-
 
 def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
     """Rotates a grid counter-clockwise by quarter turns, as `numpy.rot90` does.

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING, NamedTuple
 if TYPE_CHECKING:
     from jaxtyping import Array, Int32
 
-__all__ = ["LONGEST_DETOUR", "LONGEST_TOWN", "TOWN_PARTS", "TOWN_RATIOS", "TownFeatures", "largest_town_feature"]
-
 LONGEST_TOWN = 128
 """The longest side of grids whose features fit 32 bits."""
 

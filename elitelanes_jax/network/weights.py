@@ -12,8 +12,6 @@ from elitelanes_jax.network.counts import largest_counts
 if TYPE_CHECKING:
     from jaxtyping import ArrayLike, Int
 
-__all__ = ["Weights", "check_weights", "largest_side"]
-
 
 class Weights(NamedTuple):
     """The amount that one unit of each metric adds to the fitness: integers, negative ones reward.

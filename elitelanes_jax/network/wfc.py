@@ -21,8 +21,6 @@ from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET, SIDES, check_alphabet
 
-__all__ = ["Collapsed", "generate", "generate_batch"]
-
 Border = Literal["open", "closed"]
 Domains = NDArray[np.int32]
 

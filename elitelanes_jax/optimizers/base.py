@@ -7,9 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int8, Int32, Key
 
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.optimizers.population import Population
-
-__all__ = ["Elites", "Info", "Optimizer", "as_elites"]
+from elitelanes_jax.optimizers._population import Population
 
 
 class Info(NamedTuple):
@@ -49,7 +47,7 @@ class Optimizer(NamedTuple):
     """One algorithm on one problem.
 
     Keys are consumed. A step takes one generation; all it does follows from its key and the state, so that steps can
-    be the body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once. `elitelanes_jax.optimizers.run`
+    be the body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once. `elitelanes_jax.optimizers.loop`
     does both.
 
     Attributes:

@@ -4,25 +4,23 @@ from collections.abc import Callable
 
 from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.optimizers.annealed import (
+from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
     annealed_ea,
     annealed_gwo,
     annealed_pso,
 )
-from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
-from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers._annealing import AnnealingConfig
+from elitelanes_jax.optimizers._ea import ea
+from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
+from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
+from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.ea import ea
-from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
-from elitelanes_jax.optimizers.map_elites import MapElitesConfig, map_elites
-from elitelanes_jax.optimizers.moves import Mix
-from elitelanes_jax.optimizers.population import EvolutionConfig
-from elitelanes_jax.optimizers.pso import PsoConfig, pso
-from elitelanes_jax.problem.road_problem import Problem
-
-__all__ = ["PRESETS", "find_preset", "make_optimizer"]
+from elitelanes_jax.problem.problem import Problem
 
 # Moves without those that mirror parts of a map and with few that copy them, so that its parts differ. Outlines of
 # rectangles lead from one sparse network to the next: 67 towns of 12 x 12 with them, 47 with the usual share. Towns are

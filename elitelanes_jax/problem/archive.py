@@ -14,8 +14,6 @@ from jaxtyping import Array, Bool, Int8, Int32
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index
 
-__all__ = ["VACANT", "Archive", "empty_archive", "insert", "insert_at", "keep_best"]
-
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant niche."""
 

@@ -14,8 +14,6 @@ from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, feature_unit, is_share
 
-__all__ = ["Bounds", "Range", "bounds_of", "parse_ranges", "satisfies", "violation"]
-
 # The fitness that a unit of distance from a range adds: as much as a dead end, so that no flaw is traded for it.
 _STEEPNESS = 480
 

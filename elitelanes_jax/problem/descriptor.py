@@ -18,18 +18,6 @@ from elitelanes_jax.problem.features import (
     is_share,
 )
 
-__all__ = [
-    "MOST_NICHES",
-    "Axis",
-    "compute_descriptor",
-    "niche_bins",
-    "niche_index",
-    "paper_axes",
-    "parse_axes",
-    "resolve_axes",
-    "tuned_axes",
-]
-
 MOST_NICHES = 2**20
 """The largest number of niches: with more, the archives of a single seed would not fit in memory."""
 

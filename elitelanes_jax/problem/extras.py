@@ -15,8 +15,6 @@ from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, LARGEST_FEATURE, TOWN_FEATURES, extra_names
 
-__all__ = ["Kernel", "check_kernels", "measure_extras", "measure_missing"]
-
 Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Numeric]
 """From one grid to an integer scalar; pure, for `jax.jit` and `jax.vmap`."""
 

@@ -12,9 +12,7 @@ from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.limits import Limits, find_limits
 
-__all__ = ["FILE", "extreme_maps", "feature_limits", "feature_range", "features_of"]
-
-FILE = Path(__file__).with_name("extremes.txt")
+EXTREMES = Path(__file__).with_name("extremes.txt")
 """The maps, one a line, as ``docs/metrics.py`` found them: rows of codes, a hexadecimal digit a tile."""
 
 
@@ -29,7 +27,7 @@ def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
 def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
     grids = [
         np.array([[int(code, 16) for code in row] for row in line.split()], np.int8)
-        for line in FILE.read_text(encoding="ascii").splitlines()
+        for line in EXTREMES.read_text(encoding="ascii").splitlines()
     ]
     return [(grid, features_of(grid)) for grid in grids]
 

@@ -16,8 +16,6 @@ from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.problem.template import Template
 
-__all__ = ["Requirements", "check_feasible", "check_number"]
-
 # Grids are gone through one by one where they have at most so many cells altogether: 2**16 grids of 4 x 4.
 _MOST_CELLS = 2**20
 

@@ -16,23 +16,6 @@ from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
 
-__all__ = [
-    "FEATURES",
-    "LARGEST_FEATURE",
-    "SHARES",
-    "SHARE_UNIT",
-    "TOWN_FEATURES",
-    "check_feature",
-    "compute_features",
-    "default_width",
-    "extra_names",
-    "feature_places",
-    "feature_unit",
-    "is_share",
-    "join_counts",
-    "largest_feature",
-]
-
 SHARES = {
     "straight_share": ("straights", ("tiles",)),
     "turn_share": ("turns", ("tiles",)),

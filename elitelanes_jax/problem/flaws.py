@@ -2,8 +2,6 @@
 
 from elitelanes_jax.problem.rules import RULES
 
-__all__ = ["find_flaws"]
-
 _FLAWS = (
     ("components", 1, "not in one piece"),
     ("dead_ends", 0, "with dead ends"),

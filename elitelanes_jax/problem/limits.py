@@ -20,8 +20,6 @@ from elitelanes_jax.problem.constraints import Range
 from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.template import Template
 
-__all__ = ["Limits", "check_ranges", "find_limits", "free_links"]
-
 _MOST_ROUNDS = 200
 
 # The kinds of tiles that are counted one by one, and the codes of each.

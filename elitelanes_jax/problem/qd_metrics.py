@@ -5,8 +5,6 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import AnyArray
 
-__all__ = ["coverage", "gaps", "qd_score"]
-
 
 def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
     """Sums by how much all elites together are better than the worst fitness that counts, float ``[...]``.

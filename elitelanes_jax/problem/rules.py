@@ -6,8 +6,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.weights import Weights
 
-__all__ = ["RULES", "Rules", "check_rules"]
-
 
 class Rules(NamedTuple):
     """A set of rules.

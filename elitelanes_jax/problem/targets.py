@@ -12,8 +12,6 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
 
-__all__ = ["Pursuit", "Target", "parse_targets"]
-
 
 class Target(NamedTuple):
     """A feature of all example maps.

@@ -15,8 +15,6 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
 
-__all__ = ["Template", "parse_template"]
-
 
 class Template(NamedTuple):
     """Given cells; hashable.

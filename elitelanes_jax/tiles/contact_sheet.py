@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import Untyped
 
-__all__ = ["contact_sheet", "write_text"]
-
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
 _TITLE, _CAPTION = 0.8, 0.46

@@ -13,8 +13,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.limited_read import MIB, read_bytes, read_text
 from elitelanes_jax._util.types import Plain
 
-__all__ = ["read_mask", "read_picture", "read_points", "size_of"]
-
 _LONGEST_SIDE = 4096
 _MOST_BYTES = 72 * MIB  # a picture of that size that does not shrink, with transparency
 _MOST_PARTS = 2**16

@@ -19,8 +19,6 @@ from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.files import read_mask, read_picture, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
-__all__ = ["COLOURS", "Colour", "Proposal", "mask_folder", "parse_colour", "proposal_sheet", "propose_masks"]
-
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
 _CUT = 1 / 48  # of a tile: parts of the road that hang on by less lie on the other side of a worn edge
 _LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line, of a dash

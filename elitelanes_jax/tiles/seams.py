@@ -15,8 +15,6 @@ from elitelanes_jax.tiles.contact_sheet import write_text
 from elitelanes_jax.tiles.tile import Tile
 from elitelanes_jax.tiles.tileset import TileSet, edge_pixels
 
-__all__ = ["Seams", "describe_seams", "find_seams", "seam_picture"]
-
 _DEPTH = 1 / 32  # of the strip along a side whose colour is compared, as a part of the tile
 _WHOLE, _NEAR, _GAP, _TOP, _LINE = 300, 360, 24, 96, 20  # lengths on the picture, in pixels
 _GROUND, _INK, _FAINT, _EDGE, _BOX = (250, 249, 246), (40, 40, 44), (120, 120, 126), (0, 190, 230), (235, 40, 160)

@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Tile"]
-
 
 class Tile(NamedTuple):
     """One elementary tile.

@@ -33,22 +33,9 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.limited_read import KIB, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
+from elitelanes_jax.tiles._lines import misplaced_lines
 from elitelanes_jax.tiles.files import read_mask, read_picture, read_points, size_of
-from elitelanes_jax.tiles.lines import misplaced_lines
 from elitelanes_jax.tiles.tile import Tile
-
-__all__ = [
-    "MASKS",
-    "RotatedTile",
-    "TileSet",
-    "default_tiles",
-    "describe_tiles",
-    "edge_pixels",
-    "inspect_tiles",
-    "load_tiles",
-    "stray_files",
-    "tile_folders",
-]
 
 MASKS = ("road", "red", "yellow")
 """The masks of a tile, by the names of their files."""

@@ -18,12 +18,12 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import measure
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.signals import catch_interrupts
-from elitelanes_jax.compile_cache import use_compile_cache
+from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.compile_cache import use_compile_cache
+from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import default_tiles
 
 # The EA with the paper's settings compiles fast; all searches that go on for generations use this one program.

@@ -9,7 +9,7 @@ import pytest
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
-from elitelanes_jax.spec import METHODS
+from elitelanes_jax.search.spec import METHODS
 
 COMMANDS = set(next(action.choices for action in make_parser()._actions if action.choices))
 

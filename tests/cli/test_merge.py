@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from killed_runs import digest
 
-from elitelanes_jax import Result
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.spec import GenerateSpec
+from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.search.result import Result
 
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]
 SMALL += ["--method", "ea", "--preset", "paper"]

@@ -17,19 +17,19 @@ from given_maps import files, random_maps, small
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset.formats import FORMATS
+from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset._plan import given_maps, split_maps
+from elitelanes_jax.dataset._samples import write_sample
+from elitelanes_jax.dataset._tile_splits import tiles_by_split
+from elitelanes_jax.dataset._transforms import STANDARD
+from elitelanes_jax.dataset._views import View, warp
+from elitelanes_jax.dataset._work import work_folder
 from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.plan import given_maps, split_maps
-from elitelanes_jax.dataset.samples import write_sample
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
-from elitelanes_jax.dataset.tile_splits import tiles_by_split
-from elitelanes_jax.dataset.transforms import STANDARD
-from elitelanes_jax.dataset.views import View, warp
-from elitelanes_jax.dataset.work import work_folder
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.tiles.render import LABELS, render
+from elitelanes_jax.tiles.rendering import LABELS, render
 from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -551,7 +551,7 @@ from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.work import work_folder
+from elitelanes_jax.dataset._work import work_folder
 
 out = Path(sys.argv[2])
 with work_folder(out / "other", {}):

@@ -9,12 +9,13 @@ import pytest
 from filelock import FileLock
 from given_maps import files, random_maps, small
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.locks import LOCK
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset.formats import FORMATS
+from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset._remove import remove_dataset
+from elitelanes_jax.dataset._work import WORK
 from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.remove import remove_dataset
-from elitelanes_jax.dataset.work import LOCK, WORK
 
 OTHERS = random_maps(seed=1)
 

@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._transforms import parse_transforms
+from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.dataset._views import map_points
 from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.robot_views import draw_viewpoint, see, see_labels
-from elitelanes_jax.dataset.samples import draw_sample
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.dataset.transforms import parse_transforms
-from elitelanes_jax.dataset.viewpoints import Viewpoints, parse_viewpoints
-from elitelanes_jax.dataset.views import map_points
-from elitelanes_jax.drive.camera import Camera, look, make_atlas
+from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_curvature, lane_errors, lane_pose
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.tiles.render import choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
 
 TOWN = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 15, 11], [12, 5, 13, 9]], np.int8)
 SMALL = Viewpoints(rows=48, columns=64)

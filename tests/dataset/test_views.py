@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset.transforms import STANDARD, Transforms, parse_transforms
-from elitelanes_jax.dataset.views import draw_view, map_points, photograph, warp
+from elitelanes_jax.dataset._transforms import STANDARD, Transforms, parse_transforms
+from elitelanes_jax.dataset._views import draw_view, map_points, photograph, warp
 
 SIZES = st.tuples(st.integers(16, 90), st.integers(16, 90))
 STRONG = Transforms(quarter_turns=True, rotation=180, scale=(0.5, 2), perspective=0.1)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from pages import blocks, commands, run_program
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.formats.duckietown import GROUNDS, TILE_SIZE
 from elitelanes_jax.formats.sumo import Streets

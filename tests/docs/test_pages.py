@@ -22,7 +22,7 @@ from elitelanes_jax.cli.main import main, make_parser
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
-from elitelanes_jax.spec import GenerateSpec
+from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.tiles.files import read_points
 from elitelanes_jax.tiles.masking import COLOURS, parse_colour
 from elitelanes_jax.tiles.tileset import inspect_tiles, load_tiles

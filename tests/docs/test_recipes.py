@@ -17,10 +17,11 @@ CHANGES = [text for _, text in blocks(PAGE, "diff")]
 
 PROGRAM = """
 import jax
-from elitelanes_jax import InputError, evolve
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.spec import SearchSpec
 
 code = main("generate --size 2 2 --maps 1 --seeds 1 --generations 0 --note lake --out maps".split())
 result = evolve(jax.random.key(0), (2, 2), generations=0, note="lake")

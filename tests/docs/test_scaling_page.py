@@ -9,8 +9,8 @@ import pytest
 from killed_runs import digest
 from pages import blocks, run_program
 
-from elitelanes_jax import Result
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.search.result import Result
 
 PAGE = (Path(__file__).parents[2] / "docs" / "scaling.md").read_text(encoding="utf-8")
 PROGRAMS = [text for _, text in blocks(PAGE, "python")]

@@ -11,9 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax import InputError, random_grids, repair
-from elitelanes_jax.drive.distances import NO_WAY, UNREACHABLE, Route, distances, places, route, shortest_ways, way_at
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive._distances import NO_WAY, UNREACHABLE, Route, distances, places, route, shortest_ways, way_at
 from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
 
 SHAPE = (5, 6)
 find = jax.jit(distances)

@@ -7,13 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, random_grids, repair
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._levels import make_levels
+from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Pose, lane_pose
-from elitelanes_jax.drive.levels import make_levels
-from elitelanes_jax.drive.pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
 from elitelanes_jax.formats.duckietown import without_dead_ends
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
 
 SHAPE, COUNT = (4, 5), 16
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from oracle import OPPOSITE
 
-from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
     MOVEMENTS,
@@ -24,7 +24,9 @@ from elitelanes_jax.drive.lanes import (
     movements,
     on_road,
 )
-from elitelanes_jax.tiles.render import render
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.tiles.rendering import render
 
 SHAPE = (6, 7)
 TILE_PX = 64

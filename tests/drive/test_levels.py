@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from driving_oracle import place_graph
 
-from elitelanes_jax import InputError, random_grids, repair
-from elitelanes_jax.drive.distances import UNREACHABLE
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive._distances import UNREACHABLE
+from elitelanes_jax.drive._levels import check_level, make_level, make_levels
+from elitelanes_jax.drive._road_nav import RoadNavParams
 from elitelanes_jax.drive.lanes import Place
-from elitelanes_jax.drive.levels import check_level, make_level, make_levels
-from elitelanes_jax.drive.road_nav import RoadNavParams
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
 
 SHAPE = (4, 5)
 make = jax.jit(make_level)

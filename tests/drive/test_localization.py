@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive._localization import NEVER, ambiguity, localization_steps, turns_asked_for
 from elitelanes_jax.drive.lanes import EXIT
-from elitelanes_jax.drive.localization import NEVER, ambiguity, localization_steps, turns_asked_for
 from elitelanes_jax.network.codes import SIDES
 
 grids = hnp.arrays(np.int8, (4, 5), elements=st.integers(0, 15))

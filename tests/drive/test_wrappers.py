@@ -9,14 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, random_grids, repair
-from elitelanes_jax.drive.camera import Camera, look, look_around, make_sight
-from elitelanes_jax.drive.environment import auto_reset
-from elitelanes_jax.drive.lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive.levels import make_levels
-from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
-from elitelanes_jax.drive.wrappers import GymnaxEnv, JaxUedEnv, flatten, gymnasium_env, gymnasium_vector_env
-from elitelanes_jax.tiles.render import scale_tiles
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive._camera import Camera, look, look_around, make_sight
+from elitelanes_jax.drive._environment import auto_reset
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._levels import make_levels
+from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+from elitelanes_jax.drive._wrappers import GymnaxEnv, JaxUedEnv, flatten, gymnasium_env, gymnasium_vector_env
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import load_tiles
 
 # Other libraries' warnings are theirs.

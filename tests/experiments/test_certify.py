@@ -17,7 +17,7 @@ from integer_programme import solve
 from oracle import CERTIFICATES, fitness, measure
 
 import elitelanes_jax
-from elitelanes_jax import evolve
+from elitelanes_jax.search.evolution import evolve
 
 RECORDS = {
     (one["height"], one["width"], one["fill"]): one for one in json.loads(CERTIFICATES.read_text())["certificates"]

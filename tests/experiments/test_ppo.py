@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from elitelanes_jax.drive.environment import Environment, Transition, draw_level
+from elitelanes_jax.drive._environment import Environment, Transition, draw_level
+from elitelanes_jax.drive._levels import make_level
+from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive.lanes import Place
-from elitelanes_jax.drive.levels import make_level
-from elitelanes_jax.drive.road_nav import RoadNav, RoadNavParams
 
 ppo = pytest.importorskip("ppo", reason="flax and optax are not here", exc_type=ImportError)
 import drivers  # noqa: E402

@@ -21,11 +21,11 @@ from realism import (
     with_targets,
 )
 
-from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.spec import SearchSpec
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

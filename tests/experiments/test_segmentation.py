@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from training_sets import Condition, draw_maps, patterns, split_tiles, training_set
 
-from elitelanes_jax.dataset.samples import draw_sample
-from elitelanes_jax.dataset.transforms import STANDARD, Transforms
+from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.network.wfc import generate_batch

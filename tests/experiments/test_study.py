@@ -21,10 +21,11 @@ from scaling import main as scaling
 from significance import bootstrap_interval, compare_all, holm
 from throughput import main as throughput
 
-from elitelanes_jax import InputError, Result, Weights
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.weights import check_weights
+from elitelanes_jax.network.weights import Weights, check_weights
 from elitelanes_jax.network.wfc import generate
+from elitelanes_jax.search.result import Result
 
 # The search is compiled for three seeds and for one alone; all tests use these programs.
 SMALL = ["--methods", "map-elites", "wfc", "--sizes", "5", "--seeds", "3", "--generations", "4", "--no-maps"]

@@ -2,16 +2,15 @@
 
 import numpy as np
 
-from elitelanes_jax import Result
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.elites import MeasuredElites
 from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem.descriptor import paper_axes
-from elitelanes_jax.result import History, RunState
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search.result import History, Result, RunState
+from elitelanes_jax.search.spec import SearchSpec
 
 __all__ = ["big_result", "own_result", "write_run"]
 

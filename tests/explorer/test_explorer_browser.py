@@ -16,18 +16,19 @@ import numpy as np
 import pytest
 from explored import big_result, own_result, write_run
 
-from elitelanes_jax import Result, Weights, read_map
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.template import parse_template
-from elitelanes_jax.tiles.render import LABEL_COLOURS, render
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
 from elitelanes_jax.tiles.tileset import load_tiles
 
 HERE = Path(__file__).parent

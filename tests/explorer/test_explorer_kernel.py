@@ -9,13 +9,16 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import Weights, fitness, measure, random_grids, repair
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.metrics import measure, stack_counts
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.town_features import TownFeatures
+from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.extras import measure_extras
 
 HERE = Path(__file__).parent

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from explored import big_result, own_result, write_run
 
-from elitelanes_jax import Result
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer.collect import collect, collect_maps, collect_result, collect_results
+from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
-from elitelanes_jax.tiles.render import choose_tiles, recall_choice
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
 from elitelanes_jax.tiles.tileset import load_tiles
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)

@@ -15,8 +15,8 @@ import pytest
 from explored import big_result
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.explorer._widget import continue_search, show
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.explorer.widget import continue_search, show
 from elitelanes_jax.formats.road_map import RoadMap
 
 pytest.importorskip("anywidget")
@@ -46,8 +46,8 @@ app = marimo.App()
 @app.cell
 def _():
     import marimo as mo
-    from elitelanes_jax import evolve
-    from elitelanes_jax.explorer import show
+    from elitelanes_jax.search.evolution import evolve
+    from elitelanes_jax.explorer._widget import show
 
     search = dict(method="ea", preset="paper", generations=5)
     explorer = mo.ui.anywidget(show(evolve(0, (5, 6), seeds=2, progress=False, **search)))

@@ -15,7 +15,6 @@ import numpy as np
 from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_world
 from sumo_drive import drive, read
 
-from elitelanes_jax import read_map
 from elitelanes_jax._util.checks import one_of, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.optional_imports import import_optional
@@ -23,6 +22,7 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say, warn
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.formats.sumo import convert, plain_xml
 from elitelanes_jax.network.symmetry import canonical_form
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from elitelanes_jax import measure
 from elitelanes_jax.formats.graph import linked_tiles, reduced_graph
 from elitelanes_jax.network.codes import CONNECTIONS
+from elitelanes_jax.network.metrics import measure
 
 OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-duckietown" / "bin" / "python"
 PROGRAMS = Path(__file__).parent / "duckietown_world"

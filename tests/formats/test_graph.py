@@ -11,8 +11,8 @@ from conftest import grids
 from hypothesis import given
 from oracle import road_graph
 
-from elitelanes_jax import measure
 from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
+from elitelanes_jax.network.metrics import measure
 
 
 def cyclomatic(graph):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.growth import grow_town
 from elitelanes_jax.network.plain_metrics import plain_measure
 

@@ -8,10 +8,12 @@ from corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import stack_counts, unstack_counts
+from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.metrics import measure, stack_counts, unstack_counts
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.symmetry import mirror, rotate
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
 

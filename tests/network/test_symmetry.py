@@ -11,9 +11,8 @@ from hypothesis import given
 from oracle import measure as oracle
 from oracle import road_graph
 
-from elitelanes_jax import mirror, rotate
 from elitelanes_jax.network.codes import rotate_codes
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 
 
 @given(grids(thin=True))

@@ -9,7 +9,7 @@ import pytest
 from oracle import OPPOSITE, STEPS
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import CONNECTIONS, CROSSINGS, ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate, generate_batch
 

@@ -11,12 +11,16 @@ import pytest
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, Weights, evolve, fitness, measure
-from elitelanes_jax.optimizers.annealed import AnnealedPsoConfig
-from elitelanes_jax.optimizers.annealing import AnnealingConfig
-from elitelanes_jax.optimizers.moves import Mix
-from elitelanes_jax.optimizers.run import seed_keys
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.optimizers._annealed import AnnealedPsoConfig
+from elitelanes_jax.optimizers._annealing import AnnealingConfig
+from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.problem.descriptor import Axis, tuned_axes
+from elitelanes_jax.search.evolution import evolve
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 

@@ -10,14 +10,18 @@ import pytest
 from check_archive import check, read_certificate
 from oracle import CERTIFICATES
 
-from elitelanes_jax import InputError, Weights, evolve, fitness, measure
-from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
-from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers._annealing import AnnealingConfig
 from elitelanes_jax.problem.archive import VACANT
 from elitelanes_jax.problem.constraints import bounds_of, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, tuned_axes
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES
+from elitelanes_jax.search.evolution import evolve
 
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 

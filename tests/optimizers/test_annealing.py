@@ -5,12 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import random_grids, repair
+from elitelanes_jax.network.bits import exponential, random_bits
 from elitelanes_jax.network.fixed_point import UNIT
-from elitelanes_jax.network.random_bits import exponential, random_bits
-from elitelanes_jax.optimizers.annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
 from elitelanes_jax.problem.descriptor import tuned_axes
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.problem import road_problem
 
 
 def test_worse_grids_are_accepted_as_metropolis_says():

@@ -17,27 +17,28 @@ from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, measure
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.optimizers.annealed import (
+from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
     annealed_ea,
     annealed_gwo,
     annealed_pso,
 )
-from elitelanes_jax.optimizers.annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
-from elitelanes_jax.optimizers.annealing import AnnealingConfig
+from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
+from elitelanes_jax.optimizers._annealing import AnnealingConfig
+from elitelanes_jax.optimizers._ea import ea
+from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
+from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
+from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.ea import ea
-from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
-from elitelanes_jax.optimizers.map_elites import MapElitesConfig, map_elites
-from elitelanes_jax.optimizers.moves import Mix
-from elitelanes_jax.optimizers.population import EvolutionConfig
-from elitelanes_jax.optimizers.pso import PsoConfig, pso
-from elitelanes_jax.optimizers.run import advance, run, start
+from elitelanes_jax.optimizers.loop import advance, run, start
 from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.problem import road_problem
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.random_bits import random_bits
-from elitelanes_jax.optimizers.emitters import (
+from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.optimizers._emitters import (
     Niches,
     draw_direction,
     draw_target,

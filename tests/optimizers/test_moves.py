@@ -11,10 +11,12 @@ import pytest
 from oracle import measure as oracle
 from oracle import road_graph
 
-from elitelanes_jax import InputError, mirror, repair, rotate
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.network.codes import CONNECTIONS
-from elitelanes_jax.network.random_bits import random_bits
-from elitelanes_jax.optimizers.moves import (
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.symmetry import mirror, rotate
+from elitelanes_jax.optimizers._moves import (
     Mix,
     clear_block,
     lay_straight,
@@ -30,7 +32,7 @@ from elitelanes_jax.optimizers.moves import (
     with_filling,
     with_opposite,
 )
-from elitelanes_jax.optimizers.windows import flawless_fillings
+from elitelanes_jax.optimizers._windows import flawless_fillings
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
 # By the names of their shares in a mix.

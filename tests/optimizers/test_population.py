@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
-from elitelanes_jax.optimizers.mutations import Move, Variation
-from elitelanes_jax.optimizers.population import (
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.optimizers._mutations import Move, Variation
+from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
     Population,
     breed,
@@ -17,7 +17,7 @@ from elitelanes_jax.optimizers.population import (
     survivors,
     tournament,
 )
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.problem.problem import road_problem
 
 PROBLEM = road_problem((4, 5))
 

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.network.bits import categorical, random_bits, random_bits16
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.random_bits import categorical, random_bits, random_bits16
-from elitelanes_jax.optimizers.gwo import GwoConfig, gwo
-from elitelanes_jax.optimizers.population import evaluate
-from elitelanes_jax.optimizers.pso import PsoConfig, pso
-from elitelanes_jax.problem.road_problem import road_problem
+from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
+from elitelanes_jax.optimizers._population import evaluate
+from elitelanes_jax.optimizers._pso import PsoConfig, pso
+from elitelanes_jax.problem.problem import road_problem
 
 SHAPE = (3, 4)
 PROBLEM = road_problem(SHAPE)

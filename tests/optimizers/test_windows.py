@@ -5,7 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from elitelanes_jax.optimizers.windows import flawless_fillings
+from elitelanes_jax.optimizers._windows import flawless_fillings
 
 
 def is_flawless(tiles, empty):

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax import InputError, measure
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.network.metrics import measure, stack_counts
 from elitelanes_jax.problem.archive import empty_archive, insert, insert_at
 from elitelanes_jax.problem.descriptor import (
     Axis,

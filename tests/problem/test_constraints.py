@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax import InputError, measure, repair
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import stack_counts
+from elitelanes_jax.network.metrics import measure, stack_counts
+from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.problem.constraints import Range, bounds_of, parse_ranges, satisfies, violation
 from elitelanes_jax.problem.descriptor import Axis, resolve_axes
 from elitelanes_jax.problem.features import FEATURES, SHARES, compute_features

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import evolve
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import LARGEST_FEATURE
-from elitelanes_jax.result import Result
-from elitelanes_jax.search import SearchSpec
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result
+from elitelanes_jax.search.spec import SearchSpec
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
 

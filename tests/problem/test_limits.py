@@ -11,7 +11,8 @@ from conftest import grids
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax import InputError
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
@@ -21,7 +22,7 @@ from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
 from elitelanes_jax.problem.template import parse_template
-from elitelanes_jax.spec import GenerateSpec, SearchSpec
+from elitelanes_jax.search.spec import SearchSpec
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
 

@@ -8,7 +8,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.problem.targets import Pursuit, Target, parse_targets
-from elitelanes_jax.spec import SearchSpec
+from elitelanes_jax.search.spec import SearchSpec
 
 TWO = (Target("turn_share", (0.25, 0.5)), Target("crossings", (0.0, 3.0)))
 

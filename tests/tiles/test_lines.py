@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.tiles.lines import misplaced_lines
+from elitelanes_jax.tiles._lines import misplaced_lines
 from elitelanes_jax.tiles.tileset import MASKS, default_tiles, inspect_tiles
 
 CROSSINGS, OTHERS = ("crossing3_1", "crossing4_1"), ("turn_1", "straight_1", "end_1")

@@ -6,9 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, random_grids, repair, rotate
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
-from elitelanes_jax.tiles.render import (
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.tiles.rendering import (
     LABEL_COLOURS,
     LABELS,
     Picture,

@@ -1,0 +1,162 @@
+"""The card of a dataset for readers, and a sheet of some of its samples."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.tiles.contact_sheet import contact_sheet
+from elitelanes_jax.tiles.files import read_picture
+from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
+
+_SHEET_PX, _GROUND = 240, 236
+
+# Licences by Hugging Face's names.
+_LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by-nc-4.0", "bsd-3-clause", "gpl-3.0"}
+
+
+_POSES = """
+`d` is the robot's distance to the left of its lane's centre in tiles, `phi` the angle in radians by which it is turned
+to the left of the lane, and `curvature` the lane's there in 1 / tiles, to the left. `pose` has its place on the map,
+`x` east and `y` south in tiles, and `theta`, counter-clockwise from east; `camera` the camera's height and its place
+ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps what lies behind the camera to
+a third coordinate of 0 or less."""
+
+
+def write_card(about: dict[str, Plain], loading: str) -> str:
+    """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
+
+    Args:
+      about: the record in ``dataset.json``.
+      loading: a program that loads it.
+    """
+    licence = about["tile_set"]["licence"]
+    counts = about["pictures"]
+    total = sum(counts.values())
+    size = next((text for limit, text in ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K")) if total < limit), "")
+    front = [
+        "---",
+        "task_categories: [image-segmentation]",
+        f"license: {licence.lower() if licence.lower() in _LICENCES else 'other'}",
+        *([f"size_categories: [{size}]"] if size else []),
+        "tags: [road-networks, duckietown, synthetic]",
+        "---",
+    ]
+    asked = about["settings"]
+    search = asked["search"]
+    (low, wide), (high, widest) = ((asked["size"][0][end], asked["size"][-1][end]) for end in (0, 1))
+    sides = f"{low} x {wide}" if (low, wide) == (high, widest) else f"{low} x {wide} to {high} x {widest}"
+    if asked["camera"] is not None:
+        seen = f"what a robot on their lanes sees, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
+        seen += f", of maps drawn with {asked['tile_px']} pixels a tile"
+    else:
+        seen = f"of {asked['tile_px']} pixels a tile"
+    changing = {name: value for name, value in asked["transforms"].items() if value not in (0, False, [1.0, 1.0])}
+    whose = (
+        "They were given, not evolved."
+        if about["given_maps"]
+        else "Each is connected, and differs from all others however they are rotated or mirrored."
+    )
+    own = [f"mask {name}" for name in about["tile_set"]["layers"]]
+    own += [f"points {name}" for name in about["tile_set"]["points"]]
+    rows = [
+        f"| {label} | {name} | rgb{tuple(LABEL_COLOURS[label])} | "
+        + " | ".join(_share(about["class_pixels"][split], label) for split in SPLITS)
+        + " |"
+        for label, name in enumerate(LABELS)
+    ]
+    wanted = [
+        f"- {words}: {search[name]}"
+        for name, words in (
+            ("where", "ranges that every map meets"),
+            ("rules", "rules that every map keeps"),
+            ("weights", "weights of the fitness"),
+            ("axes", "axes of the niches"),
+        )
+        if search[name]
+    ]
+    return "\n".join(
+        [
+            *front,
+            "",
+            "# Road maps of a miniature city, with labels",
+            "",
+            f"{total:,} pictures of {asked['maps']:,} road networks, {sides} tiles: {seen}.",
+            f"{whose} Each pixel has a label. Made by Elite Lanes JAX {about['versions']['elitelanes_jax']}.",
+            "",
+            "![Some of them](contact-sheet.png)",
+            "",
+            "| label | class | colour in the sheet | " + " | ".join(f"{split}, pixels" for split in SPLITS) + " |",
+            "|---|---|---|---|---|---|",
+            *rows,
+            "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
+            "",
+            "Lines lie over the road. Pixels beyond a map, and above the horizon, are background.",
+            "",
+            "## Loading it",
+            "",
+            "```python",
+            loading,
+            "```",
+            "",
+            "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
+            "each cell, and `transform.matrix`, which maps places (x, y) of the plain map, in pixels from its top left "
+            "corner, to places of the picture.",
+            *([_POSES] if asked["camera"] is not None else []),
+            "",
+            "## How it was made",
+            "",
+            f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
+            f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
+            *([f"- the tile set's own: {', '.join(own)}"] if own else []),
+            f"- seed {asked['seed']}"
+            + ("" if about["given_maps"] else f", {search['method']}, preset {search['preset']}"),
+            "- views: " + (", ".join(f"{name} {_plain(value)}" for name, value in changing.items()) or "plain"),
+            *wanted,
+            "- all settings and versions: `dataset.json`",
+            "",
+        ]
+    )
+
+
+def sample_sheet(
+    out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str, shape: float = 1
+) -> NDArray[np.uint8]:
+    """Draws pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
+
+    Args:
+      out: folder of the dataset.
+      samples: of each, the files of its image and its labels within the folder, and lines of text.
+      title: of the sheet.
+      shape: height of the shown pictures over their width.
+    """
+    pictures, height = [], round(_SHEET_PX * shape)
+    for image, labels, _ in samples:
+        colours = np.array(LABEL_COLOURS, np.uint8)[_fit(out / labels, height, cv2.INTER_NEAREST)]
+        shown = _fit(out / image, height, cv2.INTER_AREA)
+        gap = np.full((height, 4, 3), _GROUND, np.uint8)
+        pictures.append(np.concatenate([shown, gap, colours], axis=1))
+    return contact_sheet(title, pictures, [lines for *_, lines in samples])
+
+
+def _fit(file: Path, height: int, interpolation: int) -> NDArray[np.uint8]:
+    """Reads a picture and scales it to the sheet's width and a height, RGB or grey."""
+    problems: list[str] = []
+    picture = read_picture(file, problems)
+    if picture is None:
+        raise InputError("; ".join(problems) or f"{file}: expected a picture, got none")
+    return np.asarray(cv2.resize(picture, (_SHEET_PX, height), interpolation=interpolation), np.uint8)
+
+
+def _share(pixels: Sequence[int], label: int) -> str:
+    total = sum(pixels)
+    return f"{100 * pixels[label] / total:.2f} %" if total else "-"
+
+
+def _plain(value: Plain) -> str:
+    return f"{value[0]:g}..{value[1]:g}" if isinstance(value, list) else "yes" if value is True else f"{value:g}"

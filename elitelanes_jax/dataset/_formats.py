@@ -1,0 +1,209 @@
+"""Layouts of a dataset's folder, each for some training library."""
+
+import json
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.tiles.rendering import LABELS
+from elitelanes_jax.tiles.tileset import MASKS
+
+Record = dict[str, Plain]
+
+
+class Format(NamedTuple):
+    """A layout.
+
+    Attributes:
+      layers: the layers beside image, labels and those of the tile set's maker.
+      file: (split, number, layer) -> the path of a picture within the folder.
+      note: labels uint8 ``[h, w]`` -> additions to a sample's record, for `list_samples`.
+      list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
+      program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
+      needs: a package that writing it needs.
+    """
+
+    layers: tuple[str, ...]
+    file: Callable[[int, int, str], str]
+    note: Callable[[NDArray[np.uint8]], Record]
+    list_samples: Callable[[Path, int, Iterable[Record]], None]
+    program: str
+    needs: str | None = None
+
+    def loading(self, split: int) -> str:
+        """Returns a program that loads a split."""
+        return self.program.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+
+
+def find_format(name: str) -> Format:
+    """Returns a format by its name.
+
+    Raises:
+      MissingPackageError: if a package that it needs is not installed.
+    """
+    layout = FORMATS[name]
+    if layout.needs is not None:
+        import_optional(layout.needs, f"format: {name} needs {layout.needs}")
+    return layout
+
+
+_SHORT = ("train", "val", "test")
+
+# The pictures of every dataset; masks of the tile set's maker have a folder of their own beside them.
+_USUAL = ("image", "labels", *MASKS)
+
+
+def _write_lines(file: Path, rows: Iterable[Record]) -> None:
+    write_atomic(file, (f"{json.dumps(row)}\n".encode() for row in rows))
+
+
+# --- plain: a folder for each map, with all its masks
+
+
+def _plain_file(split: int, number: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{number:06d}/{layer}.png"
+
+
+def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    rows = ({"folder": f"{record['number']:06d}"} | record for record in records)
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", rows)
+
+
+# --- imagefolder: Hugging Face datasets
+
+
+def _imagefolder_file(split: int, number: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{_place(layer)}/{number:06d}.png"
+
+
+def _place(layer: str) -> str:
+    return layer if layer in _USUAL else f"layers/{layer}"
+
+
+def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    def row(record: Record) -> Record:
+        names = {
+            f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
+            for layer in ("image", "labels", *record["layers"])
+        }
+        return names | {key: value for key, value in record.items() if key != "layers" and value != {}}
+
+    _write_lines(folder / SPLITS[split] / "metadata.jsonl", map(row, records))
+
+
+# --- mmseg: MMSegmentation
+
+
+def _mmseg_file(split: int, number: int, layer: str) -> str:
+    place = {"image": "img_dir", "labels": "ann_dir"}.get(layer, _place(layer))
+    return f"{place}/{_SHORT[split]}/{number:06d}.png"
+
+
+def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", records)
+
+
+# --- coco: one annotation for each class of an image, run-length encoded
+
+
+def _coco_file(split: int, number: int, layer: str) -> str:
+    return f"{'images' if layer == 'image' else _place(layer)}/{_SHORT[split]}/{number:06d}.png"
+
+
+def _coco_note(labels: NDArray[np.uint8]) -> Record:
+    from pycocotools import mask
+
+    annotations = []
+    for category in range(1, len(LABELS)):
+        runs = mask.encode(np.asfortranarray(labels == category, np.uint8))
+        area = int(mask.area(runs))
+        if area:
+            annotations.append(
+                {
+                    "category_id": category,
+                    "segmentation": runs | {"counts": runs["counts"].decode()},
+                    "area": area,
+                    "bbox": mask.toBbox(runs).tolist(),
+                    "iscrowd": 1,
+                }
+            )
+    return {"annotations": annotations}
+
+
+def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
+    images: list[Record] = []
+    annotations: list[Record] = []
+    rows: list[Record] = []
+    for record in records:
+        number = record["number"]
+        found = record.pop("annotations")
+        height, width = record["pixels"]
+        images.append({"id": number, "file_name": f"{number:06d}.png", "height": height, "width": width})
+        for one in found:
+            annotations.append({"id": len(annotations) + 1, "image_id": number} | one)
+        rows.append(record)
+    categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
+    table = {"images": images, "annotations": annotations, "categories": categories}
+    write_atomic(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
+    _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
+
+
+def _no_note(labels: NDArray[np.uint8]) -> Record:
+    return {}
+
+
+FORMATS = {
+    "imagefolder": Format(
+        (),
+        _imagefolder_file,
+        _no_note,
+        _imagefolder_index,
+        "# pip install datasets pillow\n"
+        "from datasets import load_dataset\n\n"
+        'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
+        'sample = dataset["SPLIT"][0]\n'
+        'print(sample["image"].size, sample["labels"].getextrema())',
+    ),
+    "mmseg": Format(
+        (),
+        _mmseg_file,
+        _no_note,
+        _mmseg_index,
+        "from mmseg.datasets import BaseSegDataset\n\n"
+        f"metainfo = dict(classes={LABELS!r})\n"
+        'prefix = dict(img_path="img_dir/SHORT", seg_map_path="ann_dir/SHORT")\n'
+        'dataset = BaseSegDataset(data_root="DIR", img_suffix=".png", data_prefix=prefix, metainfo=metainfo)\n'
+        "print(len(dataset))",
+    ),
+    "coco": Format(
+        (),
+        _coco_file,
+        _coco_note,
+        _coco_index,
+        "from pycocotools.coco import COCO\n\n"
+        'coco = COCO("DIR/annotations/SHORT.json")\n'
+        "image = coco.loadImgs(coco.getImgIds()[:1])[0]\n"
+        'masks = [coco.annToMask(one) for one in coco.loadAnns(coco.getAnnIds(image["id"]))]\n'
+        'print(image["file_name"], len(masks))',
+        needs="pycocotools",
+    ),
+    "plain": Format(
+        MASKS,
+        _plain_file,
+        _no_note,
+        _plain_index,
+        "import json\nfrom pathlib import Path\n\nimport cv2\n\n"
+        'folder = Path("DIR") / "SPLIT"\n'
+        'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
+        'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
+        "print(len(rows), labels.shape)",
+    ),
+}
+"""The formats, by name."""

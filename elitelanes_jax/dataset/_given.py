@@ -1,0 +1,86 @@
+"""Maps that are given to a dataset in place of evolved ones; without JAX and OpenCV."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
+
+from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_maps
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.symmetry import canonical_form
+
+
+@dataclass(frozen=True)
+class GivenMaps:
+    """Given maps; equal where their digests are.
+
+    Attributes:
+      maps: at least one, each with its metrics.
+      digest: of all that is known of them.
+      repeated: how many were left out, as they are another one rotated or mirrored.
+    """
+
+    maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
+    digest: str
+    repeated: int = 0
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """(height, width) of the maps, each once, in order."""
+        return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
+
+
+def given(maps: Sequence[RoadMap], repeated: int = 0) -> GivenMaps:
+    """Takes maps as they are."""
+    return GivenMaps(tuple(maps), sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16], repeated)
+
+
+def parse_given(sources: UserValue) -> GivenMaps:
+    """Reads maps.
+
+    Of those that are the same when rotated or mirrored the first one is taken, so that no two splits show one network.
+    Metrics that a file does not have are measured.
+
+    Args:
+      sources: files of maps or of lists of maps (see `read_maps`), Duckietown's too; folders, whose maps are all files
+        ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them. One or
+        several.
+
+    Raises:
+      InputError: for a file or folder that is missing or bad, or no map; the message names it.
+    """
+    if isinstance(sources, GivenMaps):
+        return sources
+    listed = [sources] if isinstance(sources, str | Path) else sources
+    if not isinstance(listed, Iterable):
+        raise InputError(f"expected files of maps, got {short(repr(sources))}")
+    found = [road_map for source in listed for file in _files(path(source)) for road_map in read_maps(file)]
+    if not found:
+        raise InputError("expected at least one map, got none")
+    distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
+    maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
+    return given([_measured(road_map) for road_map in maps], len(found) - len(maps))
+
+
+def _files(source: Path) -> list[Path]:
+    if not source.is_dir():
+        return [source]
+    kinds = {".json", ".yaml", ".yml"}
+    files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
+    if not files:
+        raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
+    return files
+
+
+def _measured(road_map: RoadMap) -> RoadMap:
+    if road_map.metrics is not None:
+        return road_map
+    return road_map._replace(
+        metrics={
+            name: value.item() if hasattr(value, "item") else value
+            for name, value in plain_measure(road_map.codes).items()
+        }
+    )

@@ -1,0 +1,201 @@
+"""Views of a map from a robot on its lanes: a pose, a pinhole camera, and the warp of a rendered map.
+
+Between the ground and a picture of it lies one 3 x 3 matrix, as for views from above; what lies behind the camera has a
+third coordinate of 0 or less. Picture and labels are sampled at the same places: the picture four times a pixel, from a
+map that is the smaller the further away it is, and averaged; labels once, the nearest pixel of the map.
+"""
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._viewpoints import Viewpoints
+from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
+from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.network.codes import SIDES
+
+# As gym-duckietown draws them: a blue sky, a wall, darkness, a white hall; RGB.
+_HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
+_FINER = 2  # samples a pixel in each direction
+_LEVELS = 6  # at which maps are a half, a quarter and so on as large
+
+
+class Viewpoint(NamedTuple):
+    """A camera at a place of a map.
+
+    Attributes:
+      matrix: float64 ``[3, 3]``, maps places (x, y) of the rendered map, in pixels, to places of the picture; what it
+        maps to a third coordinate of 0 or less lies behind the camera. That coordinate is the depth in metres.
+      size: (rows, columns) of the picture.
+      sky: its colour, RGB.
+      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement`` and ``camera``.
+    """
+
+    matrix: Float[NDArray, "3 3"]
+    size: tuple[int, int]
+    sky: tuple[int, int, int]
+    about: dict[str, Plain]
+
+
+def draw_viewpoint(
+    rng: np.random.Generator, viewpoints: Viewpoints, codes: Int[NDArray, "H W"], tile_px: int
+) -> Viewpoint:
+    """Draws a place on the lanes of a map, and the camera there.
+
+    The movement is drawn uniformly among all of the map, the place along it, the offset and the angle uniformly too.
+
+    Args:
+      rng: the same state gives the same viewpoint.
+      viewpoints: the ranges.
+      codes: of the map.
+      tile_px: side of a tile in pixels.
+
+    Raises:
+      InputError: for a map without a lane.
+    """
+    lanes = list_lanes(codes)
+    if not len(lanes):
+        raise InputError("maps: expected lanes to look from, got a map without any")
+    row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
+    along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
+    lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
+    sky = _HORIZONS[rng.integers(len(_HORIZONS))]
+
+    d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
+    bend = turn - 1  # to the left
+    radius = 0.5 + LANE_OFFSET * bend
+    angle = along * np.pi / 2 * bend
+    # Forward and left of the middle of the side that is entered by.
+    forward = (radius - bend * d) * np.sin(abs(angle)) if bend else along
+    left = bend * (0.5 - (radius - bend * d) * np.cos(angle)) if bend else d - LANE_OFFSET
+    ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
+    x = column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
+    y = row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
+    theta = np.arctan2(-ahead_y, ahead_x) + angle + phi
+    theta = float(np.pi - (np.pi - theta) % (2 * np.pi))
+
+    height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
+    view = float(min(viewpoints.field_of_view * wide, 175))
+    about = {
+        "d": float(d),
+        "phi": float(phi),
+        "curvature": bend / radius,
+        "pose": {"x": float(x), "y": float(y), "theta": theta},
+        "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
+        "camera": {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view, "sky": sky},
+    }
+    size = (viewpoints.rows, viewpoints.columns)
+    to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
+    matrix = _project(height, viewpoints.forward, pitch, view, size) @ to_robot
+    return Viewpoint(matrix, size, sky, about)
+
+
+def see(
+    image: UInt8[NDArray, "h w 3"], viewpoint: Viewpoint, ground: tuple[int, int, int]
+) -> UInt8[NDArray, "rows columns 3"]:
+    """Draws what the camera sees of a rendered map; beyond it is bare ground of a colour."""
+    rows, columns = viewpoint.size
+    x, y, near = _places(viewpoint, _FINER)
+    fine = np.empty((rows * _FINER, columns * _FINER, 3), np.uint8)
+    level = _levels(x, y, near)
+    smaller = image
+    for number in range(_LEVELS):
+        chosen = np.flatnonzero(level == number)
+        if len(chosen):
+            part = slice(chosen[0], chosen[-1] + 1)
+            across, down = (now / before for now, before in zip(smaller.shape[1::-1], image.shape[1::-1], strict=True))
+            fine[part] = _sample(smaller, x[part] * across, y[part] * down, cv2.INTER_LINEAR, ground)
+        if not (level > number).any():
+            break
+        half = tuple(max(side // 2, 1) for side in smaller.shape[1::-1])
+        smaller = np.asarray(cv2.resize(smaller, half, interpolation=cv2.INTER_AREA), np.uint8)
+    fine[~near] = viewpoint.sky
+    return np.asarray(cv2.resize(fine, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDArray, "rows columns"]:
+    """Draws a mask or labels as the camera sees them, the nearest pixel; 0 beyond the map and above the horizon."""
+    x, y, near = _places(viewpoint, 1)
+    seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
+    seen[~near] = 0
+    return seen
+
+
+def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
+    """Lists the movements of a map: row, column, heading and turn."""
+    return np.argwhere(MOVEMENTS[_linked(codes)])
+
+
+def _linked(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:
+    """Removes the connections that the neighbour does not return."""
+    height, width = codes.shape
+    padded, kept = np.pad(codes, 1), np.zeros_like(codes)
+    for bit, _, _, down, right, opposite in SIDES:
+        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
+        kept |= np.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
+    return kept
+
+
+def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
+    """Returns the matrix from places of the map, in tiles, to metres ahead and to the left of a pose."""
+    cosine, sine = np.cos(theta), np.sin(theta)
+    turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
+    return np.asarray(np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]]))
+
+
+def _project(height: float, forward: float, pitch: float, view: float, size: tuple[int, int]) -> Float[NDArray, "3 3"]:
+    """Returns the matrix from metres ahead and to the left to places of the picture of a pinhole camera."""
+    rows, columns = size
+    focal = rows / 2 / np.tan(np.radians(view) / 2)
+    cosine, sine = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
+    # Right, down and depth as the camera has them.
+    down = [-sine, 0, height * cosine + forward * sine]
+    depth = [cosine, 0, height * sine - forward * cosine]
+    seen = np.array([[0, -1, 0], down, depth])
+    return np.asarray(np.array([[focal, 0, columns / 2], [0, focal, rows / 2], [0, 0, 1]]) @ seen)
+
+
+def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
+    """Returns where the rays of pixels meet the ground, x and y in pixels of the map, and whether they do at all."""
+    rows, columns = (side * finer for side in viewpoint.size)
+    back = np.linalg.inv(viewpoint.matrix)
+    u, v = (np.arange(columns) + 0.5) / finer, ((np.arange(rows) + 0.5) / finer)[:, None]
+    x, y, inverse_depth = (part[0] * u + part[1] * v + part[2] for part in back)
+    near = inverse_depth > 1e-6
+    depth = 1 / np.where(near, inverse_depth, 1)
+    # Places far beyond are too large for OpenCV.
+    x, y = (np.clip(np.where(near, part * depth, -1e6), -1e6, 1e6).astype(np.float32) for part in (x, y))
+    return x, y, near
+
+
+def _levels(x: NDArray[np.float32], y: NDArray[np.float32], near: NDArray[np.bool_]) -> Int[NDArray, " rows"]:
+    """Returns how often the map is halved for each row of samples; -1 for rows of sky.
+
+    A row's samples are as far from each other as the root of the area between four of them.
+    """
+    middle = x.shape[1] // 2
+    right = np.hypot(x[:, middle] - x[:, middle - 1], y[:, middle] - y[:, middle - 1])
+    below = np.minimum(np.arange(len(x)) + 1, len(x) - 1)
+    down = np.hypot(x[below, middle] - x[:, middle], y[below, middle] - y[:, middle])
+    down[-1] = down[-2]
+    apart = np.sqrt(np.maximum(right * down, 1e-12))
+    level = np.clip(np.floor(np.log2(np.maximum(apart, 1))), 0, _LEVELS - 1).astype(int)
+    return np.where(near.any(axis=1), level, -1)
+
+
+def _sample(
+    layer: NDArray[np.uint8],
+    x: NDArray[np.float32],
+    y: NDArray[np.float32],
+    interpolation: int,
+    outside: tuple[int, int, int],
+) -> NDArray[np.uint8]:
+    # OpenCV's places are those of pixels' centres.
+    across, down = (np.asarray(part - 0.5, np.float32) for part in (x, y))
+    seen = cv2.remap(layer, across, down, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
+    return np.asarray(seen, np.uint8)

@@ -1,0 +1,114 @@
+"""One sample: a map drawn and seen in one view."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._formats import Format
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._transforms import Transforms
+from elitelanes_jax.dataset._viewpoints import Viewpoints
+from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, png_of, render
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
+
+
+class Sample(NamedTuple):
+    """A drawn sample.
+
+    Attributes:
+      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own.
+      record: its metadata, plain values for JSON.
+    """
+
+    layers: dict[str, NDArray[np.uint8]]
+    record: dict[str, Plain]
+
+
+def draw_sample(
+    road_map: RoadMap,
+    tiles: TileSet,
+    number: int,
+    *,
+    seed: int = 0,
+    tile_px: int = 64,
+    transforms: Transforms = Transforms(),
+    camera: Viewpoints | None = None,
+    layers: Sequence[str] = MASKS,
+) -> Sample:
+    """Draws a map with tiles of a set in one view; all choices follow from the seed and the number.
+
+    Args:
+      road_map: the map.
+      tiles: to draw it with.
+      number: of the sample, 0 or more.
+      seed: of the dataset.
+      tile_px: side of a tile in pixels.
+      transforms: the ranges of views.
+      camera: the ranges of views from a robot on the lanes; by default views are from above.
+      layers: the masks beside labels and the tile set's own.
+
+    Raises:
+      InputError: for a camera on a map without a lane.
+    """
+    chosen = choose_tiles(road_map.codes, tiles, [seed, number])
+    picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
+    size = (picture.labels.shape[0], picture.labels.shape[1])
+    rng = np.random.default_rng([seed, number, 1])
+    view = draw_view(rng, transforms, size)
+    ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
+    masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
+    if camera is None:
+        about, seen = {}, {"image": photograph(warp(picture.image, view, ground), view)}
+        seen |= {name: warp(mask, view) for name, mask in masks.items()}
+    else:
+        viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
+        view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
+        about, seen = viewpoint.about, {"image": photograph(see(picture.image, viewpoint, ground), view)}
+        seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
+    record = {
+        "number": number,
+        "size": list(road_map.codes.shape),
+        "pixels": list(view.size),
+        "codes": road_map.codes.tolist(),
+        "metrics": road_map.metrics,
+        "fitness": road_map.fitness,
+        "niche": road_map.niche,
+        "map_seed": road_map.seed,
+        "tiles": [[tiles.pictures[tile].name for tile, _ in row] for row in chosen],
+        "quarter_turns": chosen[..., 1].tolist(),
+        "transform": _plain(view),
+        **about,
+        "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
+        "layers": list(picture.layers),
+        "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
+    }
+    return Sample(seen, {name: value for name, value in record.items() if value is not None})
+
+
+def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
+    """Writes the pictures of a sample to their places in a format.
+
+    Raises:
+      OSError: that names the file, if one cannot be written.
+    """
+    number = sample.record["number"]
+    for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
+        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
+
+
+def _plain(view: View) -> dict[str, Plain]:
+    values = view._asdict() | {"matrix": view.matrix.tolist()}
+    return {name: value for name, value in values.items() if name != "size"}
+
+
+def _within(points: NDArray[np.float64], view: View) -> list[list[float]]:
+    height, width = view.size
+    inside = (points >= 0).all(axis=1) & (points <= (width, height)).all(axis=1)
+    return [[float(x), float(y)] for x, y in points[inside]]

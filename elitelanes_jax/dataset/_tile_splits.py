@@ -1,0 +1,96 @@
+"""The tiles of each split of a dataset, and checks of a tile set against maps."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.dataset._robot_views import list_lanes
+from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.tileset import MASKS, TileSet
+
+
+def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> None:
+    """Checks maps that are given in place of evolved ones.
+
+    Raises:
+      InputError: unless they are as many as the specification says, of its sizes, and can be drawn; unless they have
+        lanes, for a camera.
+    """
+    source = "maps" if spec.maps_from is None else "maps_from"
+    if len(maps) != spec.maps:
+        raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(maps)}")
+    for number, road_map in enumerate(maps):
+        codes = np.asarray(check_grid(road_map.codes))
+        if codes.shape not in spec.shapes:
+            raise InputError(
+                f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
+                f"got number {number} of {codes.shape[0]} x {codes.shape[1]}"
+            )
+        if spec.camera is not None and not len(list_lanes(codes)):
+            raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {number}")
+        if lacking := set(codes.flat) - set(tiles.rotations):
+            kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
+            expected = f"{source}: expected codes that the tile set has pictures for"
+            raise InputError(f"{expected}, got {' and '.join(kinds)} in number {number}")
+
+
+def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:
+    """Returns the tile set that each split is drawn from.
+
+    Where tiles are held out, the test has about its own share of the pictures of every kind that has several, drawn at
+    random, and at least one; kinds with a single picture are not in the test.
+
+    Raises:
+      InputError: if no map could be drawn from the tiles held out.
+    """
+    if not spec.hold_out_tiles:
+        return tiles, tiles, tiles
+    rng = np.random.default_rng([spec.seed, 2])
+    kinds: dict[str, list[str]] = {}
+    for tile in tiles.tiles:
+        kinds.setdefault(tile.name.rpartition("_")[0], []).append(tile.name)
+    held: set[str] = set()
+    for names in kinds.values():
+        count = min(max(1, round(spec.split[2] * len(names))), len(names) - 1)
+        held |= {names[place] for place in rng.permutation(len(names))[:count]}
+    single = [kind for kind, names in kinds.items() if len(names) == 1 and kind in ("straight", "turn")]
+    if single or not any(name.startswith("crossing") for name in held):
+        raise InputError(
+            "hold_out_tiles: expected two pictures or more of straight, turn and one kind of crossing, got one of "
+            + (" and ".join(single) or "each kind of crossing")
+        )
+    seen, unseen = (
+        replace(tiles, tiles=tuple(_with_all(tile, tiles) for tile in tiles.tiles if (tile.name in held) == wanted))
+        for wanted in (False, True)
+    )
+    return seen, seen, unseen
+
+
+def _with_all(tile: Tile, tiles: TileSet) -> Tile:
+    """Gives a tile masks and points of all the names in the set, so that both parts have the same."""
+    empty = np.zeros(tile.road.shape, bool)
+    return tile._replace(
+        layers={name: tile.layers.get(name, empty) for name in tiles.layers},
+        points={name: tile.points.get(name, np.zeros((0, 2))) for name in tiles.points},
+    )
+
+
+def digest(tiles: TileSet) -> str:
+    """Returns a digest of all names, pictures, masks and points of a tile set."""
+    said = hashlib.sha256(repr((tiles.name, tiles.licence)).encode())
+    for tile in tiles.tiles:
+        said.update(repr((tile.name, tile.code, tile.image.shape, sorted(tile.layers), sorted(tile.points))).encode())
+        arrays: list[AnyArray] = [tile.image, *(getattr(tile, name) for name in MASKS)]
+        arrays += [tile.layers[name] for name in sorted(tile.layers)]
+        arrays += [tile.points[name] for name in sorted(tile.points)]
+        for array in arrays:
+            said.update(np.ascontiguousarray(array).tobytes())
+    return said.hexdigest()[:16]

@@ -1,0 +1,56 @@
+"""The settings of a camera on a robot, for datasets of what it sees."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from elitelanes_jax._util.checks import check_unique, real, whole
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.types import UserValue
+
+
+@dataclass(frozen=True)
+class Viewpoints(Settings):
+    """Poses on the lanes of a map, and the camera there, by default gym-duckietown's.
+
+    Attributes:
+      rows: of a picture, in pixels, 16 to 4096.
+      columns: of a picture, in pixels, 16 to 4096.
+      offset: largest distance from the lane's centre in tiles, either way, 0 to 0.2.
+      heading: largest angle from the lane's direction in degrees, either way, 0 to 180.
+      height: of the camera above the ground in metres, 0.01 to 10.
+      forward: metres from the middle between the wheels ahead to the camera, -1 to 1.
+      pitch: degrees downwards, 0 to 90.
+      field_of_view: degrees, from the upper to the lower edge, 1 to 170.
+      wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
+    """
+
+    rows: int = option(480, whole(16, 4096))
+    columns: int = option(640, whole(16, 4096))
+    offset: float = option(0.1, real(0, 0.2))
+    heading: float = option(30.0, real(0, 180))
+    height: float = option(0.108, real(0.01, 10))
+    forward: float = option(0.066, real(-1, 1))
+    pitch: float = option(19.15, real(0, 90))
+    field_of_view: float = option(75.0, real(1, 170))
+    wobble: float = option(0.05, real(0, 0.5))
+
+
+def parse_viewpoints(texts: UserValue) -> Viewpoints:
+    """Reads settings such as ``["rows=120", "columns=160", "heading=45"]``; without any all are the defaults.
+
+    Raises:
+      InputError: for anything but ``NAME=NUMBER`` with a field of `Viewpoints`, or a number out of its range.
+    """
+    if isinstance(texts, Viewpoints):
+        return texts
+    words = [texts] if isinstance(texts, str) else texts
+    if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
+        raise InputError(f"camera: expected words such as 'rows=120', got {short(repr(texts))}")
+    pairs = [word.partition("=") for word in words]
+    check_unique("camera", "setting", [name for name, _, _ in pairs])
+    for name, equals, _ in pairs:
+        if not equals or name not in Viewpoints.options():
+            known = ", ".join(f"{number}=..." for number in Viewpoints.options())
+            raise InputError(f"camera: expected some of {known}, got {short(repr(name + equals))}")
+    return Viewpoints().but({name: value for name, _, value in pairs})

@@ -1,0 +1,176 @@
+"""Views of a map: one transform for its picture, its masks and its points (paper, section "Method").
+
+Geometry is one 3 x 3 matrix for all layers, applied by OpenCV's warps: the picture by linear interpolation, masks and
+labels by the nearest pixel, so that their values stay exact. Light, colour, blur and noise change the picture alone.
+
+Places are (x, y) in pixels from the picture's top left corner, so that the first pixel reaches from (0, 0) to (1, 1).
+"""
+
+from statistics import NormalDist
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.dataset._transforms import Transforms
+
+# The scale under which a picture is first made smaller by area.
+_SHRUNK = 0.6
+
+_NORMAL = np.array([NormalDist().inv_cdf((part + 0.5) / 256) for part in range(256)])
+
+
+class View(NamedTuple):
+    """One drawn transform.
+
+    Attributes:
+      matrix: float64 ``[3, 3]``, maps places of the plain map to places of the view.
+      size: (height, width) of the view in pixels.
+      gains: float ``[3]``, factors of the channels R, G, B about mid-grey.
+      offset: grey levels added to all.
+      blur: standard deviation in pixels.
+      noise: standard deviation in grey levels.
+      noise_seed: of the noise.
+    """
+
+    matrix: NDArray[np.float64]
+    size: tuple[int, int]
+    gains: tuple[float, float, float]
+    offset: float
+    blur: float
+    noise: float
+    noise_seed: int
+
+
+def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int, int]) -> View:
+    """Draws a view of a map.
+
+    Args:
+      rng: the same state gives the same view.
+      transforms: the ranges.
+      size: (height, width) of the map in pixels; at the smallest scale a crop is at most as large.
+
+    Raises:
+      InputError: for a crop larger than the map.
+    """
+    height, width = size
+    if transforms.crop > min(size) * min(1.0, transforms.scale[0]):
+        raise InputError(
+            f"transforms: expected a crop within the map's {width} x {height} pixels, got {transforms.crop}"
+        )
+    # All are drawn in any case, so that a change of one range leaves the other values as they were.
+    turns = int(rng.integers(4)) * transforms.quarter_turns
+    angle = rng.uniform(-1, 1) * transforms.rotation
+    low, high = transforms.scale
+    scale = low * (high / low) ** rng.uniform()
+    bends = rng.uniform(-1, 1, (4, 2)) * transforms.perspective
+    place = rng.uniform(0, 1, 2)
+    light, contrast, *colours = rng.uniform(-1, 1, 5)
+    blur, noise = rng.uniform(0, 1, 2) * (transforms.blur, transforms.noise)
+    noise_seed = int(rng.integers(2**63))
+
+    frame = (width, height) if turns % 2 else (height, width)
+    matrix = _shift(-width / 2, -height / 2)
+    matrix = _turn(90 * turns + angle) @ np.diag([scale, scale, 1]) @ matrix
+    matrix = _bend(bends, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
+    if transforms.crop:
+        sides = np.array([frame[1], frame[0]])
+        shown = sides * min(1.0, scale)  # the part of the frame, about its middle, that the map covers
+        first = np.ceil((sides - shown) / 2)
+        last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
+        x, y = np.floor(first + place * (last - first + 1))
+        matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
+    gain = 1 + contrast * transforms.contrast
+    red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)
+    return View(
+        matrix / matrix[2, 2], frame, (red, green, blue), 128 * light * transforms.light, blur, noise, noise_seed
+    )
+
+
+def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
+    """Warps a layer as the view shows it.
+
+    Args:
+      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation, and by area where it shrinks much; or
+        ``[H, W]``, a mask or labels, by the nearest pixel.
+      view: the transform.
+      outside: value, or colour, of places beyond the map.
+
+    Returns:
+      uint8 ``[h, w]`` or ``[h, w, 3]``, h and w the view's.
+    """
+    height, width = view.size
+    if layer.shape[:2] == view.size and np.array_equal(view.matrix, np.eye(3)):
+        return layer
+    matrix = view.matrix
+    scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
+    if layer.ndim == 3 and scale < _SHRUNK:
+        # Interpolation sees the nearest pixels only, and would leave out all others between.
+        before = layer.shape[:2]
+        layer = np.asarray(cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        matrix = matrix @ np.diag([before[1] / layer.shape[1], before[0] / layer.shape[0], 1])
+    return np.asarray(
+        cv2.warpPerspective(
+            layer,
+            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),  # OpenCV's places are those of pixels' centres
+            (width, height),
+            flags=cv2.INTER_LINEAR if layer.ndim == 3 else cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=np.broadcast_to(outside, 3).tolist(),
+        ),
+        np.uint8,
+    )
+
+
+def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
+    """Applies the view's light, blur and noise to a warped picture, uint8 ``[h, w, 3]``, RGB."""
+    if view.gains != (1, 1, 1) or view.offset:
+        levels = np.arange(256)[:, None] - 128.0
+        table = np.clip(np.rint(levels * view.gains + 128 + view.offset), 0, 255).astype(np.uint8)
+        image = np.asarray(cv2.LUT(image, table[None]), np.uint8)
+    if view.blur > 0.1:  # less changes nothing
+        image = np.asarray(cv2.GaussianBlur(image, (0, 0), view.blur), np.uint8)
+    if view.noise:
+        # A byte each, mapped to 256 quantiles of a normal distribution: four times as fast as drawing it.
+        grain = np.frombuffer(np.random.default_rng(view.noise_seed).bytes(image.size), np.uint8).reshape(image.shape)
+        table = np.rint(_NORMAL * view.noise).astype(np.int16)
+        image = np.asarray(cv2.add(image, cv2.LUT(grain, table), dtype=cv2.CV_8U), np.uint8)
+    return image
+
+
+def map_points(points: ArrayLike, matrix: ArrayLike) -> NDArray[np.float64]:
+    """Maps places ``[N, 2]`` of the plain map to places ``[N, 2]`` of the view with this matrix; NaN behind it."""
+    points = np.asarray(points, np.float64).reshape(-1, 2)
+    across = np.column_stack([points, np.ones(len(points))]) @ np.asarray(matrix, np.float64).T
+    depth = across[:, 2:]
+    return np.asarray(np.where(depth > 0, across[:, :2] / np.where(depth > 0, depth, 1), np.nan))
+
+
+def _shift(x: float, y: float) -> NDArray[np.float64]:
+    return np.array([[1, 0, x], [0, 1, y], [0, 0, 1.0]])
+
+
+def _turn(degrees: float) -> NDArray[np.float64]:
+    """Returns a rotation counter-clockwise, as seen with y downward; exact for quarter turns."""
+    quarters, rest = divmod(degrees, 90)
+    cos, sin = np.cos(np.radians(rest)), np.sin(np.radians(rest))
+    turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1.0]])
+    quarter = np.array([[0, 1.0, 0], [-1, 0, 0], [0, 0, 1]])
+    return np.asarray(np.linalg.matrix_power(quarter, int(quarters) % 4) @ turn)
+
+
+def _bend(bends: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
+    """Returns the perspective that moves the corners by shares ``[4, 2]`` of the sides."""
+    if not bends.any():
+        return np.eye(3)
+    sides = np.array([size[1], size[0]], np.float64)
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    return np.asarray(
+        cv2.getPerspectiveTransform(
+            (corners * sides).astype(np.float32), ((corners + bends) * sides).astype(np.float32)
+        ),
+        np.float64,
+    )

@@ -1,0 +1,223 @@
+"""The camera: what a robot sees of a map, and the labels of every pixel, by one look-up.
+
+A pixel's ray meets the ground at a place, the place lies on a tile, and the tile's picture and labels are looked up
+there: the nearest pixel, so that picture and labels agree exactly. Where a ray meets no tile there is background, and
+above the horizon the sky.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int, Key, UInt8
+
+from elitelanes_jax._util.checks import none_or, real, whole
+from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax.drive.lanes import Pose
+from elitelanes_jax.drive.robot import TILE
+
+
+class Atlas(NamedTuple):
+    """The pictures of all tiles of a set, in all rotations, as pixels of colour and label.
+
+    Attributes:
+      pixels: uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * place in the set + quarter turns``.
+    """
+
+    pixels: UInt8[Array, "T P P 4"]
+
+
+def make_atlas(images: AnyArray, labels: AnyArray) -> Atlas:
+    """Makes the atlas of pictures ``[T, P, P, 3]`` and label maps ``[T, P, P]`` (see `tiles.render.scale_tiles`).
+
+    Raises:
+      InputError: for arrays of other shapes or types.
+    """
+    images, labels = np.asarray(images), np.asarray(labels)
+    if images.ndim != 4 or images.shape[3] != 3 or labels.shape != images.shape[:3]:
+        raise InputError(f"atlas: expected [T, P, P, 3] and [T, P, P], got {images.shape} and {labels.shape}")
+    return Atlas(jnp.asarray(np.concatenate([images, labels[..., None]], axis=-1).astype(np.uint8)))
+
+
+def _colour(value: UserValue) -> tuple[float, ...]:
+    if not isinstance(value, tuple | list) or len(value) != 3:
+        raise InputError(f"expected three numbers, 0 to 255, for red, green and blue, got {value!r}")
+    return tuple(real(0, 255)(part) for part in value)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Camera(Config):
+    """Settings of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, swept by `jax.vmap`.
+
+    Attributes:
+      height: metres above the ground.
+      forward: metres ahead of the middle between the wheels.
+      pitch: degrees downwards.
+      field_of_view: degrees, from the upper to the lower edge.
+      distortion: k1, k2 of the radial distortion x (1 + k1 r² + k2 r⁴), r in focal lengths; None for none.
+      light: factor of all colours.
+      noise: standard deviation of each colour, of 255; None for none.
+      ground: red, green and blue beyond the map.
+      sky: red, green and blue above the horizon.
+      rows: of the picture; static.
+      columns: of the picture; static.
+    """
+
+    height: Numeric = swept(0.108, real(0, 10, exclusive=True))
+    forward: Numeric = swept(0.066, real(-1, 1))
+    pitch: Numeric = swept(19.15, real(-90, 90))
+    field_of_view: Numeric = swept(75.0, real(1, 170))
+    distortion: Numeric = swept(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
+    light: Numeric = swept(1.0, real(0, 10))
+    noise: Numeric = swept(None, none_or(real(0, 255)))
+    ground: Numeric = swept((86.0, 118.0, 72.0), _colour)
+    sky: Numeric = swept((115.0, 210.0, 255.0), _colour)
+    rows: int = static(48, whole(1, 4096))
+    columns: int = static(64, whole(1, 4096))
+
+
+class View(NamedTuple):
+    """One frame.
+
+    Attributes:
+      image: uint8 ``[rows, columns, 3]``, RGB.
+      labels: uint8 ``[rows, columns]``, places in `tiles.render.LABELS`; 0 beyond the map and above the horizon.
+    """
+
+    image: UInt8[Array, "rows columns 3"]
+    labels: UInt8[Array, "rows columns"]
+
+
+class Sight(NamedTuple):
+    """A camera and the pictures that it sees, for observations of environments.
+
+    Attributes:
+      camera: its settings.
+      atlas: of the tile set.
+      places: int32 ``[16, V]``, the atlas' tiles for each code; a code's pictures take turns from cell to cell.
+    """
+
+    camera: Camera
+    atlas: Atlas
+    places: Int[Array, "16 V"]
+
+
+def make_sight(
+    images: AnyArray, labels: AnyArray, rotations: Mapping[int, Sequence[tuple[int, int]]], camera: Camera | None = None
+) -> Sight:
+    """Makes what environments see of a tile set.
+
+    Args:
+      images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
+      labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
+      rotations: by code, (place in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
+        without a picture is shown as that of code 0.
+      camera: by default `Camera()`.
+
+    Raises:
+      InputError: for arrays of other shapes or types, no picture of code 0, or a bad setting of the camera.
+    """
+    atlas = make_atlas(images, labels)
+    if not rotations.get(0):
+        raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
+    most = max(len(drawn) for drawn in rotations.values())
+    listed = [rotations.get(code) or rotations[0] for code in range(16)]
+    places = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
+    if not 0 <= places.min() <= places.max() < len(atlas.pixels):
+        raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {places.max()}")
+    return Sight((Camera() if camera is None else camera).checked("camera"), atlas, jnp.asarray(places))
+
+
+def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
+    """Computes where the ray of each pixel's centre meets the ground, as seen from the middle between the wheels.
+
+    Returns:
+      Tiles ahead and tiles to the left. Above the horizon both are infinite.
+    """
+    focal = camera.rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+    right = (jnp.arange(camera.columns) + 0.5 - camera.columns / 2) / focal
+    down = ((jnp.arange(camera.rows) + 0.5 - camera.rows / 2) / focal)[:, None]
+    if camera.distortion is not None:
+        right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
+    pitch = jnp.deg2rad(camera.pitch)
+    fall = jnp.sin(pitch) + down * jnp.cos(pitch)
+    reach = jnp.where(fall > 1e-6, camera.height / jnp.maximum(fall, 1e-6), jnp.inf)
+    ahead = reach * (jnp.cos(pitch) - down * jnp.sin(pitch)) + camera.forward
+    shape = (camera.rows, camera.columns)
+    left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * right)
+    return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
+
+
+def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
+    """Finds the points that distortion moves to the given ones, by a fixed-point iteration."""
+    there = right, down
+    for _ in range(8):
+        square = there[0] ** 2 + there[1] ** 2
+        factor = 1 + k1 * square + k2 * square * square
+        there = right / factor, down / factor
+    return there
+
+
+def look(key: Key[Array, ""], pose: Pose, place: Int[ArrayLike, "H W"], atlas: Atlas, camera: Camera) -> View:
+    """Renders one frame.
+
+    Args:
+      key: consumed for noise; not used without.
+      pose: of the middle between the wheels, in tiles.
+      place: the tile of the atlas for each cell of the map: ``4 * place in the set + quarter turns``, for what
+        `choose_tiles` returns ``chosen[..., 0] * 4 + chosen[..., 1]``.
+      atlas: of the tile set.
+      camera: its settings.
+    """
+    ahead, left = rays(camera)
+    cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
+    place = jnp.asarray(place)
+    height, width = place.shape
+    size = atlas.pixels.shape[1]
+    seen = jnp.isfinite(ahead)
+    ahead, left = jnp.where(seen, ahead, 0), jnp.where(seen, left, 0)
+    # In pixels of the rendered map, so that its pixel, and not the tile's, is what is rounded.
+    x = jnp.floor((pose.x + ahead * cosine - left * sine) * size).astype(jnp.int32)
+    y = jnp.floor((pose.y - ahead * sine - left * cosine) * size).astype(jnp.int32)
+    inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
+    x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
+    tile = place.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
+    words = jax.lax.bitcast_convert_type(atlas.pixels, jnp.uint32).reshape(-1)
+    # One word is read where four bytes would be.
+    flat = (tile * size + y % size) * size + x % size
+    pixel = words.at[flat].get(mode="promise_in_bounds")
+
+    def byte(number: int) -> Array:
+        return pixel >> (8 * number) & 255
+
+    around = [jnp.where(seen, ground, sky) for ground, sky in zip(camera.ground, camera.sky, strict=True)]
+    colours = jnp.stack([jnp.where(inside, byte(number), around[number]) for number in range(3)], axis=-1)
+    colours = colours * camera.light
+    if camera.noise is not None:
+        colours += camera.noise * jax.random.normal(key, colours.shape)
+    image = jnp.clip(jnp.round(colours), 0, 255).astype(jnp.uint8)
+    return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8))
+
+
+def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
+    """Renders what is seen from a pose on a grid. The camera's noise depends on the pose alone.
+
+    Args:
+      pose: of the middle between the wheels, in tiles.
+      grid: integer codes ``[H, W]``.
+      sight: of `make_sight`.
+    """
+    grid = jnp.asarray(grid)
+    height, width = grid.shape
+    number = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
+    place = sight.places[grid.astype(jnp.int32), number % sight.places.shape[1]]
+    key = jax.random.key(0)
+    for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
+        key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
+    return look(key, pose, place, sight.atlas, sight.camera)

@@ -1,0 +1,193 @@
+"""Distances and shortest routes between places, in tiles, by relaxation on the whole grid at once."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
+
+from elitelanes_jax.drive.lanes import EXIT, Movement, Place, linked
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import SIDES
+
+UNREACHABLE = 2**30
+"""The distance from where no way leads to the goal."""
+
+NO_WAY = 3
+"""In the place of a turn: from here no way leads to the goal."""
+
+_SWEEPS = 4  # between two looks at whether anything changed
+
+
+def places(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
+    """Tells which places of a grid one can be at: a heading is one if the tile is linked to the one behind it.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    links = linked(grid)
+    return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
+
+
+def distances(grid: Int[ArrayLike, "H W"], goal: Place) -> Int32[Array, "H W 4"]:
+    """Computes how many tiles a shortest way to the goal takes, from every place of a grid.
+
+    Each movement counts one tile. `UNREACHABLE` stands where no way leads to the goal, and where no place is.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      goal: a place; of one that the grid does not have all is unreachable.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    return _distances(check_grid(grid), goal)
+
+
+@jax.jit
+def _distances(grid: Array, goal: Place) -> Array:
+    links = linked(grid)
+    reached, _ = _relax(links, goal)
+    return jnp.where(places(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
+
+
+def shortest_ways(grid: Int[ArrayLike, "H W"], goal: Place) -> UInt8[Array, "H W"]:
+    """Computes the turn to take at every place of a grid, for a shortest way to the goal.
+
+    Of several the right turn comes first, then straight on. `way_at` reads what is returned: two bits for each heading.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    return _shortest_ways(check_grid(grid), goal)
+
+
+@jax.jit
+def _shortest_ways(grid: Array, goal: Place) -> Array:
+    _, onward = _relax(linked(grid), goal)
+    ways = jnp.zeros(onward.shape[1:], jnp.uint8)
+    for heading in range(4):
+        three = onward[EXIT[heading]]
+        turn = jnp.where(three.min(axis=0) < UNREACHABLE, three.argmin(axis=0), NO_WAY)
+        ways |= turn.astype(jnp.uint8) << (2 * heading)
+    return ways
+
+
+def way_at(ways: UInt8[Array, "H W"], place: Place) -> Int32[Array, "..."]:
+    """Reads the turn of a place in what `shortest_ways` returns: 0 right, 1 straight, 2 left, or `NO_WAY`."""
+    return (ways[place.row, place.column].astype(jnp.int32) >> (2 * jnp.asarray(place.heading))) & 3
+
+
+def _relax(links: Array, goal: Place) -> tuple[Array, Array]:
+    """Returns distances by heading at a tile, and the distances by the heading with which the tile is left.
+
+    Both are int32 ``[4, H, W]``.
+    """
+    height, width = links.shape
+    # The longest way visits each place once: small numbers are faster where they suffice.
+    dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
+    far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
+    rows, columns = jnp.arange(height)[:, None], jnp.arange(width)
+    at_goal = (rows == goal.row) & (columns == goal.column) & (jnp.arange(4)[:, None, None] == goal.heading)
+    at_goal &= jnp.stack([links & side.opposite > 0 for side in SIDES])
+    walls = [jnp.where(links & side.bit > 0, dtype(0), far) for side in SIDES]
+
+    def onward(reached: Array) -> list[Array]:
+        padded = jnp.pad(reached, ((0, 0), (1, 1), (1, 1)), constant_values=far)
+        return [
+            jnp.maximum(
+                padded[number, 1 + side.down : 1 + side.down + height, 1 + side.right : 1 + side.right + width] + 1,
+                walls[number],
+            )
+            for number, side in enumerate(SIDES)
+        ]
+
+    def sweep(reached: Array) -> Array:
+        onto = onward(reached)
+        best = [jnp.minimum(jnp.minimum(onto[right], onto[ahead]), onto[left]) for right, ahead, left in EXIT]
+        return jnp.minimum(reached, jnp.stack(best))
+
+    def sweep_on(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        before, _ = carry
+        after = before
+        for _ in range(_SWEEPS):
+            after = sweep(after)
+        return after, (after != before).any()
+
+    first = jnp.where(at_goal, dtype(0), far)
+    reached, _ = jax.lax.while_loop(lambda carry: carry[1], sweep_on, (first, links.any() | True))
+
+    def plain(numbers: Array) -> Array:
+        return jnp.where(numbers >= far, UNREACHABLE, numbers.astype(jnp.int32))
+
+    return plain(reached), plain(jnp.stack(onward(reached)))
+
+
+class Route(NamedTuple):
+    """A way from place to place.
+
+    Attributes:
+      places: `Place` with int32 ``[N]``, from the start to the goal; after it the goal again and again.
+      turns: int32 ``[N]``, the turn taken at each place; `NO_WAY` from the goal on.
+      length: int32, tiles; `UNREACHABLE` where no way leads to the goal: then all places are the start.
+    """
+
+    places: Place
+    turns: Int32[Array, " N"]
+    length: Int32[Array, ""]
+
+    @property
+    def movements(self) -> Movement:
+        """The movements of the route, with int32 ``[N]``; those from the goal on have the turn `NO_WAY`."""
+        return Movement(*self.places, self.turns)
+
+
+def route(grid: Int[ArrayLike, "H W"], start: Place, goal: Place, *, most: int | None = None) -> Route:
+    """Finds a shortest way; of several the one that turns right first, else goes straight on first.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      start: a place.
+      goal: a place.
+      most: N, the number of places that fit; by default 4·H·W, which is all of a grid. Of a longer route the first N
+        are returned.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    links = linked(grid)
+    size = 4 * links.size if most is None else most
+    length = distances(links, goal)[start.row, start.column, start.heading]
+    count = jnp.where(length < UNREACHABLE, length, 0)
+    found, turns = follow(shortest_ways(links, goal), start, count, most=size)
+    return Route(found, turns, length)
+
+
+@partial(jax.jit, static_argnames="most")
+def follow(
+    ways: UInt8[Array, "H W"], start: Place, count: Int[ArrayLike, ""], *, most: int
+) -> tuple[Place, Int32[Array, " N"]]:
+    """Follows the turns at each place.
+
+    Args:
+      ways: of `shortest_ways`.
+      start: a place.
+      count: tiles to go.
+      most: N, the number of places that fit.
+
+    Returns:
+      The places ``[N]``, the last one again and again, and the turns ``[N]``, `NO_WAY` after `count` of them.
+    """
+
+    def go(number: Array, carry: tuple[Array, Array, Place]) -> tuple[Array, Array, Place]:
+        listed, turns, place = carry
+        turn = jnp.where(number < count, way_at(ways, place), NO_WAY)
+        onward = Movement(*place, jnp.minimum(turn, 2)).next_place
+        there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, place)
+        return listed.at[:, number].set(jnp.stack(place)), turns.at[number].set(turn), there
+
+    first = Place(*(jnp.asarray(part, jnp.int32) for part in start))
+    empty = jnp.zeros((3, most), jnp.int32), jnp.full(most, NO_WAY, jnp.int32), first
+    listed, turns, _ = jax.lax.fori_loop(0, most, go, empty)
+    return Place(*listed), turns

@@ -1,0 +1,79 @@
+"""Environments: three pure functions on one state, and the automatic reset around them."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Key
+
+from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.drive._levels import Level
+from elitelanes_jax.network.bits import randint, random_bits
+
+
+class Transition(NamedTuple):
+    """The outcome of a step.
+
+    Attributes:
+      observation: of the state.
+      state: from which to go on.
+      reward: float32.
+      terminated: bool, the episode is over: nothing comes after it.
+      truncated: bool, the episode was cut off at its limit of steps, and not over.
+      info: a record of figures, such as `success`.
+      reached: the observation that the action led to. It differs from `observation` after an automatic reset.
+    """
+
+    observation: Pytree
+    state: Pytree
+    reward: Float[Array, ""]
+    terminated: Bool[Array, ""]
+    truncated: Bool[Array, ""]
+    info: Pytree
+    reached: Pytree
+
+
+class Environment(NamedTuple):
+    """An environment. `jax.jit` and `jax.vmap` its functions; keys are consumed.
+
+    Attributes:
+      reset: (key, params) -> (observation, state), on a level drawn uniformly from ``params.levels``.
+      reset_to_level: (key, level, params) -> (observation, state).
+      step: (key, state, action, params) -> `Transition`. It does not reset; see `auto_reset`.
+      observe: (state, params) -> observation.
+      actions: the number of discrete actions, or None for real ones.
+      action_size: numbers of a real action, each within -1 to 1; 0 for discrete ones.
+    """
+
+    reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
+    reset_to_level: Callable[[Key[Array, ""], Level, Pytree], tuple[Pytree, Pytree]]
+    step: Callable[[Key[Array, ""], Pytree, Pytree, Pytree], Transition]
+    observe: Callable[[Pytree, Pytree], Pytree]
+    actions: int | None
+    action_size: int = 0
+
+
+def draw_level(key: Key[Array, ""], levels: Level) -> Level:
+    """Draws one of a batch of levels uniformly; the key is consumed."""
+    index = randint(random_bits(key, ()), levels.grid.shape[0])
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
+
+
+def auto_reset(environment: Environment) -> Environment:
+    """Makes the environment whose step, at the end of an episode, goes on with a reset to another level.
+
+    `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation` and `state` those of
+    the new episode.
+    """
+
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
+        # Folded in, not split: where a step draws nothing, its key costs nothing.
+        done = environment.step(jax.random.fold_in(key, 0), state, action, params)
+        _, first = environment.reset(jax.random.fold_in(key, 1), params)
+        ended = done.terminated | done.truncated
+        state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
+        # Observed once more, not chosen: where nobody asks for `reached` it is then never made.
+        return done._replace(observation=environment.observe(state, params), state=state)
+
+    return environment._replace(step=step)

@@ -1,0 +1,415 @@
+"""LaneDrive: a robot with two wheels that keeps to its lane, or drives along a route to a goal."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import one_of, real, whole
+from elitelanes_jax._util.config import Config, nested, static, swept
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric, Pytree, UserValue
+from elitelanes_jax.drive._camera import Sight, look_around
+from elitelanes_jax.drive._distances import NO_WAY
+from elitelanes_jax.drive._environment import Environment, Transition
+from elitelanes_jax.drive._levels import Level, check_batch
+from elitelanes_jax.drive._once import once
+from elitelanes_jax.drive.lanes import (
+    LANE_OFFSET,
+    MOVEMENTS,
+    Movement,
+    Place,
+    Pose,
+    lane_curvature,
+    lane_errors,
+    lane_length,
+    lane_point,
+    on_road,
+    wrap_angle,
+)
+from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
+from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.codes import SIDES
+
+
+def _check_sight(value: UserValue) -> Sight | None:
+    if value is None or isinstance(value, Sight):
+        return value
+    raise InputError(f"expected what make_sight returns, or None, got {type(value).__name__}")
+
+
+def _check_ahead(value: UserValue) -> tuple[float, ...]:
+    if not isinstance(value, tuple | list):
+        raise InputError(f"expected tiles ahead, such as (0, 0.25, 0.5), got {value!r}")
+    return tuple(real(0, 1)(distance) for distance in value)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class LaneDriveParams(Config):
+    """Settings of `LaneDrive`. A pytree: numbers may be arrays, swept by `jax.vmap`.
+
+    Attributes:
+      levels: a batch, from which `reset` draws; `make_levels` makes one.
+      robot: its measures.
+      limit: steps after which an episode is truncated.
+      start_d: the most that the start is beside the lane's centre, in tiles, to either side.
+      start_phi: the most that the start is turned from the lane, in radians, to either side.
+      progress_reward: for each tile that is driven along the own lane.
+      offset_cost: a second, for each tile from the lane's centre.
+      heading_cost: a second, for each radian from the lane's direction.
+      oncoming_cost: a second in the oncoming lane.
+      leaving_cost: of leaving the road, which terminates the episode.
+      goal_reward: for reaching the goal of a route.
+      task: "route": turns lead to the goal by a shortest way, from wherever the robot is. "lane": turns are drawn at
+        random, and no goal ends the episode; static.
+      action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
+        top speed and top turn; static.
+      ahead: tiles ahead of the robot, up to 1, at which the lane's curvature is observed; static.
+      observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
+      sight: the camera and the tiles that it sees, of `camera.make_sight`; None for none.
+    """
+
+    levels: Level = field(metadata={"check": check_batch})
+    robot: Robot = nested(Robot)
+    limit: Numeric = swept(1500, whole(1))
+    start_d: Numeric = swept(0.03, real(0, LANE_OFFSET))
+    start_phi: Numeric = swept(0.15, real(0, 3.2))
+    progress_reward: Numeric = swept(1.0, real(-1e6, 1e6))
+    offset_cost: Numeric = swept(1.0, real(-1e6, 1e6))
+    heading_cost: Numeric = swept(0.1, real(-1e6, 1e6))
+    oncoming_cost: Numeric = swept(5.0, real(-1e6, 1e6))
+    leaving_cost: Numeric = swept(10.0, real(-1e6, 1e6))
+    goal_reward: Numeric = swept(10.0, real(-1e6, 1e6))
+    task: str = static("route", one_of("route", "lane"))
+    action: str = static("wheels", one_of("wheels", "twist"))
+    ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
+    observe: str = static("lane", one_of("lane", "camera"))
+    sight: Sight | None = field(default=None, metadata={"check": _check_sight})
+
+    def check_together(self) -> None:
+        """Checks that there is a camera where one is observed.
+
+        Raises:
+          InputError: if there is none.
+        """
+        if self.observe == "camera" and self.sight is None:
+            raise InputError("sight: expected what make_sight returns, to observe the camera, got None")
+
+    @property
+    def max_steps_in_episode(self) -> Numeric:
+        """The limit, by the name that loops for Gymnax's environments read."""
+        return self.limit
+
+
+class LaneDriveState(NamedTuple):
+    """The state of an episode.
+
+    Attributes:
+      grid: int8 ``[H, W]``, of the level.
+      ways: uint8 ``[H, W]``, of the level.
+      goal: of the level.
+      shortest: int32, of the level.
+      pose: of the middle between the wheels.
+      wheels: of the robot.
+      movement: that the robot makes.
+      next_turn: int32, the turn on the next tile.
+      d: float32, tiles to the left of the lane's centre.
+      phi: float32, radians turned to the left of the lane.
+      s: float32, tiles along the movement.
+      tiles: int32, entered so far.
+      steps: int32, so far.
+    """
+
+    grid: Int8[Array, "H W"]
+    ways: UInt8[Array, "H W"]
+    goal: Place
+    shortest: Int32[Array, ""]
+    pose: Pose
+    wheels: Wheels
+    movement: Movement
+    next_turn: Int32[Array, ""]
+    d: Float[Array, ""]
+    phi: Float[Array, ""]
+    s: Float[Array, ""]
+    tiles: Int32[Array, ""]
+    steps: Int32[Array, ""]
+
+
+class LaneDriveObservation(NamedTuple):
+    """An observation of the lane or, alone, of the camera. Parts that are not observed are None.
+
+    Attributes:
+      d: float32, tiles to the left of the lane's centre.
+      phi: float32, radians turned to the left of the lane.
+      speed: float32, metres a second.
+      turn: float32, radians a second.
+      curvature: float32 ``[N]``, 1 / tiles, to the left, at the distances ahead.
+      image: uint8 ``[rows, columns, 3]``, RGB, what the camera sees.
+    """
+
+    d: Float[Array, ""] | None
+    phi: Float[Array, ""] | None
+    speed: Float[Array, ""] | None
+    turn: Float[Array, ""] | None
+    curvature: Float[Array, " N"] | None
+    image: UInt8[Array, "rows columns 3"] | None = None
+
+
+class LaneDriveInfo(NamedTuple):
+    """Figures after a step.
+
+    Attributes:
+      success: bool, the goal of the route is reached.
+      off_road: bool, the robot has left the road, or its lane ends at a dead end.
+      own_lane: bool, the middle between the wheels is within the own lane.
+      oncoming: bool, it is beyond the road's middle.
+      tiles: int32, entered so far.
+      shortest: int32, tiles of a shortest way to the goal.
+      spl: float32, success times shortest / tiles, at most 1.
+    """
+
+    success: Bool[Array, ""]
+    off_road: Bool[Array, ""]
+    own_lane: Bool[Array, ""]
+    oncoming: Bool[Array, ""]
+    tiles: Int32[Array, ""]
+    shortest: Int32[Array, ""]
+    spl: Float[Array, ""]
+
+
+def next_movement(state: LaneDriveState) -> Movement:
+    """Returns the movement that comes after the present one."""
+    return Movement(*state.movement.next_place, state.next_turn)
+
+
+_Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
+
+
+class _Start(NamedTuple):
+    pose: Pose
+    movement: Movement
+    next_turn: Array
+    d: Array
+    phi: Array
+    s: Array
+
+
+@jax.jit
+def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+    """Starts on a level drawn uniformly from ``params.levels``; the key is consumed."""
+    levels = params.levels
+
+    def draw() -> tuple[Array, _Start]:
+        bits = _reset_bits(key, params)
+        index = randint(bits[0], levels.grid.shape[0])
+        # Single tiles are read from the batch itself: the level's whole map would be copied for them.
+        return index, _start(
+            bits,
+            _at(levels.start, index),
+            lambda row, column: _at((levels.grid, levels.ways), index, row, column),
+            params,
+        )
+
+    index, start = once(draw)
+    return _begin(_at(levels, index), start, params)
+
+
+@jax.jit
+def _reset_to_level(
+    key: Key[Array, ""], level: Level, params: LaneDriveParams
+) -> tuple[LaneDriveObservation, LaneDriveState]:
+    """Puts the robot on the start of a level, still, near the middle of its lane; the key is consumed."""
+    read = _reader(level.grid, level.ways)
+    return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
+
+
+def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
+    """Draws all that a reset needs at once: a word for the level, two for the start, and one for each drawn turn."""
+    return random_bits(key, (5,) if params.task == "lane" else (3,))
+
+
+def _at(tree: Pytree, *index: Array) -> Pytree:
+    return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
+
+
+def _start(bits: Array, place: Place, read: _Reader, params: LaneDriveParams) -> _Start:
+    along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
+    turn = _choose_turn(bits[-1], read, place, params)
+    movement = Movement(*place, turn)
+    s = along * lane_length(turn) / 2
+    d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
+    pose = lane_point(movement, s, d)
+    return _Start(
+        pose._replace(theta=wrap_angle(pose.theta + phi)),
+        movement,
+        next_turn=_choose_turn(bits[-2], read, movement.next_place, params),
+        d=jnp.asarray(d, jnp.float32),
+        phi=jnp.asarray(phi, jnp.float32),
+        s=s,
+    )
+
+
+def _begin(level: Level, start: _Start, params: LaneDriveParams) -> tuple[LaneDriveObservation, LaneDriveState]:
+    state = LaneDriveState(
+        *(level.grid, level.ways, level.goal, level.shortest),
+        wheels=still(params.robot),
+        tiles=jnp.int32(0),
+        steps=jnp.int32(0),
+        **start._asdict(),
+    )
+    return _observe(state, params), state
+
+
+class _Moved(NamedTuple):
+    pose: Pose
+    wheels: Wheels
+    movement: Movement
+    next_turn: Array
+    d: Array
+    phi: Array
+    s: Array
+    entered: Array
+    success: Array
+    off_road: Array
+    along: Array
+
+
+@jax.jit
+def _step(
+    key: Key[Array, ""], state: LaneDriveState, action: Float[ArrayLike, "2"], params: LaneDriveParams
+) -> Transition:
+    """Drives for one step of time.
+
+    Args:
+      key: consumed, for noise and for turns drawn at random.
+      state: to go on from.
+      action: two numbers, clipped to -1 to 1, 0 in place of NaN; see `LaneDriveParams.action`.
+      params: of the environment.
+
+    Returns:
+      The episode terminates at the goal of a route, where either side of the robot leaves the road, and on a dead end.
+      It is truncated at the limit. A robot that leaves its tile by another way than its movement's goes on from there.
+    """
+    moved = once(lambda: _move(key, state, action, params))
+    success, off_road, d, phi = moved.success, moved.off_road, moved.d, moved.phi
+    own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)
+    costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
+    reward = params.progress_reward * moved.along * own - costs * params.robot.dt
+    reward += params.goal_reward * success - params.leaving_cost * off_road
+    tiles, steps = state.tiles + moved.entered, state.steps + 1
+    after = state._replace(
+        **{name: part for name, part in moved._asdict().items() if name in state._fields}, tiles=tiles, steps=steps
+    )
+    spl = success * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
+    info = LaneDriveInfo(success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32))
+    terminated = success | off_road
+    seen = _observe(after, params)
+    reward = jnp.asarray(reward, jnp.float32)
+    return Transition(seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen)
+
+
+def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriveParams) -> _Moved:
+    grid, robot = state.grid, params.robot
+    pose, wheels = drive(jax.random.fold_in(key, 0), state.pose, state.wheels, _to_command(action, params), robot)
+    movement, next_turn, entered, astray = _go_on(jax.random.fold_in(key, 1), state, pose, params)
+    d, phi, s = lane_errors(pose, movement)
+    reach = robot.width / 2 / TILE
+    beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
+    left = _is_road(grid, pose.x + beside[0], pose.y + beside[1])
+    right = _is_road(grid, pose.x - beside[0], pose.y - beside[1])
+    here, goal = movement.place, state.goal
+    success = entered & (here.row == goal.row) & (here.column == goal.column) & (here.heading == goal.heading)
+    success &= params.task == "route"
+    laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
+    off_road = ~success & (astray | laneless | ~(left & right))
+    along = wheels.speed * robot.dt / TILE * jnp.cos(phi)
+    return _Moved(pose, wheels, movement, next_turn, d, phi, s, entered, success, off_road, along)
+
+
+def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
+    if params.observe == "camera" and params.sight is not None:
+        image = look_around(state.pose, state.grid, params.sight).image
+        return LaneDriveObservation(None, None, None, None, None, image)
+    beyond = state.s + jnp.asarray(params.ahead, jnp.float32) > lane_length(state.movement.turn)
+    curvature = jnp.where(beyond, lane_curvature(state.next_turn), lane_curvature(state.movement.turn))
+    return LaneDriveObservation(state.d, state.phi, state.wheels.speed, state.wheels.turn, curvature)
+
+
+def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
+    shares = jnp.clip(jnp.nan_to_num(jnp.asarray(action, jnp.float32), nan=0.0), -1, 1)
+    if params.action == "wheels":
+        return shares
+    robot = params.robot
+    return to_wheels(shares[0] * robot.top_speed, shares[1] * robot.top_turn, robot)
+
+
+def _go_on(
+    key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
+) -> tuple[Movement, Array, Array, Array]:
+    """Returns the movement and the next turn at a new pose, whether a tile was entered, and whether not by a road."""
+    before, grid, read = state.movement, state.grid, _reader(state.grid, state.ways)
+    down = jnp.floor(pose.y).astype(jnp.int32) - before.row
+    right = jnp.floor(pose.x).astype(jnp.int32) - before.column
+    code = grid[before.row, before.column].astype(jnp.int32)
+    heading, entered = jnp.int32(0), jnp.bool_(False)
+    for number, side in enumerate(SIDES):
+        this = (down == side.down) & (right == side.right) & (code & side.bit > 0)
+        heading, entered = jnp.where(this, number, heading), entered | this
+    astray = ~entered & ((down != 0) | (right != 0))
+    place = Place(
+        before.row + down * entered, before.column + right * entered, jnp.where(entered, heading, before.heading)
+    )
+    as_meant = heading == before.next_place.heading
+    bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
+    other = _choose_turn(bits[0], read, place, params)
+    turn = jnp.where(entered, jnp.where(as_meant, state.next_turn, other), before.turn)
+    movement = Movement(*place, turn)
+    onward = _choose_turn(bits[1], read, movement.next_place, params)
+    return movement, jnp.where(entered, onward, state.next_turn), entered, astray
+
+
+def _reader(grid: Array, ways: Array) -> _Reader:
+    return lambda row, column: (grid[row, column], ways[row, column])
+
+
+def _choose_turn(bits: Array, read: _Reader, place: Place, params: LaneDriveParams) -> Array:
+    """Chooses the turn to make at a place: the route's, or an open one at random; straight on where none is open."""
+    code, way = read(place.row, place.column)
+    turns = _turns_of(code, place.heading)
+    if params.task == "lane":
+        lot = randint(bits, jnp.maximum(turns & 3, 1))
+        return turns >> (2 * lot + 2) & 3
+    way = way.astype(jnp.int32) >> (2 * place.heading) & 3
+    return jnp.where(way == NO_WAY, turns >> 2 & 3, way)
+
+
+def _pack_turns(is_open: NDArray[np.bool_]) -> int:
+    listed = np.flatnonzero(is_open)
+    return len(listed) + sum(int(turn) << (2 * number + 2) for number, turn in enumerate(listed)) if len(listed) else 4
+
+
+# Of a tile and a heading, 4 * code + heading: how many turns are open, in two bits, and in two bits each the open ones;
+# straight on where none is.
+_TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)], np.int32)
+
+
+def _turns_of(code: Array, heading: Array) -> Array:
+    return jnp.asarray(_TURNS)[code.astype(jnp.int32) * 4 + heading]
+
+
+def _is_road(grid: Array, x: Array, y: Array) -> Array:
+    height, width = grid.shape
+    row, column = jnp.floor(y).astype(jnp.int32), jnp.floor(x).astype(jnp.int32)
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    code = grid[jnp.clip(row, 0, height - 1), jnp.clip(column, 0, width - 1)]
+    return inside & on_road(code, x - column, y - row)
+
+
+LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)
+"""The environment; `LaneDriveParams` has its settings. An action is two numbers, see `LaneDriveParams.action`."""

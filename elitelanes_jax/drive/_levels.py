@@ -1,0 +1,226 @@
+"""Levels: a map with a start and a goal, as arrays that environments carry, and their checks."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
+
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax.drive._distances import UNREACHABLE, distances, places, shortest_ways
+from elitelanes_jax.drive.lanes import Place, linked, movements
+from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+
+
+class Level(NamedTuple):
+    """A task on a map. A batch has N in front of every shape.
+
+    Attributes:
+      grid: int8 ``[H, W]``, with links alone: each connection is returned by the neighbour (see `linked`).
+      start: place, whose heading is the one with which its tile was entered.
+      goal: place to be reached, with its heading.
+      shortest: int32, tiles from the start to the goal.
+      ways: uint8 ``[H, W]``, the turns of a shortest way from every place (see `shortest_ways`).
+    """
+
+    grid: Int8[Array, "H W"]
+    start: Place
+    goal: Place
+    shortest: Int32[Array, ""]
+    ways: UInt8[Array, "H W"]
+
+
+def make_level(grid: Int[Array | np.ndarray, "H W"], start: Place, goal: Place) -> Level:
+    """Makes a level. What `check_level` would refuse gives one too.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
+    """
+    links = linked(grid)
+    start, goal = check_named("start", _check_place, start), check_named("goal", _check_place, goal)
+    shortest = distances(links, goal)[start.row, start.column, start.heading]
+    return Level(links, start, goal, shortest, shortest_ways(links, goal))
+
+
+def _check_place(place: UserValue) -> Place:
+    try:
+        parts = [jnp.asarray(part) for part in place]
+    except (TypeError, ValueError):
+        parts = []
+    if len(parts) != 3 or not all(jnp.issubdtype(part.dtype, jnp.integer) for part in parts):
+        raise InputError(f"expected a row, a column and a heading, whole numbers, got {short(repr(place))}")
+    return Place(*(part.astype(jnp.int32) for part in parts))
+
+
+def random_level(
+    key: Key[Array, ""],
+    grid: Int[Array | np.ndarray, "H W"],
+    *,
+    least: Int[ArrayLike, ""] = 1,
+    most: Int[ArrayLike, ""] = UNREACHABLE,
+) -> Level:
+    """Draws a goal uniformly among all places that a movement leads to, then a start that is so many tiles away.
+
+    Args:
+      key: consumed.
+      grid: integer codes ``[H, W]`` with at least one movement.
+      least: tiles from the start to the goal; fewer where no place is so far away.
+      most: tiles from the start to the goal; more where no place is within `least` and `most`.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    links = linked(grid)
+    width = links.shape[1]
+    bits = random_bits(key, (2,))
+    onward = jnp.asarray(CONNECTIONS)[links] >= 2
+    led_to = places(links) & jnp.stack([jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1)
+    goal = _draw(bits[0], led_to, width)
+    away = distances(links, goal)
+    reachable = (away > 0) & (away < UNREACHABLE)
+    furthest = jnp.where(reachable, away, 0).max()
+    enough = reachable & (away >= jnp.minimum(least, furthest))
+    nearest = jnp.where(enough, away, UNREACHABLE).min()
+    start = _draw(bits[1], enough & (away <= jnp.maximum(most, nearest)), width)
+    return Level(links, start, goal, away[start.row, start.column, start.heading], shortest_ways(links, goal))
+
+
+def _draw(bits: Array, among: Array, width: int) -> Place:
+    """Draws a place uniformly; the first of all where there is none."""
+    flat = among.reshape(-1)
+    count = jnp.cumsum(flat)
+    index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
+    index = jnp.minimum(index, flat.size - 1)
+    return Place(index // (4 * width), index // 4 % width, index % 4)
+
+
+def make_levels(
+    key: Key[Array, ""],
+    grids: AnyArray,
+    count: int | None = None,
+    *,
+    least: int = 1,
+    most: int = UNREACHABLE,
+) -> Level:
+    """Draws many levels on given maps (see `random_level`).
+
+    Args:
+      key: consumed.
+      grids: integer codes ``[M, H, W]``.
+      count: N, how many; by default M. Level i is on map i modulo M.
+      least: tiles from the start to the goal, 1 or more.
+      most: tiles from the start to the goal, 1 or more.
+
+    Returns:
+      A batch of N levels, all of which `check_level` accepts.
+
+    Raises:
+      InputError: for a bad grid, grids of several sizes, a map without any lane, or a number out of its range.
+    """
+    try:
+        listed = np.asarray(grids)
+    except ValueError:
+        raise InputError("grids: expected one or more of one size, [M, H, W], got several sizes") from None
+    if listed.ndim != 3 or not len(listed):
+        raise InputError(f"grids: expected one or more of one size, [M, H, W], got shape {listed.shape}")
+    for number, grid in enumerate(listed):
+        check_named(f"grids[{number}]", check_grid, grid)
+    empty = ~np.asarray(_has_lanes(listed))
+    if empty.any():
+        raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")
+    total = len(listed) if count is None else check_named("count", whole(1), count)
+    least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
+    chosen = jnp.asarray(listed, jnp.int8)[np.arange(total) % len(listed)]
+    return _random_levels(jax.random.split(key, total), chosen, least, most)
+
+
+@jax.jit
+def _random_levels(keys: Array, grids: Array, least: Numeric, most: Numeric) -> Level:
+    return jax.vmap(lambda key, grid: random_level(key, grid, least=least, most=most))(keys, grids)
+
+
+@jax.jit
+def _has_lanes(grids: Array) -> Array:
+    return jax.vmap(lambda grid: movements(grid).any())(grids)
+
+
+def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
+    """Checks a level, or a batch of them, and returns it.
+
+    Compiled code cannot raise. A level that this would refuse does no harm there, but its figures mean nothing: without
+    a lane at the start the episode ends with the first step; a goal that is off the road or cannot be reached never is
+    reached; other numbers for `shortest` and `ways` make other figures of `info` and other routes.
+
+    Args:
+      level: one, or a batch with N in front of every shape.
+      shape: (height, width) that is expected, such as that of the other levels of a batch.
+
+    Raises:
+      InputError: the message names the level, the field, what was expected and what came.
+    """
+    if not isinstance(level, Level):
+        raise InputError(f"level: expected one of make_level, or a batch of make_levels, got {short(repr(level))}")
+    grids = np.asarray(level.grid)
+    if grids.ndim not in (2, 3):
+        raise InputError(f"level.grid: expected [H, W] or [N, H, W], got shape {grids.shape}")
+    single = grids.ndim == 2
+    batch: Level = jax.tree.map(lambda part: np.asarray(part)[None] if single else np.asarray(part), level)
+    if shape is not None and grids.shape[-2:] != tuple(shape):
+        expected, got = (f"{height} x {width}" for height, width in (shape, grids.shape[-2:]))
+        raise InputError(f"level.grid: expected {expected} tiles, got {got}")
+    lengths = {np.shape(part)[:1] for part in jax.tree.leaves(batch)}
+    if len(lengths) > 1 or batch.ways.shape != batch.grid.shape:
+        raise InputError(f"level: expected as many grids, starts and goals, got {sorted(map(str, lengths))}")
+    made = _remade(batch.grid, batch.start, batch.goal)
+    for number in range(len(batch.grid)):
+        one, again = (jax.tree.map(lambda part, number=number: part[number], tree) for tree in (batch, made))
+        _check_one("level" if single else f"level[{number}]", one, again)
+    return level
+
+
+@jax.jit
+def _remade(grids: Array, starts: Place, goals: Place) -> Level:
+    return jax.vmap(make_level)(grids, starts, goals)
+
+
+def _check_one(name: str, level: Level, made: Level) -> None:
+    check_named(f"{name}.grid", check_grid, level.grid)
+    if (level.grid != made.grid).any():
+        row, column = np.argwhere(level.grid != np.asarray(made.grid))[0]
+        raise InputError(
+            f"{name}.grid: expected connections that the neighbour returns (see drive.lanes.linked), "
+            f"got another at row {row}, column {column}"
+        )
+    for field in ("start", "goal"):
+        row, column, heading = (int(part) for part in getattr(level, field))
+        height, width = level.grid.shape
+        inside = 0 <= row < height and 0 <= column < width and 0 <= heading < 4
+        if not inside or not level.grid[row, column] & SIDES[heading].opposite:
+            raise InputError(
+                f"{name}.{field}: expected a tile of the road and a heading with which it can be entered, got row "
+                f"{row}, column {column}, heading {heading}"
+            )
+    if not 0 < made.shortest < UNREACHABLE:
+        got = "its start" if made.shortest == 0 else "one that no way leads to"
+        raise InputError(f"{name}.goal: expected a place ahead that can be reached from the start, got {got}")
+    if level.shortest != made.shortest:
+        raise InputError(f"{name}.shortest: expected {made.shortest}, the distance, got {level.shortest}")
+    if (level.ways != np.asarray(made.ways)).any():
+        raise InputError(f"{name}.ways: expected those of shortest_ways")
+
+
+def check_batch(levels: UserValue) -> Level:
+    """Checks that a value is a batch of levels, and no more of it.
+
+    Raises:
+      InputError: if it is not.
+    """
+    if not isinstance(levels, Level) or np.ndim(levels.grid) != 3:
+        got = f"one of shape {np.shape(levels.grid)}" if isinstance(levels, Level) else type(levels).__name__
+        raise InputError(f"expected a batch of levels (see make_levels), got {got}")
+    return levels

@@ -1,0 +1,307 @@
+"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium; none of them is imported here.
+
+Where a wrapper needs classes of the other library, it is given the module that has them. Observations become one vector
+(see `flatten`), or stay the camera's picture.
+"""
+
+from collections.abc import Callable
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Key, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.config import Config
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Pytree, Untyped
+from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
+from elitelanes_jax.drive._levels import Level
+
+
+def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
+    """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W.
+
+    A camera's picture stays what it is.
+    """
+    parts = [jnp.asarray(part) for part in jax.tree.leaves(observation)]
+    if len(parts) == 1 and parts[0].dtype == jnp.uint8:
+        return parts[0]
+
+    def numbers(part: Array) -> Array:
+        if part.dtype == jnp.int8:
+            part = part[..., None] & jnp.array([8, 4, 2, 1], jnp.int8) > 0
+        return part.astype(jnp.float32).reshape(-1)
+
+    return jnp.concatenate([numbers(part) for part in parts])
+
+
+def _makers(spaces: Untyped) -> Untyped:
+    """Takes what is needed out of a module: Rejax copies environments, which modules do not allow."""
+    if not hasattr(spaces, "Discrete") or not hasattr(spaces, "Box"):
+        raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {short(repr(spaces))}")
+    return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
+
+
+def _checked(params: Pytree) -> Pytree:
+    if not isinstance(params, Config):
+        raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {short(repr(params))}")
+    return params.checked("params")
+
+
+def _check_gymnasium(module: Untyped) -> None:
+    if not hasattr(module, "Env"):
+        raise InputError(f"gymnasium: expected the module gymnasium, got {short(repr(module))}")
+
+
+def _action_space(environment: Environment, spaces: Untyped) -> Untyped:
+    if environment.actions is not None:
+        return spaces.Discrete(environment.actions)
+    return spaces.Box(-1.0, 1.0, (environment.action_size,))
+
+
+def _observation_space(environment: Environment, params: Pytree, spaces: Untyped) -> Untyped:
+    seen = jax.eval_shape(lambda key: flatten(environment.reset(key, params)[0]), jax.random.key(0))
+    if seen.dtype == jnp.uint8:
+        return spaces.Box(0, 255, seen.shape, np.uint8)
+    return spaces.Box(-np.inf, np.inf, seen.shape)
+
+
+class GymnaxEnv:
+    """The interface of Gymnax's environments, for its loops and those of Rejax and PureJaxRL.
+
+    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's figures,
+    ``terminated``, ``truncated``, ``final_observation``, which the action led to, and ``discount``, 0 where the episode
+    terminated.
+    """
+
+    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6) -> None:
+        """Wraps an environment.
+
+        Args:
+          environment: `RoadNav` or `LaneDrive`.
+          params: its settings.
+          spaces: the module ``gymnax.environments.spaces``.
+          values: that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated, truncated, info), or
+            5 as before and in Rejax 0.1 (observation, state, reward, done, info).
+
+        Raises:
+          InputError: for settings out of their range, or another module or number of values.
+        """
+        if values not in (5, 6):
+            raise InputError(f"values: expected 5 or 6, got {values!r}")
+        self._environment, self._resetting = environment, auto_reset(environment)
+        self._spaces, self._six = _makers(spaces), values == 6
+        self.default_params = _checked(params)
+        self.name = type(params).__name__.removesuffix("Params")
+        self.num_actions = environment.actions or environment.action_size
+
+    def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
+        """Starts an episode on a level drawn from the settings: (observation, state)."""
+        observation, state = self._environment.reset(key, self.default_params if params is None else params)
+        return flatten(observation), state
+
+    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
+        """Makes a step, and a reset where the episode ended: as many values as asked for."""
+        return self._step(self._resetting, key, state, action, params)
+
+    def reset_env(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
+        """Does the same as `reset`."""
+        return self.reset(key, params)
+
+    def step_env(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
+        """Makes a step without a reset: as many values as `step`."""
+        return self._step(self._environment, key, state, action, params)
+
+    def action_space(self, params: Pytree = None) -> Untyped:
+        """Returns the space of actions."""
+        return _action_space(self._environment, self._spaces)
+
+    def observation_space(self, params: Pytree = None) -> Untyped:
+        """Returns the space of observations."""
+        return _observation_space(self._environment, self.default_params if params is None else params, self._spaces)
+
+    def _step(
+        self, environment: Environment, key: Array, state: Pytree, action: Pytree, params: Pytree
+    ) -> tuple[Pytree, ...]:
+        done = environment.step(key, state, action, self.default_params if params is None else params)
+        info = done.info._asdict() | {
+            "terminated": done.terminated,
+            "truncated": done.truncated,
+            "final_observation": flatten(done.reached),
+            "discount": 1 - done.terminated.astype(jnp.float32),
+        }
+        ended = (done.terminated, done.truncated) if self._six else (done.terminated | done.truncated,)
+        return flatten(done.observation), done.state, done.reward, *ended, info
+
+
+class JaxUedEnv:
+    """The interface of JaxUED's `UnderspecifiedEnv`: levels are given, and a step never resets."""
+
+    def __init__(self, environment: Environment, params: Pytree, spaces: Untyped) -> None:
+        """Wraps an environment.
+
+        Args:
+          environment: `RoadNav` or `LaneDrive`.
+          params: its settings.
+          spaces: the module ``gymnax.environments.spaces``.
+
+        Raises:
+          InputError: for settings out of their range, or another module.
+        """
+        self._environment, self._spaces = environment, _makers(spaces)
+        self.default_params = _checked(params)
+
+    def reset_to_level(self, key: Key[Array, ""], level: Level, params: Pytree = None) -> tuple[Array, Pytree]:
+        """Starts an episode on a level: (observation, state)."""
+        given = self.default_params if params is None else params
+        observation, state = self._environment.reset_to_level(key, level, given)
+        return flatten(observation), state
+
+    def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
+        """Makes a step: (observation, state, reward, done, info)."""
+        done = self._environment.step(key, state, action, self.default_params if params is None else params)
+        info = done.info._asdict() | {"truncated": done.truncated}
+        return flatten(done.observation), done.state, done.reward, done.terminated | done.truncated, info
+
+    def sample_level(self, key: Key[Array, ""]) -> Level:
+        """Draws one of the settings' levels, as JaxUED's level generators do; the key is consumed."""
+        return draw_level(key, self.default_params.levels)
+
+    def action_space(self, params: Pytree = None) -> Untyped:
+        """Returns the space of actions."""
+        return _action_space(self._environment, self._spaces)
+
+
+def _numpy(tree: Pytree) -> Pytree:
+    return jax.tree.map(np.array, jax.device_get(tree))
+
+
+def gymnasium_env(
+    environment: Environment,
+    params: Pytree,
+    gymnasium: Untyped,
+    *,
+    render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
+) -> Untyped:
+    """Makes an environment of Gymnasium, for those who do not use JAX: NumPy in, NumPy out.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its settings.
+      gymnasium: the module ``gymnasium``.
+      render: from a state to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+
+    Raises:
+      InputError: for settings out of their range, or another module.
+    """
+    _check_gymnasium(gymnasium)
+    params = _checked(params)
+    begin, go, draw = jax.jit(environment.reset), jax.jit(environment.step), render
+
+    class Env(gymnasium.Env):
+        """The environment."""
+
+        metadata = {"render_modes": ["rgb_array"], "render_fps": 30}  # noqa: RUF012
+        render_mode = None if draw is None else "rgb_array"
+        action_space = _action_space(environment, gymnasium.spaces)
+        observation_space = _observation_space(environment, params, gymnasium.spaces)
+
+        def _key(self) -> Array:
+            return jax.random.key(int(self.np_random.integers(2**31)))
+
+        def reset(self, *, seed: int | None = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
+            super().reset(seed=seed)
+            observation, self._state = begin(self._key(), params)
+            return _numpy(flatten(observation)), {}
+
+        def step(self, action: Pytree) -> tuple[Pytree, float, bool, bool, dict[str, Untyped]]:
+            done = go(self._key(), self._state, jnp.asarray(action), params)
+            self._state = done.state
+            ended = bool(done.terminated), bool(done.truncated)
+            return _numpy(flatten(done.observation)), float(done.reward), *ended, _numpy(done.info._asdict())
+
+        def render(self) -> Untyped:
+            return None if draw is None else np.asarray(draw(self._state))
+
+    return Env()
+
+
+def gymnasium_vector_env(
+    environment: Environment,
+    params: Pytree,
+    gymnasium: Untyped,
+    count: int,
+    *,
+    render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
+) -> Untyped:
+    """Makes a vector environment of Gymnasium, which resets in the step that ends an episode.
+
+    Args:
+      environment: `RoadNav` or `LaneDrive`.
+      params: its settings.
+      gymnasium: the module ``gymnasium``.
+      count: B, the number of environments.
+      render: from the state of one to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array", and
+        `render` returns a picture of each.
+
+    Raises:
+      InputError: for settings or a number out of their range, or another module.
+    """
+    _check_gymnasium(gymnasium)
+    params, count = _checked(params), check_named("count", whole(1), count)
+    resetting, draw = auto_reset(environment), render
+
+    def first(key: Array) -> Pytree:
+        observation, state = environment.reset(key, params)
+        return flatten(observation), state
+
+    def step(key: Array, state: Pytree, action: Pytree) -> Pytree:
+        done = resetting.step(key, state, action, params)
+        seen = flatten(done.observation), flatten(done.reached)
+        return done.state, (*seen, done.reward, done.terminated, done.truncated, done.info._asdict())
+
+    begin, go = jax.jit(jax.vmap(first)), jax.jit(jax.vmap(step))
+    batched = gymnasium.vector.utils.batch_space
+
+    class VectorEnv(gymnasium.vector.VectorEnv):
+        """The environments."""
+
+        num_envs = count
+        metadata = {  # noqa: RUF012
+            "autoreset_mode": gymnasium.vector.AutoresetMode.SAME_STEP,
+            "render_modes": ["rgb_array"],
+            "render_fps": 30,
+        }
+        render_mode = None if draw is None else "rgb_array"
+        single_action_space = _action_space(environment, gymnasium.spaces)
+        single_observation_space = _observation_space(environment, params, gymnasium.spaces)
+        action_space = batched(single_action_space, count)
+        observation_space = batched(single_observation_space, count)
+
+        def _keys(self) -> Array:
+            return jax.random.split(jax.random.key(int(self.np_random.integers(2**31))), count)
+
+        def reset(self, *, seed: Untyped = None, options: Untyped = None) -> tuple[Pytree, dict[str, Untyped]]:
+            super().reset(seed=seed)
+            observation, self._states = begin(self._keys())
+            return _numpy(observation), {}
+
+        def step(self, actions: Pytree) -> tuple[Pytree, Pytree, Pytree, Pytree, dict[str, Untyped]]:
+            self._states, outcome = go(self._keys(), self._states, jnp.asarray(actions))
+            observation, reached, reward, terminated, truncated, info = _numpy(outcome)
+            ended = terminated | truncated
+            final = np.full(count, None, object)
+            for number in np.flatnonzero(ended):
+                final[number] = reached[number]
+            return observation, reward, terminated, truncated, info | {"final_obs": final, "_final_obs": ended}
+
+        def render(self) -> Untyped:
+            if draw is None:
+                return None
+            every = [jax.tree.map(lambda part, number=number: part[number], self._states) for number in range(count)]
+            return tuple(np.asarray(draw(state)) for state in every)
+
+    return VectorEnv()

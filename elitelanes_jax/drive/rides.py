@@ -1,0 +1,336 @@
+"""Rides to look at: the way of a robot across a map, as a film of its camera beside the map, or as trails on one."""
+
+import json
+import runpy
+from collections.abc import Callable, Iterator
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.checks import check_named, real
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax.drive._camera import Camera, look, make_atlas
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
+from elitelanes_jax.drive._levels import Level, make_levels
+from elitelanes_jax.drive._pure_pursuit import pure_pursuit
+from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
+from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.formats.rides import RIDES
+from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
+from elitelanes_jax.tiles.tileset import TileSet
+
+POLICIES = ("route", "random")
+"""Drivers: one that follows the route to the goal, and one whose wheels turn at random."""
+
+Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
+"""A driver of one's own: from an observation, in NumPy, to the commands of the left and the right wheel, -1 to 1."""
+
+_RATE = 30
+_GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: it is ten times the size of a film
+_COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
+_BATCH = 32  # frames that are rendered at once
+_HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
+_BITS = 4  # of the fraction of a pixel
+_PACE = 0.5  # tiles a second: the expert drives a little more
+
+
+class Rides(NamedTuple):
+    """Rides on one map.
+
+    Attributes:
+      levels: a batch of N.
+      x: float32 ``[N, steps + 1]``, tiles east; it stands still after the end of a ride.
+      y: float32 ``[N, steps + 1]``, tiles south.
+      theta: float32 ``[N, steps + 1]``, radians counter-clockwise from east.
+      steps: int ``[N]``, thirtieths of a second until the end.
+      success: bool ``[N]``, the goal was reached.
+    """
+
+    levels: Level
+    x: NDArray[np.float32]
+    y: NDArray[np.float32]
+    theta: NDArray[np.float32]
+    steps: NDArray[np.int32]
+    success: NDArray[np.bool_]
+
+
+def make_rides(
+    grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
+) -> Rides:
+    """Drives on a map, from starts and to goals drawn at random: such as the expert reaches in time.
+
+    Args:
+      grid: codes ``[H, W]``.
+      count: N, how many rides.
+      policy: one of `POLICIES`, or a driver of one's own.
+      seconds: after which a ride ends.
+      seed: of starts, goals and all that is random.
+
+    Raises:
+      InputError: for a bad grid, one without a lane, another policy, or one that fails or returns no two numbers.
+    """
+    seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
+    if not callable(policy) and policy not in POLICIES:
+        raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
+    drawing, driving = jax.random.split(jax.random.key(seed))
+    levels = make_levels(drawing, np.asarray(grid)[None], count, least=4, most=max(4, int(_PACE * seconds)))
+    steps = max(round(seconds * _RATE), 1)
+    drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
+    poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))
+    return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
+
+
+@partial(jax.jit, static_argnames=("policy", "steps"))
+@partial(jax.vmap, in_axes=(0, 0, None, None, None))
+def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
+    _, state = LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
+    poses = jnp.broadcast_to(jnp.stack(state.pose)[:, None], (3, steps + 1))
+
+    def go(number: Pytree, carry: Pytree) -> Pytree:
+        state, poses, over, length, success = carry
+        moving = jax.random.fold_in(key, number)
+        action = pure_pursuit(state, params)
+        if policy == "random":
+            action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
+        done = LaneDrive.step(moving, state, action, params)
+        state = jax.tree.map(lambda new, old: jnp.where(over, old, new), done.state, state)
+        success, length = success | (done.info.success & ~over), length + ~over
+        return state, poses.at[:, number].set(jnp.stack(state.pose)), over | done.terminated, length, success
+
+    first = state, poses, jnp.bool_(False), jnp.int32(0), jnp.bool_(False)
+    _, poses, _, length, success = jax.lax.fori_loop(1, steps + 1, go, first)
+    return poses, length, success
+
+
+def _drive(policy: str, key: Array, params: LaneDriveParams, steps: int) -> Pytree:
+    keys = jax.random.split(key, params.levels.grid.shape[0])
+    return _drive_one(keys, params.levels, params, policy, steps)
+
+
+def _drive_by(
+    policy: Policy, key: Array, params: LaneDriveParams, steps: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
+    """Drives as `_drive` does, asking a function of Python at each step."""
+    keys = jax.random.split(key, params.levels.grid.shape[0])
+    seen, states = _begin(keys, params.levels, params)
+    poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
+    over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
+    for number in range(1, steps + 1):
+        if over.all():
+            break
+        listed = jax.device_get(seen)
+        actions = np.zeros((len(keys), 2), np.float32)
+        for one in np.flatnonzero(~over):
+            actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
+        done = _go(keys, number, states, actions, params)
+        seen, states = done.observation, done.state
+        pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
+        poses[~over, :, number:] = np.stack(pose, axis=1)[~over, :, None]
+        success |= reached & ~over
+        lengths += ~over
+        over |= ended
+    return poses, lengths, success
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, 0, None))
+def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
+    return LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
+
+
+@jax.jit
+@partial(jax.vmap, in_axes=(0, None, 0, 0, None))
+def _go(key: Array, number: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
+    return LaneDrive.step(jax.random.fold_in(key, number), state, action, params)
+
+
+def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
+    try:
+        action = np.asarray(policy(observation), np.float32)
+    except Exception as error:
+        raise InputError(f"policy: expected an action, got {type(error).__name__}: {error}") from error
+    if action.shape != (2,):
+        raise InputError(f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}")
+    return action
+
+
+def load_policy(file: Path) -> Policy:
+    """Loads a driver from a file of Python, which is run: its function ``act(observation)``, see `Policy`.
+
+    Raises:
+      InputError: that names the file, if it cannot be read or run, or has no such function.
+    """
+    try:
+        act = runpy.run_path(str(file)).get("act")
+    except OSError as error:
+        raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
+    except Exception as error:
+        raise InputError(f"{file}: expected a program that runs, got {type(error).__name__}: {error}") from error
+    if not callable(act):
+        raise InputError(f"{file}: expected a function act(observation), got none")
+    return act
+
+
+def trails(
+    grid: ArrayLike, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
+) -> NDArray[np.uint8]:
+    """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
+
+    The ring is where the lane enters the goal's tile: who comes on another lane has not reached it.
+
+    Raises:
+      InputError: for a map that the tiles cannot draw (see `render`).
+    """
+    picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
+    goals = _goals(rides.levels)
+    for number in range(len(rides.steps)):
+        _draw_trail(picture, rides, number, rides.steps[number], goals[number], tile_px)
+    return picture
+
+
+def film(
+    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+) -> Iterator[NDArray[np.uint8]]:
+    """Draws a ride frame by frame, 30 a second: the camera's picture, and beside it the map with the robot.
+
+    Yields:
+      RGB uint8 ``[480, width, 3]``, all of one width.
+
+    Raises:
+      InputError: for a map that the tiles cannot draw (see `render`).
+    """
+    grid, size = np.asarray(grid), check_tile_px(tile_px)
+    chosen = choose_tiles(grid, tiles) if chosen is None else chosen
+    picture = render(grid, tiles, tile_px=size, chosen=chosen)
+    # Each cell has a picture of its own: where tiles are blended no two are alike.
+    atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
+    place = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
+    camera = Camera(rows=_HEIGHT, columns=640)
+    side = min(_HEIGHT / grid.shape[0], _WIDEST / grid.shape[1])
+    shape = max(round(side * grid.shape[1]) // 2 * 2, 2), round(side * grid.shape[0])  # films have even sides
+    shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
+    background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
+    last, goal = int(rides.steps[number]), _goals(rides.levels)[number]
+    for start in range(0, last + 1, _BATCH):
+        steps = np.minimum(np.arange(start, start + _BATCH), last)
+        poses = Pose(*(part[number][steps] for part in (rides.x, rides.y, rides.theta)))
+        views = np.asarray(_look(poses, place, atlas, camera))
+        for step, view in zip(range(start, last + 1), views, strict=False):
+            plan = background.copy()
+            _draw_trail(plan, rides, number, step, goal, side)
+            _draw_robot(plan, rides.x[number, step], rides.y[number, step], rides.theta[number, step], side)
+            yield np.concatenate([view, plan], axis=1)
+
+
+def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
+    """Cuts a layer ``[H·P, W·P, ...]`` of a map into the pictures of its cells, ``[H·W, P, P, ...]``."""
+    height, width = layer.shape[0] // size, layer.shape[1] // size
+    cells = layer.reshape(height, size, width, size, *layer.shape[2:]).swapaxes(1, 2)
+    return cells.reshape(height * width, size, size, *layer.shape[2:])
+
+
+@jax.jit
+def _look(poses: Pose, place: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
+    return jax.vmap(lambda pose: look(jax.random.key(0), pose, place, atlas, camera).image)(poses)
+
+
+def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
+    """Writes frames as an MP4 film or, where the name ends so, as a GIF, whole or not at all; returns how many.
+
+    A GIF has every third frame, half as large.
+
+    Raises:
+      InputError: for a GIF with an OpenCV that writes none.
+      OSError: that names the file, if it cannot be written.
+    """
+    gif = file.suffix.lower() == ".gif"
+    if gif and not hasattr(cv2, "imwriteanimation"):
+        raise InputError(f"{file}: expected an OpenCV that writes GIF, 4.11 or later, got {cv2.__version__}")
+    aside = file.with_name(f".{file.stem}.part{file.suffix.lower()}")
+    try:
+        count = (_write_gif if gif else _write_mp4)(aside, frames, file)
+        aside.replace(file)
+    finally:
+        aside.unlink(missing_ok=True)
+    return count
+
+
+def _write_mp4(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+    count, writer = 0, None
+    for frame in frames:
+        if writer is None:
+            writer = cv2.VideoWriter(str(aside), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
+            if not writer.isOpened():
+                raise OSError(0, "cannot be written as a film", str(file))
+        writer.write(np.ascontiguousarray(frame[..., ::-1]))
+        count += 1
+    if writer is not None:
+        writer.release()
+    return count
+
+
+def _write_gif(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+    def halved(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        small = cv2.resize(frame, None, fx=_GIF_SCALE, fy=_GIF_SCALE, interpolation=cv2.INTER_AREA)
+        return np.ascontiguousarray(small[..., ::-1])
+
+    animation = cv2.Animation()
+    animation.frames = [halved(frame) for frame in islice(frames, 0, None, _GIF_STEP)]
+    animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
+    if not cv2.imwriteanimation(str(aside), animation):
+        raise OSError(0, "cannot be written as a GIF", str(file))
+    return len(animation.frames)
+
+
+def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
+    """Writes rides as `read_rides` reads them: the map, and of each ride its poses, 30 a second, to its end."""
+    listed = []
+    for number, steps in enumerate(rides.steps.tolist()):
+        poses = {name: getattr(rides, name)[number, : steps + 1] for name in ("x", "y", "theta")}
+        goal = [int(part[number]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
+        ride = {"goal": goal, "success": bool(rides.success[number])}
+        listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in poses.items()})
+    return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
+
+
+def _goals(levels: Level) -> NDArray[np.float32]:
+    """Returns where lanes enter the goals' tiles, ``[N, 2]``, x and y."""
+    return np.stack(lane_point(Movement(*levels.goal, turn=jnp.int32(1)), 0.0)[:2], axis=1)
+
+
+def _draw_trail(
+    picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, goal: NDArray[np.float32], side: float
+) -> None:
+    """Draws on a map whose tiles have so many pixels a side."""
+    colour = _COLOURS[number % len(_COLOURS)]
+    points = np.stack([rides.x[number], rides.y[number]], axis=1)[: int(steps) + 1]
+    thick = max(round(side / 20), 1)
+    dots = _dots(points, side)
+    cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)
+    cv2.circle(picture, dots[0, 0].tolist(), round(side / 12 * 2**_BITS), colour, -1, cv2.LINE_AA, _BITS)
+    ring = _dots(goal, side)[0, 0].tolist()
+    cv2.circle(picture, ring, round(side * 0.18 * 2**_BITS), colour, thick, cv2.LINE_AA, _BITS)
+
+
+def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, side: float) -> None:
+    length, half = 0.18 / TILE, 0.075 / TILE
+    ahead, left = np.array([np.cos(theta), -np.sin(theta)]), np.array([-np.sin(theta), -np.cos(theta)])
+    middle = np.array([x, y])
+    corners = [middle + a * ahead + b * left for a, b in ((-length / 2, half), (-length / 2, -half), (length / 2, 0))]
+    shape = _dots(np.array(corners), side)
+    cv2.fillPoly(picture, [shape], (255, 255, 255), cv2.LINE_AA, _BITS)
+    cv2.polylines(picture, [shape], True, (20, 20, 20), max(round(side / 40), 1), cv2.LINE_AA, _BITS)
+
+
+def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
+    """Turns places in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
+    return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)

@@ -1,0 +1,450 @@
+"""Collects what the explorer shows: folders of runs, archives, maps, results in memory."""
+
+import base64
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.unfinished import is_kept
+from elitelanes_jax._util.version import __version__
+from elitelanes_jax.benchmark.tasks import SIZES, find_task
+from elitelanes_jax.explorer._payload import Blob, Payload
+from elitelanes_jax.formats.rides import RecordedRide, read_rides
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
+from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
+from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import History, Result
+
+_FORMAT = "elitelanes explorer, version 1"
+
+# Steps of a history that are kept: as many as a chart has pixels across.
+_MOST_STEPS = 400
+
+# Random numbers that choose tile pictures, at least: maps of up to 64 x 64 tiles look as `render` draws them.
+_LEAST_LOTS = 4096
+
+# What is shown of a run's record.
+_RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions", "device", "times")
+
+
+class _Finds(NamedTuple):
+    """Grids of one size, and what is known of them.
+
+    Attributes:
+      name: of the run.
+      grids: int8 ``[E, H, W]``.
+      fitness: int32 ``[E]``; None where the weights tell it.
+      seed: int ``[E]``, the number of the run's seed that found each, from 0.
+      seeds: how many.
+      axes: of the niches.
+      niche: int32 ``[E]``, of each the number of its niche, the last axis running fastest; None where metrics tell it.
+      weights: of the fitness.
+      alphabet: the codes that `off_alphabet` lets pass; None for all.
+      extra_weights: of features that the search measured beside the metrics.
+      extras: int ``[E]`` by name, the features that the search measured beside the metrics.
+      labels: a name for each grid, or none.
+      maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
+      rides: on maps, each with the place of its map.
+      history: of the run.
+      floors: the lowest fitness that is possible, by cyclomatic number, where it is proven.
+      record: of the run, to be shown.
+    """
+
+    name: str
+    grids: NDArray[np.int8]
+    fitness: NDArray[np.int32] | None
+    seed: NDArray[np.int_]
+    seeds: int
+    axes: tuple[Axis, ...]
+    weights: Weights
+    alphabet: tuple[int, ...] | None
+    extra_weights: Mapping[str, int] = {}
+    extras: Mapping[str, NDArray[np.int32]] = {}
+    niche: NDArray[np.int32] | None = None
+    labels: tuple[str, ...] | None = None
+    maps: tuple[tuple[int, str, Drawn | None], ...] = ()
+    rides: tuple[tuple[int, RecordedRide], ...] = ()
+    history: "History | None" = None
+    floors: Mapping[int, int] | None = None
+    record: Mapping[str, Plain] = {}
+
+
+def collect(
+    sources: Sequence[Path],
+    *,
+    tiles: str | Path | None = None,
+    blend: bool | None = None,
+    tile_px: int = 64,
+    title: str | None = None,
+) -> Payload:
+    """Collects runs and maps from files.
+
+    Args:
+      sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders;
+        files of maps; files of rides, which `drive` wrote.
+      tiles: folder of the tile pictures; by default those of the first run, if they are there, else the package's own.
+      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
+        default as the first run that says it was drawn, else as the set says.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+      title: of the page.
+
+    Raises:
+      InputError: for a file or folder that is missing, broken, half-written or none of these, and for a bad tile set;
+        the message names the file.
+    """
+    if not sources:
+        raise InputError("sources: expected a folder of a run, or maps, got nothing")
+    runs: list[_Finds] = []
+    maps: list[tuple[str, RoadMap]] = []
+    driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
+    for source in sources:
+        if source.is_dir():
+            runs += [_read_run(folder) for folder in _run_folders(source)]
+        elif source.suffix == ".npz":
+            runs.append(_read_archive(source, source.stem))
+        elif (rides := read_rides(source)) is not None:
+            driven.append((str(source), *rides))
+        else:
+            maps.append((str(source), read_map(source)))
+    grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
+    maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
+    names = _distinct_names([run.name for run in runs])
+    runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
+    folders, blends = ([_setting(run, name) for run in runs] for name in ("tiles", "blend"))
+    own = next((one for one in folders if isinstance(one, str) and Path(one).is_dir()), None)
+    blended = next((one for one in blends if isinstance(one, bool)), None)
+    tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
+    heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
+    return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
+
+
+def collect_result(
+    result: "Result", name: str = "result", *, tiles: TileSet | None = None, tile_px: int = 64
+) -> Payload:
+    """Collects the result of a search in memory.
+
+    Args:
+      result: of `evolve`, of one seed or of many.
+      name: to show.
+      tiles: the tile pictures; by default the package's own.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+    """
+    return _pack([_from_result(result, name)], tiles or load_tiles(), tile_px, name)
+
+
+def collect_results(
+    results: "Mapping[str, Result | Iterable[RoadMap]]",
+    *,
+    seeds: int | None = None,
+    tiles: TileSet | None = None,
+    tile_px: int = 64,
+) -> Payload:
+    """Collects results of searches, and maps of other methods, to be shown side by side; see `collect_result`.
+
+    Args:
+      results: at least one, by name.
+      seeds: how many of each result to show, the first ones; by default all.
+      tiles: the tile pictures; by default the package's own.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+
+    Raises:
+      InputError: for no result, or one without elites.
+    """
+    runs: list[_Finds] = []
+    for name, one in results.items():
+        runs += _of_maps(one, name) if isinstance(one, Iterable) else [_from_result(one, name, seeds)]
+    if not runs:
+        raise InputError("results: expected at least one, got none")
+    return _pack(runs, tiles or load_tiles(), tile_px, "")
+
+
+def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64) -> Payload:
+    """Collects maps in memory; see `collect_result`.
+
+    Args:
+      maps: at least one.
+      tiles: the tile pictures; by default the package's own.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+
+    Raises:
+      InputError: for no map.
+    """
+    runs = _of_maps(maps, "")
+    if not runs:
+        raise InputError("maps: expected at least one, got none")
+    return _pack(runs, tiles or load_tiles(), tile_px, "")
+
+
+def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:
+    found = _by_size([(f"map {number}", road_map) for number, road_map in enumerate(maps)])
+    names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
+    return [run._replace(name=name) for run, name in zip(found, names, strict=True)]
+
+
+def _run_folders(folder: Path) -> list[Path]:
+    """Returns a folder of a run, or the folders of runs in it."""
+    if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
+        return [folder]
+    found = sorted(file.parent for file in folder.glob("*/run.json"))
+    if found:
+        return found
+    expected = f"{folder}: expected a folder that generate or pick wrote, or one of such folders"
+    raise InputError(f"{expected}, got one without run.json")
+
+
+def _read_run(folder: Path) -> _Finds:
+    """Reads the folder of a run: its record, its archive, its chosen maps; at least one of the latter two."""
+    file = folder / "run.json"
+    record = _read_record(file)
+    chosen = [(place.parent.name, read_map(place)) for place in sorted(folder.glob("maps/*/map.json"))]
+    name = folder.resolve().name
+    if (folder / "archive.npz").exists():
+        run = _with_chosen(_read_archive(folder / "archive.npz", name), chosen)
+    elif chosen:
+        run, *others = _by_size(chosen)
+        if others:
+            raise InputError(f"{folder}: expected maps of one size, as a run writes them, got several")
+        run = run._replace(name=name)
+    else:
+        raise InputError(f"{folder}: expected an archive.npz or maps beside run.json, got neither")
+    size = record.get("settings", {}).get("size") if isinstance(record.get("settings"), dict) else None
+    if size is not None and size != list(run.grids.shape[1:]):
+        got = "{} x {}".format(*run.grids.shape[1:])
+        raise InputError(f"{folder}: expected maps of {short(json.dumps(size))}, as run.json says, got {got}")
+    return run._replace(record={key: record[key] for key in _RECORDED if key in record})
+
+
+def _read_record(file: Path) -> dict[str, Plain]:
+    try:
+        record = parse_json(read_text(file, 32 * MIB))
+    except OSError:
+        unfinished = "; its search is not done, the same generate command continues it" * is_kept(file.parent)
+        raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
+    except (ValueError, RecursionError) as error:
+        words = str(error).removeprefix(f"{file}: ")
+        raise InputError(f"{file}: expected the JSON of a run, got: {short(words)}") from None
+    if not isinstance(record, dict) or "versions" not in record:
+        raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
+    return record
+
+
+def _read_archive(file: Path, name: str) -> _Finds:
+    from elitelanes_jax.search.result import Result
+
+    return _from_result(Result.load(file), name)
+
+
+def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Finds:
+    """Takes the elites of all seeds, or of the first ones, and the history."""
+    elites = result.elites
+    single = elites.valid.ndim == 1
+    some = slice(None if single else seeds)
+    valid, fitness, grids, descriptor = (
+        np.asarray(array)[None] if single else np.asarray(array)[some]
+        for array in (elites.valid, elites.fitness, elites.grids, elites.descriptor)
+    )
+    if not valid.any():
+        raise InputError(f"{name}: expected a result with at least one elite, got none")
+    seed, _ = np.nonzero(valid)
+    alphabet = result.spec.alphabet
+    return _Finds(
+        name,
+        grids[valid],
+        fitness[valid].astype(np.int32),
+        seed,
+        len(valid),
+        result.axes,
+        result.spec.all_weights,
+        None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
+        niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
+        extra_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
+        extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
+        history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
+        floors=_floors(result, (grids.shape[2], grids.shape[3])),
+        record={"settings": {"search": result.spec.to_plain()}},
+    )
+
+
+def _of_seeds(history: "History", seeds: int) -> "History":
+    return history._replace(best_fitness=history.best_fitness[:seeds], elite_count=history.elite_count[:seeds])
+
+
+def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
+    """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
+    spec = result.spec
+    name = f"{shape[0]}x{shape[1]}{'A' if spec.fills else 'B'}"
+    if name not in SIZES or spec.all_weights != Weights() or spec.extra_weights or spec.rules is not None:
+        return None
+    task = find_task(f"{name}-10000")
+    return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
+
+
+def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
+    """Finds the chosen maps among the grids of their run."""
+    places: dict[bytes, int] = {}
+    for place, grid in enumerate(run.grids):
+        places.setdefault(grid.tobytes(), place)
+    own, maps = run.grids.shape[1:], []
+    for name, road_map in chosen:
+        if road_map.codes.shape != own:
+            expected, got = ("{} x {}".format(*shape) for shape in (own, road_map.codes.shape))
+            raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
+        found = places.get(road_map.codes.tobytes())
+        if found is not None:
+            maps.append((found, name, road_map.drawn))
+    return run._replace(maps=tuple(maps))
+
+
+def _with_rides(run: _Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> _Finds:
+    """Gives each grid of a run the rides that were driven on it."""
+    found = [
+        (int(place), ride)
+        for _, grid, rides in driven
+        if grid.shape == run.grids.shape[1:]
+        for place in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
+        for ride in rides
+    ]
+    return run._replace(rides=tuple(found))
+
+
+def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
+    """Makes a run of the maps of each size."""
+    sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
+    for name, road_map in maps:
+        sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
+    finds = []
+    for (height, width), listed in sizes.items():
+        known = [road_map.fitness for _, road_map in listed]
+        fitness = None if None in known else np.array(known, np.int64).clip(-(2**31), 2**31 - 1).astype(np.int32)
+        finds.append(
+            _Finds(
+                name=f"maps of {height} x {width}" if len(sizes) > 1 else "maps",
+                grids=np.stack([road_map.codes for _, road_map in listed]),
+                fitness=fitness,
+                seed=np.zeros(len(listed), int),
+                seeds=1,
+                axes=tuned_axes((height, width)),
+                weights=Weights(),
+                alphabet=None,
+                labels=tuple(name for name, _ in listed),
+                maps=tuple((place, name, road_map.drawn) for place, (name, road_map) in enumerate(listed)),
+            )
+        )
+    return finds
+
+
+def _distinct_names(names: Sequence[str]) -> list[str]:
+    seen: dict[str, int] = {}
+    distinct = []
+    for name in names:
+        seen[name] = seen.get(name, 0) + 1
+        distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
+    return distinct
+
+
+def _setting(run: _Finds, name: str) -> Plain:
+    """Returns a setting of a run, None if it is not known."""
+    settings = run.record.get("settings")
+    return settings.get(name) if isinstance(settings, dict) else None
+
+
+def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> Payload:
+    blob = Blob()
+    cells = max(run.grids[0].size for run in runs)
+    values = {
+        "format": _FORMAT,
+        "version": __version__,
+        "title": title,
+        "tiles": _tile_values(tiles, tile_px),
+        # A prefix of the numbers that `choose_tiles` draws for the seed 0, whatever the map's shape.
+        "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
+        "runs": [_run_values(run, tiles, blob) for run in runs],
+    }
+    return Payload(values, blob.packed())
+
+
+def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
+    return {
+        "name": run.name,
+        "shape": list(run.grids.shape[1:]),
+        "seeds": run.seeds,
+        "axes": [axis._asdict() for axis in run.axes],
+        "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.extra_weights)).items()},
+        "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
+        "grids": blob.add_codes(run.grids),
+        "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
+        "seed": blob.add(run.seed, "int32"),
+        "niche": None if run.niche is None else blob.add(run.niche, "int32"),
+        "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
+        "labels": run.labels,
+        "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],
+        "rides": [
+            {"place": place, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
+            for place, ride in run.rides
+        ],
+        "history": None if run.history is None else _history_values(run.history, blob),
+        "floors": None if run.floors is None else list(run.floors.items()),
+        "record": run.record,
+    }
+
+
+def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
+    """Returns a chosen map: where it is, and its tile pictures as places in the set times 4 plus quarter turns."""
+    chosen = None
+    if drawn is not None and drawn.tile_set == tiles.name:
+        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+    pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
+    return {"place": place, "name": name, "pictures": pictures}
+
+
+def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
+    count = len(history.generation)
+    if count == 0:
+        return None
+    steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
+    best, elites = (np.atleast_2d(values)[:, steps] for values in (history.best_fitness, history.elite_count))
+    return {
+        "steps": len(steps),
+        "evaluations": blob.add(history.evaluations[steps], "float64"),
+        "best_fitness": blob.add(best, "int32"),
+        "elite_count": blob.add(elites, "int32"),
+    }
+
+
+def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
+    """Returns the tile pictures, each once, and whether they are to be brought together."""
+    drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
+    pictures: list[dict[str, Plain]] = [
+        {"name": tile.name, "code": int(tile.code)} | drawn[place] | ({"compared": compared[place]} if compared else {})
+        for place, tile in enumerate(tiles.pictures)
+    ]
+    rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
+    return {"name": tiles.name, "px": tile_px, "blend": tiles.blend, "pictures": pictures, "rotations": rotations}
+
+
+def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
+    """Returns each tile's picture as PNG, and its masks as bits of grey values, 1 road, 2 red, 4 yellow."""
+    layers = scale_tiles(tiles, tile_px)
+    found: list[dict[str, Plain]] = []
+    for upright in range(0, 4 * len(tiles.pictures), 4):
+        road, red, yellow = (layers[name][upright] > 0 for name in ("road", "red", "yellow"))
+        masks = (road * 1 + red * 2 + yellow * 4).astype(np.uint8)
+        found.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
+    return found
+
+
+def _data_url(pixels: NDArray[np.uint8]) -> str:
+    return "data:image/png;base64," + base64.b64encode(png_of(pixels)).decode()

@@ -1,0 +1,49 @@
+"""The payload of the explorer: values for JSON, and one blob of arrays, compressed."""
+
+import zlib
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.types import AnyArray, Plain
+
+
+class Payload(NamedTuple):
+    """All that the explorer shows.
+
+    Attributes:
+      values: for JSON. A table ``{"array": [dtype, start, count]}`` stands for an array: its numbers are little-endian,
+        from that byte of the blob.
+      blob: the arrays, one after another, compressed by zlib.
+    """
+
+    values: dict[str, Plain]
+    blob: bytes
+
+
+class Blob:
+    """A row of arrays that grows."""
+
+    def __init__(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = 0
+
+    def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
+        """Adds an array; returns what stands for it among the values."""
+        content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
+        start = self._size
+        padding = -len(content) % 8  # so that each starts where its type may
+        self._parts += [content, bytes(padding)]
+        self._size += len(content) + padding
+        return {"array": [dtype, start, len(content) // np.dtype(dtype).itemsize]}
+
+    def add_codes(self, grids: NDArray[np.int8]) -> dict[str, Plain]:
+        """Adds tile codes, two a byte, the first in the lower half; returns what stands for them."""
+        flat = grids.reshape(-1).astype(np.uint8)
+        flat = np.pad(flat, (0, flat.size % 2))
+        return self.add(flat[::2] | flat[1::2] << 4, "uint8") | {"codes": grids.size}
+
+    def packed(self) -> bytes:
+        """Returns the whole row, compressed."""
+        return zlib.compress(b"".join(self._parts), 9)

@@ -1,0 +1,123 @@
+"""The explorer in a notebook: Jupyter, marimo, VS Code. It needs anywidget, the extra `widget`."""
+
+from collections.abc import Callable, Iterable
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Int8
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.types import Untyped, UserValue
+from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer._payload import Payload
+from elitelanes_jax.explorer.page import static_text
+from elitelanes_jax.formats.road_map import RoadMap
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import Result
+
+_Grid = Int8[np.ndarray, "H W"]
+_Continue = Callable[[_Grid, "Result"], "Result"]
+
+
+def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = None) -> Untyped:
+    """Shows a result, maps, or folders of runs in a notebook.
+
+    The widget has the page's views. Its ``grid`` is the map that is drawn, int8 ``[H, W]``, None before one is; its
+    ``result`` the result that is shown, None for anything else. ``observe`` tells of changes, as of any widget's. With
+    a result the editor has a button that continues the search from the drawing; the widget then shows what it found.
+
+    Args:
+      what: a `Result`, a `RoadMap` or several, or a path or several, as `collect` takes them.
+      tile_px: side of a tile's picture in pixels, 16 to 512.
+      on_continue: from the drawn grid and the result that is shown to the next result; by default `continue_search`.
+
+    Returns:
+      The widget.
+
+    Raises:
+      InputError: for anything else, and as `collect`.
+      MissingPackageError: without anywidget.
+    """
+    result = what if hasattr(what, "elites") and hasattr(what, "axes") else None
+    payload = _payload(what, tile_px)
+    return _widget_class()(payload, result, tile_px, on_continue or continue_search)
+
+
+def continue_search(grid: _Grid, result: "Result") -> "Result":
+    """Searches again as a result was searched for, with a drawn map among the first ones, for the seed 0.
+
+    Args:
+      grid: int8 ``[H, W]``.
+      result: whose specification is taken.
+
+    Raises:
+      InputError: for a map of another size.
+    """
+    from elitelanes_jax.search.evolution import evolve
+
+    height, width = result.elites.grids.shape[-2:]
+    if grid.shape != (height, width):
+        raise InputError(f"grid: expected {height} x {width}, as the search's, got {grid.shape[0]} x {grid.shape[1]}")
+    seeds = 1 if result.elites.valid.ndim == 1 else len(result.elites.valid)
+    return evolve(0, (height, width), seeds=seeds, spec=result.spec, initial=[grid])
+
+
+def _payload(what: UserValue, tile_px: int) -> Payload:
+    if hasattr(what, "elites") and hasattr(what, "axes"):
+        return collect_result(what, tile_px=tile_px)
+    if isinstance(what, RoadMap):
+        return collect_maps([what], tile_px=tile_px)
+    if isinstance(what, str | Path):
+        return collect([Path(what)], tile_px=tile_px)
+    listed = list(what) if isinstance(what, Iterable) else []
+    if listed and all(isinstance(one, RoadMap) for one in listed):
+        return collect_maps(listed, tile_px=tile_px)
+    if listed and all(isinstance(one, str | Path) for one in listed):
+        return collect([Path(one) for one in listed], tile_px=tile_px)
+    raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+
+
+@cache
+def _widget_class() -> Untyped:
+    """Makes the widget's class: its base is there only where anywidget is."""
+    anywidget = import_optional("anywidget", "the explorer in a notebook needs anywidget")
+    traitlets = import_optional("traitlets", "the explorer in a notebook needs traitlets")
+
+    class Explorer(anywidget.AnyWidget):  # type: ignore[name-defined]
+        """The explorer of `show`."""
+
+        _esm = static_text("explorer.js")
+        _css = static_text("explorer.css")
+        values = traitlets.Dict().tag(sync=True)
+        blob = traitlets.Bytes().tag(sync=True)
+        continues = traitlets.Bool(False).tag(sync=True)
+        selected = traitlets.List(allow_none=True, default_value=None).tag(sync=True)
+        grid = traitlets.Any(default_value=None, allow_none=True).tag(
+            sync=True,
+            to_json=lambda grid, _: None if grid is None else np.asarray(grid).tolist(),
+            from_json=lambda rows, _: None if rows is None else np.array(rows, np.int8),
+        )
+
+        def __init__(self, payload: Payload, result: Untyped, tile_px: int, on_continue: _Continue) -> None:
+            super().__init__(values=payload.values, blob=payload.blob, continues=result is not None)
+            self.result = result
+            self._tile_px, self._continue = tile_px, on_continue
+            self.on_msg(self._hear)
+
+        def _hear(self, _: Untyped, content: Untyped, __: Untyped) -> None:
+            if not (isinstance(content, dict) and "continue" in content and self.result is not None):
+                return
+            try:
+                self.result = self._continue(np.array(content["continue"], np.int8), self.result)
+                payload = collect_result(self.result, tile_px=self._tile_px)
+            except Exception as error:  # else only the notebook's log would have it
+                self.send({"message": str(error)})
+                raise
+            with self.hold_sync():
+                self.values, self.blob = payload.values, payload.blob
+
+    return Explorer

@@ -1,0 +1,15 @@
+from .duckietown import from_duckietown as from_duckietown
+from .duckietown import to_duckietown as to_duckietown
+from .duckietown import without_dead_ends as without_dead_ends
+from .graph import Cell as Cell
+from .graph import reduced_graph as reduced_graph
+from .graph import tile_graph as tile_graph
+from .road_map import RoadMap as RoadMap
+from .road_map import map_to_json as map_to_json
+from .road_map import read_map as read_map
+from .sumo import Streets as Streets
+from .sumo import convert as convert
+from .sumo import write_sumo as write_sumo
+from .table import table_to_csv as table_to_csv
+from .text import LINES as LINES
+from .text import draw_text as draw_text

@@ -1,0 +1,96 @@
+"""YAML as plain lists, tables and texts, whatever its author had in mind.
+
+PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without end. Here the nesting is bounded,
+an alias is the value it names, not a copy, and scalars stay texts: no number, date or object is made of them.
+"""
+
+from collections.abc import Callable, Iterable
+
+import yaml
+
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import Plain
+
+_DEEPEST = 64
+_MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 values for all else: 3 s
+_MOST_DIRECTIVES = 16  # libyaml compares each with all before it
+
+
+def yaml_tree(text: str) -> Plain:
+    """Reads a YAML document.
+
+    Returns:
+      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no
+      meaning. A value may contain itself, where an alias says so.
+
+    Raises:
+      InputError: if it is not YAML, has several documents, is nested deeper than 64 levels or of over 1.3 million
+        values, names an anchor that is not there, or has a key that is no text or comes twice.
+    """
+    if text.startswith("%") and text.count("\n%") >= _MOST_DIRECTIVES:
+        raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")
+    try:
+        return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
+    except (yaml.YAMLError, UnicodeEncodeError) as error:
+        raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
+
+
+def _build(events: Iterable[yaml.Event]) -> Plain:
+    documents: list[Plain] = []
+    anchors: dict[str, Plain] = {}
+    add, outer = documents.append, list[Callable[[Plain], None]]()
+    values = 0
+    for event in events:
+        opened = None
+        match event:
+            case yaml.ScalarEvent():
+                value = event.value
+            case yaml.SequenceStartEvent():
+                value = []
+                opened = value.append
+            case yaml.MappingStartEvent():
+                value = {}
+                opened = _Pairs(value).add
+            case yaml.AliasEvent():
+                if event.anchor not in anchors:
+                    raise InputError(f"expected readable YAML, got an alias of nothing, *{short(event.anchor)}")
+                value = anchors[event.anchor]
+            case yaml.CollectionEndEvent():
+                add = outer.pop()
+                continue
+            case _:
+                continue
+        if documents and not outer:
+            raise InputError("expected readable YAML of one document, got several")
+        values += 1
+        if values > _MOST_VALUES:
+            raise InputError(f"expected YAML of at most {_MOST_VALUES:,} values, got more")
+        add(value)
+        if event.anchor is not None:
+            anchors[event.anchor] = value
+        if opened is not None:
+            outer.append(add)
+            add = opened
+            if len(outer) > _DEEPEST:
+                raise InputError(f"expected YAML nested up to {_DEEPEST} levels deep, got more")
+    return documents[0] if documents else None
+
+
+class _Pairs:
+    """Takes the keys and values of a table in turn."""
+
+    def __init__(self, table: dict[str, Plain]) -> None:
+        self.table = table
+        self.key: str | None = None
+
+    def add(self, item: Plain) -> None:
+        """Takes the next key or value."""
+        if self.key is not None:
+            if self.key in self.table:
+                raise InputError(f"YAML: expected each key once, got {short(self.key, 40)} twice")
+            self.table[self.key] = item
+            self.key = None
+        elif isinstance(item, str):
+            self.key = item
+        else:
+            raise InputError(f"expected readable YAML, its keys texts, got a {type(item).__name__} for a key")

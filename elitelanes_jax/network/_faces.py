@@ -1,0 +1,184 @@
+"""The planar dual: the faces that a grid's roads cut the plane into, and what follows from them.
+
+A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of corner points
+between tiles: two neighbouring corners belong to the same face where no road runs between them, and all corners on the
+border belong to the outer face.
+
+    tile --- tile     tile     tile       a road between two tiles separates the two corners beside it;
+         .       .        .               without one, both corners belong to the same face
+    tile     tile --- tile     tile
+
+Label the faces once, and by Euler's formula the counts follow exactly, with no spanning tree and no search:
+
+    cyclomatic number = faces - 1 (the outer one)
+    components        = tiles - roads + cyclomatic number
+    a road is a bridge if and only if the same face lies on both its sides
+
+Corner (r, c) lies south-east of tile (r, c) and has its place in the padded layout. The inner corners are those of rows
+0..H-2 and columns 0..W-2; every other place belongs to the outer face. So the road east of a tile separates the tile's
+corner from the one to the north, the road south of it the corner from the one to the west: each neighbour is a shift of
+one vector.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, Bool, Shaped, UInt
+
+from elitelanes_jax.network._padded_layout import Links, PaddedLayout
+from elitelanes_jax.network.materialize import batch_all
+
+# Sweeps after which long corridors get the costlier method. Random grids need fewer, 64 x 64 ones about 50.
+_PATIENCE = 60
+
+_OUTER = 0
+
+
+class Faces(NamedTuple):
+    """The faces of a grid, as vectors ``[size]`` of its layout.
+
+    Attributes:
+      first: bool, the corner is the first one of an inner face.
+      east_bridge: bool, the link to the east is a bridge.
+      south_bridge: bool, the link to the south is a bridge.
+    """
+
+    first: Bool[Array, " size"]
+    east_bridge: Bool[Array, " size"]
+    south_bridge: Bool[Array, " size"]
+
+
+def find_faces(layout: PaddedLayout, links: Links) -> Faces:
+    """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
+    labels = label_faces(layout, links)
+    corner = layout.here(labels)
+    own = layout.here(jnp.asarray(_own_labels(layout)))
+    return Faces(
+        first=(corner == own) & (own != _OUTER),
+        east_bridge=links.east & (corner == layout.north(labels)),
+        south_bridge=links.south & (corner == layout.west(labels)),
+    )
+
+
+def label_faces(layout: PaddedLayout, links: Links) -> UInt[Array, " padded"]:
+    """Labels the corners between one grid's tiles by their face: 0 for the outer one, else one number a face.
+
+    Numbers are below the length of the padded vector.
+    """
+    return _labeller(layout)(links.east, links.south)
+
+
+@cache
+def _own_labels(layout: PaddedLayout) -> np.ndarray:
+    """Returns the label that each corner starts with, on the padded layout: its own, rising, or the outer face's.
+
+    Up to 254 inner corners (16 x 16 tiles) are numbered one by one, so that a label fits a byte and a sweep is
+    cheapest. In larger grids a corner's label is its place, so that a label can be followed to its corner.
+    """
+    places = np.arange((layout.height + 2) * layout.stride)
+    rows, columns = places // layout.stride, places % layout.stride
+    inner = (rows >= 1) & (rows < layout.height) & (columns < layout.width - 1)
+    count = (layout.height - 1) * (layout.width - 1)
+    if count < np.iinfo(np.uint8).max:
+        return np.where(inner, np.cumsum(inner), _OUTER).astype(np.uint8)
+    wide = np.uint16 if places.size < np.iinfo(np.uint16).max else np.uint32
+    return np.where(inner, places, _OUTER).astype(wide)
+
+
+_Label = Callable[[Shaped[Array, "... size"], Shaped[Array, "... size"]], UInt[Array, "... padded"]]
+
+
+@cache
+def _labeller(layout: PaddedLayout) -> _Label:
+    """Makes the function from links, bool ``[..., size]``, to labels on the padded layout ``[..., padded]``.
+
+    A corner's label is the least own label of its face. The function takes leading axes itself and is its own batching
+    rule: the grids of a batch are laid end to end, as one long vector, and are done together.
+    """
+    own = _own_labels(layout)
+    stride = layout.stride
+    followable = own.dtype != np.uint8
+    closed = own.dtype.type(np.iinfo(own.dtype).max)  # or-ed onto a label it loses every comparison
+
+    def sweep(labels: Array, walls: Links, into: Array) -> Array:
+        """Gives each corner the least label among itself and its open neighbours.
+
+        Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
+        the vector belong to the outer face and stay as they are.
+        """
+        length = labels.size - 2 * stride
+
+        def cut(vector: Array, start: int) -> Array:
+            return lax.slice_in_dim(vector, start, start + length)
+
+        least = cut(labels, stride)
+        for neighbour, wall in (
+            (cut(labels, 0), cut(walls.east, stride)),  # north
+            (cut(labels, 2 * stride), cut(walls.east, 2 * stride)),  # south
+            (cut(labels, stride - 1), cut(walls.south, stride)),  # west
+            (cut(labels, stride + 1), cut(walls.south, stride + 1)),  # east
+        ):
+            least = jnp.minimum(least, neighbour | wall)
+        return lax.dynamic_update_slice(into, least, (stride,))
+
+    def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
+        """Sweeps to and fro between two vectors until they are equal, or patience ends."""
+        patience = _PATIENCE if followable else own.size
+
+        def sweep_twice(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            here, there, _, done = carry
+            there = sweep(here, walls, there)
+            here = sweep(there, walls, here)
+            # The largest difference is found faster than whether there is any.
+            return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2
+
+        def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
+            _, _, changing, done = carry
+            return changing & (done < patience)
+
+        changing = labels[:1].any() | True
+        labels, _, changing, _ = lax.while_loop(unsettled, sweep_twice, (labels, labels, changing, jnp.int32(0)))
+        return labels, changing
+
+    def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
+        """Hands each better label on to the corner that the old one names, then follows every label once.
+
+        Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea
+        of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
+        """
+        starts = jnp.repeat(jnp.arange(labels.size // own.size) * own.size, own.size)
+
+        def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
+            before, _ = carry
+            after = sweep(before, walls, before)
+            labels = after.at[starts + before].min(after)
+            return labels[starts + labels], jnp.any(before != after)
+
+        return lax.while_loop(lambda carry: carry[1], once_more, (labels, changing))[0]
+
+    @jax.custom_batching.custom_vmap
+    def label(east: Array, south: Array) -> Array:
+        batch = east.shape[:-1]
+        if 0 in batch:
+            return jnp.zeros((*batch, own.size), own.dtype)
+        ends = [(0, 0)] * len(batch) + [(stride, stride)]
+        walls = Links(
+            *(jnp.pad(jnp.where(link, closed, own.dtype.type(0)), ends).reshape(-1) for link in (east, south))
+        )
+        # Or-ed with nothing, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+        labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1) | (walls.east & 0)
+        labels, changing = propagate(labels, walls)
+        if followable:
+            labels = hook_and_jump(labels, walls, changing)
+        return labels.reshape(*batch, own.size)
+
+    @label.def_vmap
+    def _(axis_size: int, batched: list[bool], east: Array, south: Array) -> tuple[Array, bool]:
+        return label(*batch_all(axis_size, batched, (east, south))), True
+
+    return label

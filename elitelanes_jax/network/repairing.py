@@ -1,0 +1,140 @@
+"""Repair: every connection returned by the neighbour, none across the border (paper, "Constraint Repair")."""
+
+from collections.abc import Callable
+from functools import cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax.network._packed_cells import PackedCells, in_all_cells
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.materialize import batch_all, materialize
+
+_NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOUTH, WEST))
+
+
+def repair(
+    grid: AnyArray, dirty: AnyArray = None, *, raster: Numeric = False, fill: bool = False, fixed: AnyArray = None
+) -> Int8[Array, "H W"]:
+    """Matches all connections of a grid and removes those across the border.
+
+    Where two neighbours disagree about the link between them, the dirty one decides and the other's bit is flipped;
+    where both are dirty, or neither, the link is made. All 16 codes are allowed, so flipping one side breaks no other
+    link: a single pass is exact, and the iterations of the paper's loop are not needed.
+
+    Args:
+      grid: integer codes ``[H, W]``.
+      dirty: bool ``[H, W]``, the tiles that decide; none by default.
+      raster: bool, whether instead each tile decides over its neighbours to the east and south. That is what the
+        paper's loop gives when all tiles are dirty: it goes through them row by row.
+      fill: afterwards add connections to every tile with fewer than two, until all tiles are straights, turns or
+        crossings. A stub is continued straight ahead where the grid goes on. Every grid can be filled, but for those
+        one tile wide.
+      fixed: bool ``[H, W]``, tiles that stay as they are: they decide over all others, and filling adds no connection
+        to them. Tiles beside them may then be left with fewer than two. None by default.
+
+    Returns:
+      int8 ``[H, W]``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), a mask of another shape or kind, or a grid to fill that is one
+        tile wide.
+    """
+    grid = check_grid(grid)
+    if fill and min(grid.shape) < 2:
+        raise InputError(f"fill: expected a grid of at least 2 x 2, got {grid.shape[0]} x {grid.shape[1]}")
+    dirty = np.zeros(grid.shape, bool) if dirty is None else _check_mask("dirty", dirty, grid.shape)
+    return _repair(grid, dirty, raster, None if fixed is None else _check_mask("fixed", fixed, grid.shape), fill)
+
+
+def _check_mask(name: str, mask: AnyArray, shape: tuple[int, int]) -> AnyArray:
+    expected = f"{name}: expected bool of the grid's shape {shape}"
+    try:
+        array = mask if isinstance(mask, jax.Array) else np.asarray(mask)
+    except ValueError:
+        raise InputError(f"{expected}, got rows of several lengths") from None
+    if array.shape != shape or array.dtype != bool:
+        raise InputError(f"{expected}, got {array.dtype} {array.shape}")
+    return array
+
+
+@partial(jax.jit, static_argnames="fill")
+def _repair(
+    grid: Int8[Array, "H W"],
+    dirty: Bool[Array | np.ndarray, "H W"],
+    raster: Bool[ArrayLike, ""],
+    fixed: Bool[Array | np.ndarray, "H W"] | None,
+    fill: bool,
+) -> Int8[Array, "H W"]:
+    cells = PackedCells(*grid.shape)
+    rows, columns = np.indices(grid.shape)
+    room = np.where(columns < cells.width - 1, EAST, 0) | np.where(rows < cells.height - 1, SOUTH, 0)
+    fixed = np.zeros(grid.shape, bool) if fixed is None else fixed
+    words = (cells.pack(array) for array in (materialize(grid), jnp.where(dirty, 15, 0), jnp.where(fixed, 15, 0), room))
+    all_bits = jnp.broadcast_to(jnp.where(raster, np.uint32(0xFFFFFFFF), 0), cells.words)
+    return cells.unpack(_mender(cells, fill)(*words, all_bits))
+
+
+_Mender = Callable[..., UInt32[Array, " N"]]
+
+
+@cache
+def _mender(cells: PackedCells, fill: bool) -> _Mender:
+    """Makes the repair of packed cells. It takes the grids of a batch end to end, as one long vector."""
+
+    @jax.custom_batching.custom_vmap
+    def mend(grid: Array, dirty: Array, fixed: Array, room: Array, raster: Array) -> Array:
+        # A cell's own bits, east and south, stand for its links there; these are the neighbours' bits for the same.
+        theirs = (cells.following(grid, 1) & _WEST) << 2 | (cells.following(grid, cells.width) & _NORTH) >> 2
+        dirty_there, fixed_there = _at_other_end(cells, dirty), _at_other_end(cells, fixed)
+        free = ~(fixed | fixed_there)
+        wins = fixed & ~fixed_there | free & (raster | dirty & ~dirty_there)
+        loses = fixed_there & ~fixed | free & ~raster & dirty_there & ~dirty
+        links = (grid & ~loses | theirs & ~wins) & room
+        # Stored, else each of a word's eight cells would compute it.
+        return materialize(_both_ends(cells, _fill(cells, links, room & free) if fill else links))
+
+    @mend.def_vmap
+    def _(axis_size: int, batched: list[bool], *words: Array) -> tuple[Array, bool]:
+        flat = (array.reshape(-1) for array in batch_all(axis_size, batched, words))
+        return mend(*flat).reshape(axis_size, -1), True
+
+    return mend
+
+
+def _at_other_end(cells: PackedCells, masks: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    """Returns for the links to the east and south of each cell the mask of the neighbour there."""
+    return cells.following(masks, 1) & _EAST | cells.following(masks, cells.width) & _SOUTH
+
+
+def _both_ends(cells: PackedCells, links: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    """Returns the codes of tiles with links to the east and south."""
+    return links | (cells.preceding(links, 1) & _EAST) >> 2 | (cells.preceding(links, cells.width) & _SOUTH) << 2
+
+
+# What the needy cells get, stage after stage. A stub is first continued straight ahead: the roads found are better than
+# with any other first choice (measured). What is still missing is added in one direction after another: links of the
+# cell itself to the east and south, then links to the west and north, which its neighbours there hold. A cell that then
+# still lacked a connection would have fewer than two neighbours.
+_OWN = np.array([0, _EAST, _SOUTH, 0, 0], np.uint32)
+_NEIGHBOURS = np.array([_EAST | _SOUTH, 0, 0, _EAST, _SOUTH], np.uint32)
+
+
+def _fill(cells: PackedCells, links: UInt32[Array, " N"], room: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
+    def add(stage: Array, links: Array) -> Array:
+        codes = _both_ends(cells, links)
+        pairs = codes & codes >> 1 & in_all_cells(5), (codes | codes >> 1) & in_all_cells(5)
+        enough = (pairs[0] | pairs[0] >> 2 | pairs[1] & pairs[1] >> 2) & in_all_cells(1)
+        needy = (enough ^ in_all_cells(1)) * 15
+        needy = materialize(jnp.where(stage == 0, needy & codes, needy))
+        straight = jnp.where(stage == 0, (needy & _WEST) << 2 | (needy & _NORTH) >> 2, 0)
+        added = needy & jnp.asarray(_OWN)[stage] | _at_other_end(cells, needy) & jnp.asarray(_NEIGHBOURS)[stage]
+        return links | (straight | added) & room
+
+    return lax.fori_loop(0, len(_OWN), add, links)

@@ -1,0 +1,198 @@
+"""Annealing on islands: chains of grids that accept a worse grid with a falling probability, cycle after cycle.
+
+Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island copy parts of each
+other's grids; islands exchange nothing, so that they keep different grids. A cycle cools from hot to cold, then all
+chains restart from random grids, and the next cycle is half as long again: whatever the size of the grid, some cycle
+has about the right length, and no budget need be known beforehand.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, UInt32
+
+from elitelanes_jax._util.checks import none_or, whole
+from elitelanes_jax._util.config import Config, nested, static, swept
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import Numeric
+from elitelanes_jax.network.bits import exponential, randint, random_bits
+from elitelanes_jax.optimizers._moves import Mix, random_move
+from elitelanes_jax.optimizers._mutations import Move
+from elitelanes_jax.problem.problem import Problem
+
+# Temperatures are whole sixteenths of a unit of fitness; hotter ones times a random number would not fit int32.
+_PARTS, _HOTTEST = 16, 4000
+
+# The side of grid that the temperatures are given for; they grow with the sides, as straights do.
+_USUAL_SIDE = 12
+
+# Temperatures in a cycle.
+_STEPS = 256
+
+LONGEST_CYCLE = 2**22
+"""The longest cycle in steps: its product with the number of temperatures fits int32."""
+
+SMALL = 64
+"""The number of cells up to which a grid is small: there islands of one chain were found better."""
+
+# Chains of an island.
+_CHAINS = 4
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class AnnealingConfig(Config):
+    """Settings of annealing; the defaults are those of the tuned EA. A pytree.
+
+    `cycle` and the numbers of `moves` may be arrays, swept by `jax.vmap`. Temperatures are static: their table is made
+    in double precision on the host, so that it is the same on every machine.
+
+    Attributes:
+      population: the number of chains in all, each with one evaluation a step; static, a size of arrays.
+      chains: the number of chains on each island; static. By default 4, and 1 on grids of up to 64 cells, where the
+        chains of an island soon become alike.
+      hottest: temperature at the start of a cycle, in units of fitness at 12 x 12; static.
+      coldest: temperature at its end; static.
+      cycle: steps of the first cycle; by default 5/32 of the square of the number of cells.
+      moves: the mix of moves.
+    """
+
+    population: int = static(32, whole(1))
+    chains: int | None = static(None, none_or(whole(1)))
+    hottest: int = static(60, whole(1, _HOTTEST))
+    coldest: int = static(18, whole(1))
+    cycle: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(1)))
+    moves: Mix = nested(Mix)
+
+    def check_together(self) -> None:
+        """Checks that islands share the chains evenly, and that chains cool."""
+        chains = self.chains or _CHAINS
+        if self.population % chains:
+            raise InputError(
+                f"expected a population that is a multiple of the {chains} chains of an island, got {self.population}"
+            )
+        if self.coldest > self.hottest:
+            raise InputError(f"expected coldest <= hottest, got {self.coldest} and {self.hottest}")
+
+    def chains_on(self, shape: tuple[int, int]) -> int:
+        """Returns the number of chains of an island on grids of a shape."""
+        return self.chains or (1 if shape[0] * shape[1] <= SMALL else _CHAINS)
+
+    def first_cycle(self, shape: tuple[int, int]) -> Numeric:
+        """Returns the steps of the first cycle on grids of a shape: an int, or an array where `cycle` is one."""
+        if self.cycle is None:
+            return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
+        return min(self.cycle, LONGEST_CYCLE) if isinstance(self.cycle, int) else self.cycle
+
+
+class Cooling(NamedTuple):
+    """The place of a run in its cycle.
+
+    Attributes:
+      step: int32, of the cycle, 0 at its start.
+      length: int32, steps of the cycle.
+    """
+
+    step: Int32[Array, "..."]
+    length: Int32[Array, "..."]
+
+    @staticmethod
+    def first(config: AnnealingConfig, shape: tuple[int, int]) -> "Cooling":
+        """Returns the place at which a run begins, with random grids."""
+        return Cooling(jnp.int32(1), jnp.asarray(config.first_cycle(shape), jnp.int32))
+
+    @property
+    def begins(self) -> Bool[Array, "..."]:
+        """Bool: whether the coming step is the first of a cycle."""
+        return self.step == 0
+
+    def after(self, *, grows: bool) -> "Cooling":
+        """Returns the place after one more step; if cycles grow, the next one is half as long again."""
+        ends = self.step + 1 >= self.length
+        longer = jnp.minimum(self.length + self.length // 2, LONGEST_CYCLE) if grows else self.length
+        return Cooling(jnp.where(ends, 0, self.step + 1), jnp.where(ends, longer, self.length))
+
+    def temperature(self, hottest: int, coldest: int, shape: tuple[int, int]) -> Int32[Array, "..."]:
+        """Returns the temperature in sixteenths of a unit of fitness: it falls by equal factors.
+
+        Args:
+          hottest: at the start of a cycle, in units of fitness at 12 x 12.
+          coldest: at its end.
+          shape: (height, width) of the grids.
+        """
+        fall = (coldest / hottest) ** (np.arange(_STEPS) / (_STEPS - 1))
+        table = np.rint(_PARTS * hottest * max(shape) / _USUAL_SIDE * fall)
+        table = np.clip(table, 1, _PARTS * _HOTTEST).astype(np.int32)
+        return jnp.asarray(table)[self.step * _STEPS // self.length]
+
+
+def metropolis_accepts(
+    bits: UInt32[Array, "..."],
+    temperature: Int32[Array, "..."],
+    before: Int32[Array, "..."],
+    after: Int32[Array, "..."],
+) -> Bool[Array, "..."]:
+    """Tells whether a chain takes a grid of fitness `after` in place of one of `before`, in whole numbers.
+
+    By Metropolis' rule a grid that is no worse is always taken, one that is worse by d with probability
+    exp(-d / temperature).
+    """
+    return after - before <= temperature * (exponential(bits) >> 2) >> 14
+
+
+class StepBits(NamedTuple):
+    """The random bits of one step, for each of C chains.
+
+    Attributes:
+      accept: uint32 ``[C]``, for `metropolis_accepts`.
+      mate: uint32 ``[C]``, for the choice of a mate.
+      fresh: uint32 ``[C]``, for a random grid.
+      extra: uint32 ``[C, extra]``, for what a method has beside.
+      move: uint32 ``[C, bits]``, for the move.
+    """
+
+    accept: UInt32[Array, " C"]
+    mate: UInt32[Array, " C"]
+    fresh: UInt32[Array, " C"]
+    extra: UInt32[Array, "C extra"]
+    move: UInt32[Array, "C bits"]
+
+    @staticmethod
+    def draw(key: Key[Array, ""], chains: int, move: Move, *, extra: int = 0) -> "StepBits":
+        """Draws the bits; the key is consumed."""
+        first = 3 + extra
+        bits = random_bits(key, (chains, first + move.bits))
+        return StepBits(bits[:, 0], bits[:, 1], bits[:, 2], bits[:, 3:first], bits[:, first:])
+
+
+def problem_move(problem: Problem, mix: Mix) -> Move:
+    """Returns the random move of a mix that suits a problem's repair."""
+    return random_move(mix, fill=problem.fill, fixed=problem.fixed)
+
+
+def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains: int) -> Int8[Array, "C H W"]:
+    """Draws for each chain's grid one of its own island, perhaps itself."""
+    first = np.arange(len(grids)) // chains * chains
+    return grids[first + randint(bits, chains)]
+
+
+def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
+    """Makes a random grid of the alphabet from 32 random bits, to be repaired in raster order.
+
+    It costs so little that every step makes one for each chain: where all seeds of a run are one computation, a branch
+    that is seldom taken is always paid for.
+
+    Args:
+      problem: whose shape and alphabet are taken.
+      bits: uint32.
+    """
+    codes = jnp.asarray(problem.alphabet, jnp.int8)
+    cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
+    mixed = bits + cells * np.uint32(0x9E3779B9)
+    # The finaliser of MurmurHash3 (A. Appleby): every bit of the input and of the cell's number reaches every other.
+    for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
+        mixed = (mixed ^ mixed >> shift) * np.uint32(factor)
+    return codes[randint(mixed ^ mixed >> 16, codes.size)]

@@ -1,0 +1,42 @@
+"""The evolutionary algorithm (paper, section "Evolutionary Algorithm with MAP-Elites", without the archive)."""
+
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.optimizers._mutations import paper_mutation
+from elitelanes_jax.optimizers._population import (
+    EvolutionConfig,
+    Population,
+    breed,
+    random_population,
+    survivors,
+    tournament,
+)
+from elitelanes_jax.optimizers.base import Info, Optimizer, as_elites
+from elitelanes_jax.problem.problem import Problem
+
+
+def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
+    """Makes an evolutionary algorithm; its state is the `Population`, sorted, best first.
+
+    Args:
+      problem: with a shape, an alphabet and a fitness.
+      config: the defaults are the preset `paper`.
+
+    Raises:
+      InputError: for a setting out of its range.
+    """
+    config = config.checked()
+    mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
+
+    def init(key: Array) -> Population:
+        return random_population(problem, key, config.population)
+
+    def step(key: Array, state: Population) -> tuple[Population, Info]:
+        bits = random_bits(key, (config.offspring, config.tournament + mutation.bits))
+        parents = tournament(bits[:, : config.tournament], state)
+        state = survivors(config, state, breed(problem, mutation, bits[:, config.tournament :], parents))
+        return state, Info(best_fitness=state.fitness[0], elite_count=jnp.int32(config.population))
+
+    return Optimizer(init, step, as_elites, evaluations_per_step=config.offspring)

@@ -1,0 +1,119 @@
+"""Particle swarm optimisation over tile probabilities (paper, section "Particle Swarm Optimization").
+
+A particle has a position and a velocity for every tile and every code that the tile may take. Tiles are drawn from the
+softmax of the velocities, and the grid is repaired. Positions and velocities are fixed-point numbers: sums and products
+of whole numbers are the same bit for bit on every machine and in every batch, those of floats are not.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Int32, Real
+
+from elitelanes_jax._util.checks import real, whole
+from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, symmetric_uniform
+from elitelanes_jax.network.fixed_point import UNIT, multiply, to_fixed
+from elitelanes_jax.optimizers._population import Population, evaluate, select
+from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, as_elites
+from elitelanes_jax.problem.problem import Problem
+
+# Differences of positions and positions themselves are held within these; products then fit int32. In the paper's
+# settings no difference comes near.
+_FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PsoConfig(Config):
+    """Settings; the defaults are the preset `paper`. A pytree: all but `particles` may be swept by `jax.vmap`.
+
+    Attributes:
+      particles: how many, and how many grids a step evaluates; static, a size of arrays.
+      inertia: w, the part of a velocity that remains, 0 to 3.
+      cognitive: c1, the pull towards a particle's own best position, 0 to 3.
+      social: c2, the pull towards the best position of all, 0 to 3.
+      fastest: the largest velocity, either way, 0 to 16.
+      start: velocities start between minus this and this, 0 to 16.
+    """
+
+    particles: int = static(40, whole(1))
+    inertia: Real[ArrayLike, "..."] = swept(0.7, real(0, 3))
+    cognitive: Real[ArrayLike, "..."] = swept(1.5, real(0, 3))
+    social: Real[ArrayLike, "..."] = swept(1.5, real(0, 3))
+    fastest: Real[ArrayLike, "..."] = swept(4.0, real(0, 16))
+    start: Real[ArrayLike, "..."] = swept(0.1, real(0, 16))
+
+
+class PsoState(NamedTuple):
+    """The state that is carried from step to step.
+
+    Attributes:
+      position: int32 ``[P, K, H, W]``, of the particles, for each of K codes, in units of 1 / `UNIT`.
+      velocity: int32 ``[P, K, H, W]``, in the same units.
+      best_position: int32 ``[P, K, H, W]``, the position of each particle when it found its best grid.
+      best: these grids and their evaluation, in the particles' order.
+    """
+
+    position: Int32[Array, "P K H W"]
+    velocity: Int32[Array, "P K H W"]
+    best_position: Int32[Array, "P K H W"]
+    best: Population
+
+
+def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
+    """Makes particle swarm optimisation; its elites are the particles' best grids.
+
+    Args:
+      problem: with a shape, an alphabet and a fitness.
+      config: the defaults are the preset `paper`.
+
+    Raises:
+      InputError: for a setting out of its range.
+    """
+    config = config.checked()
+    codes = jnp.array(problem.alphabet, jnp.int8)
+    shape = (config.particles, codes.size, *problem.shape)
+    inertia, cognitive, social = to_fixed(config.inertia), to_fixed(config.cognitive), to_fixed(config.social)
+    fastest, spread = to_fixed(config.fastest), to_fixed(config.start)
+
+    def draw(key: Array, velocity: Array) -> Population:
+        bits = random_bits(key, (config.particles, *problem.shape))
+        drawn = codes[jax.vmap(categorical)(bits, velocity)]
+        return evaluate(problem, jax.vmap(problem.repair_raster)(drawn))
+
+    def init(key: Array) -> PsoState:
+        first, second = jax.random.split(key)
+        velocity = multiply(symmetric_uniform(first, shape), spread)
+        position = jnp.zeros(shape, jnp.int32)
+        return PsoState(position, velocity, position, draw(second, velocity))
+
+    def step(key: Array, state: PsoState) -> tuple[PsoState, Info]:
+        first, second = jax.random.split(key)
+        position, velocity, best_position, best = state
+        luck = random_bits16(first, (2, config.particles, 1, 1, 1)) // 16
+
+        def pull(strength: Array, target: Array) -> Array:
+            return multiply(jnp.clip(target - position, -_FARTHEST_PULL, _FARTHEST_PULL), strength)
+
+        velocity = (
+            multiply(velocity, inertia)
+            + pull(multiply(luck[0], cognitive), best_position)
+            + pull(multiply(luck[1], social), best_position[jnp.argmin(best.fitness)])
+        )
+        velocity = jnp.clip(velocity, -fastest, fastest)
+        position = jnp.clip(position + velocity, -_FARTHEST, _FARTHEST)
+        found = draw(second, velocity)
+
+        better = found.fitness < best.fitness
+        best_position = jnp.where(better[:, None, None, None], position, best_position)
+        best = select(better, found, best)
+        info = Info(best_fitness=best.fitness.min(), elite_count=jnp.int32(config.particles))
+        return PsoState(position, velocity, best_position, best), info
+
+    def elites(state: PsoState) -> Elites:
+        return as_elites(state.best)
+
+    return Optimizer(init, step, elites, evaluations_per_step=config.particles)

@@ -1,0 +1,70 @@
+"""All flawless fillings of a small window, by the links that lead out of it.
+
+A window is flawless if its links match, no tile has a single connection, no two turns share a side and no two crossings
+are linked. A few thousand fillings of 3 x 3 tiles are.
+"""
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int32
+
+from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST
+
+
+class Fillings(NamedTuple):
+    """The flawless fillings of windows of h x w tiles.
+
+    They are sorted by their border, a number of 2 (h + w) bits: the links that lead out of the window to the north and
+    to the south, both from west to east, then those to the west and to the east, both from north to south.
+
+    Attributes:
+      first: int32 ``[2^(2 (h + w)) + 1]``, the first filling of each border, and how many there are in all.
+      rows: int32 ``[F, h]``, of each filling the rows, four bits a tile, the westernmost lowest.
+    """
+
+    first: Int32[np.ndarray, " B"]
+    rows: Int32[np.ndarray, "F h"]
+
+
+@cache
+def flawless_fillings(height: int, width: int, *, empty: bool) -> Fillings:
+    """Lists the flawless fillings of a window.
+
+    Args:
+      height: in tiles.
+      width: in tiles.
+      empty: whether cells may be empty.
+    """
+    codes = np.array([code for code in range(16) if code.bit_count() > 1 or (empty and not code)])
+    beside, below = _fitting(EAST, WEST), _fitting(SOUTH, NORTH)
+    rows = codes[:, None]
+    for _ in range(width - 1):
+        rows = _extended(rows, codes[:, None], beside[rows[:, -1:], codes])
+    under = np.logical_and.reduce([below[rows[:, [column]], rows[:, column]] for column in range(width)])
+    numbers = np.arange(len(rows))
+    windows = numbers[:, None]
+    for _ in range(height - 1):
+        windows = _extended(windows, numbers[:, None], under[windows[:, -1]])
+    tiles = rows[windows]
+    sides = tiles[:, 0] & NORTH, tiles[:, -1] & SOUTH, tiles[:, :, 0] & WEST, tiles[:, :, -1] & EAST
+    links = np.concatenate([side > 0 for side in sides], axis=1)
+    border = (links << np.arange(2 * (height + width))).sum(axis=1)
+    order = np.argsort(border, kind="stable")
+    first = np.searchsorted(border[order], np.arange(2 ** (2 * (height + width)) + 1))
+    packed = (tiles << 4 * np.arange(width)).sum(axis=-1)
+    return Fillings(first.astype(np.int32), packed[order].astype(np.int32))
+
+
+def _fitting(forth: int, back: int) -> Bool[np.ndarray, "16 16"]:
+    """Tells which codes may stand beside each other, the second on the side `forth` of the first."""
+    one, other = np.indices((16, 16))
+    turns, crossings = (np.isin([one, other], codes).all(axis=0) for codes in (KINDS["turn"], CROSSINGS))
+    linked = one & forth > 0
+    return (linked == (other & back > 0)) & ~turns & ~(crossings & linked)
+
+
+def _extended(before: np.ndarray, more: np.ndarray, fits: Bool[np.ndarray, "A B"]) -> np.ndarray:
+    one, other = np.nonzero(fits)
+    return np.concatenate([before[one], more[other]], axis=1)

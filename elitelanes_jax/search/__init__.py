@@ -1,0 +1,5 @@
+"""A search: its settings, the run itself, its result, and the choice of maps among what it found."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,11 @@
+from ._devices import spread as spread
+from ._islands import evolve_islands as evolve_islands
+from .compile_cache import use_compile_cache as use_compile_cache
+from .elites import MeasuredElites as MeasuredElites
+from .evolution import evolve as evolve
+from .result import History as History
+from .result import Result as Result
+from .result import RunState as RunState
+from .result import SearchInterrupted as SearchInterrupted
+from .selection import without_flaws as without_flaws
+from .spec import SearchSpec as SearchSpec

@@ -1,0 +1,159 @@
+"""One search on many hosts: islands, each a whole MAP-Elites, that exchange their elites."""
+
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import PartitionSpec
+from jaxtyping import Array, Key
+
+from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.config import Config
+from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax.network.checks import check_shape
+from elitelanes_jax.optimizers.base import Elites, Optimizer
+from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.problem.archive import Archive, keep_best
+from elitelanes_jax.problem.extras import Kernel
+from elitelanes_jax.search.evolution import Program, as_measured, check_keys, prepare
+from elitelanes_jax.search.result import History, Result, RunState
+from elitelanes_jax.search.spec import SearchSpec
+
+_AXIS = "islands"
+
+
+def evolve_islands(
+    key: int | Key[Array, ""] = 0,
+    shape: tuple[int, int] = (12, 12),
+    *,
+    islands: int,
+    every: int = 200,
+    spec: SearchSpec = SearchSpec(),
+    config: Config | None = None,
+    features: Mapping[str, Kernel] | None = None,
+    progress: bool | None = None,
+    **options: UserValue,
+) -> Result:
+    """Evolves road networks on islands that share what they find: one search for all devices of all hosts.
+
+    Each island is a MAP-Elites of its own, with the key ``fold_in(key, island)``. After every few generations all
+    islands take over the best elite of each niche where it is better than their own (island model: Tanese, "Distributed
+    genetic algorithms", 1989).
+
+    With `jax.distributed.initialize`, call it in every process with the same arguments: the islands are spread over the
+    devices of all processes, and each process returns the same result. It is the same, bit for bit, on any number of
+    devices and processes.
+
+    Args:
+      key: one `jax.random.key`, or a whole number, the same in all processes.
+      shape: (height, width) of the grids, each at least 2.
+      islands: how many, a multiple of the number of devices.
+      every: generations from one exchange to the next.
+      spec: the search; its budget is that of each island.
+      config: settings of MAP-Elites in place of a preset's.
+      features: measures of your own, as in `evolve`.
+      progress: as in `evolve`; in the first process alone.
+      **options: fields of `SearchSpec`, in place of those of `spec`.
+
+    Returns:
+      The best elite of each niche, as of one seed. The history has a row for each exchange; its evaluations and their
+      speed are those of all islands. There is no state to continue from.
+
+    Raises:
+      InputError: for an argument out of its range, a method without an archive, or islands that cannot be spread
+        evenly.
+    """
+    keys, single = check_keys(jax.random.key(key) if is_whole(key) else key, None)
+    if not single:
+        raise InputError(f"key: expected one key for all islands, got {many(keys.size, 'key')}")
+    shape = check_shape(shape, new=True)
+    spec, _, program, numbers = prepare(spec, shape, config, None, features, options)
+    check_named("islands", whole(1), islands)
+    check_named("every", whole(1), every)
+    devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
+    if islands % len(devices):
+        raise InputError(f"islands: expected a multiple of {many(len(devices), 'device')}, got {islands}")
+    optimizer = program.optimizer(numbers)
+    if optimizer.receive is None:
+        raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")
+    return _evolve(keys[0], islands, every, devices, program, spec, optimizer, progress)
+
+
+def _evolve(
+    key: Key[Array, ""],
+    islands: int,
+    every: int,
+    devices: list[jax.Device],
+    program: Program,
+    spec: SearchSpec,
+    optimizer: Optimizer,
+    progress: bool | None,
+) -> Result:
+    per_step = optimizer.evaluations_per_step * islands
+    last = spec.steps(optimizer.evaluations_per_step)
+    first_states, stretch = _compiled(optimizer, jax.random.key_data(key), islands, every, devices)
+    rows: list[History] = []
+    done, shown = 0, progress if jax.process_index() == 0 else False
+    with Progress(f"{spec.method} {program.shape[0]}x{program.shape[1]}", last, "generations", shown=shown) as bar:
+        with bar.doing("compiling"):
+            states, found = first_states()
+        while done < last:
+            began, count = time.perf_counter(), min(every, last - done)
+            states, found = stretch(states, np.int32(done + 1), np.int32(done + count))
+            done += count
+            rows.append(_row(_local(found), done, per_step, per_step * count, began))
+            bar.update(done, f"best {rows[-1].best_fitness[-1]:,}, {rows[-1].elite_count[-1]:,} elites")
+    history = History.joined([History.empty(), *rows])
+    elites = as_measured(program, _local(found))
+    return Result(elites, history, RunState(np.array(done, np.int32), (), np.zeros((), np.uint32)), spec, program.axes)
+
+
+def _compiled(
+    optimizer: Optimizer, key: Pytree, islands: int, every: int, devices: list[jax.Device]
+) -> tuple[Callable[..., Pytree], Callable[..., Pytree]]:
+    """Returns the two programs, of the first populations and of the generations up to an exchange.
+
+    Each returns the states of all islands, spread over the devices, and the elites that all have in common.
+    """
+    mesh = jax.make_mesh((len(devices),), (_AXIS,), devices=devices, axis_types=(jax.sharding.AxisType.Auto,))
+    split, same = PartitionSpec(_AXIS), PartitionSpec()
+    each = islands // len(devices)
+
+    def keys() -> Array:
+        island = jax.lax.axis_index(_AXIS) * each + jnp.arange(each)
+        return jax.vmap(partial(jax.random.fold_in, jax.random.wrap_key_data(key)))(island)
+
+    def exchange(states: Pytree) -> tuple[Pytree, Elites]:
+        found = jax.vmap(optimizer.elites)(states)
+        everyone = jax.lax.all_gather(Archive(*found[:3]), _AXIS, tiled=True)
+        best = keep_best(everyone)
+        elites = Elites(*best, valid=best.valid)
+        assert optimizer.receive is not None
+        return jax.vmap(optimizer.receive, (0, None))(states, elites), elites
+
+    def begin() -> tuple[Pytree, Elites]:
+        return exchange(start(optimizer, keys()))
+
+    def go_on(states: Pytree, first: Array, last: Array) -> tuple[Pytree, Elites]:
+        return exchange(advance(optimizer, keys(), states, first, last, most=every)[0])
+
+    spread = partial(jax.shard_map, mesh=mesh, out_specs=(split, same), check_vma=False)
+    return jax.jit(spread(begin, in_specs=())), jax.jit(spread(go_on, in_specs=(split, same, same)))
+
+
+def _local(elites: Elites) -> Elites:
+    """Returns this process's copy of what all devices have."""
+    return jax.tree.map(lambda array: jnp.asarray(np.asarray(array.addressable_data(0))), elites)
+
+
+def _row(found: Elites, generation: int, per_step: int, evaluated: int, began: float) -> History:
+    best, count = np.asarray(found.fitness).min(keepdims=True), np.asarray(found.valid).sum(keepdims=True)
+    speed = evaluated / (time.perf_counter() - began)
+    return History(
+        np.array([generation]), np.array([generation * per_step]), best, count.astype(np.int32), np.array([speed])
+    )

@@ -1,0 +1,30 @@
+"""A cache of compiled programs on disk: only the first run on a machine waits for the compiler."""
+
+import os
+from pathlib import Path
+
+import jax
+
+
+def use_compile_cache() -> Path | None:
+    """Keeps compiled programs on disk: a program that was compiled once is loaded within a second from then on.
+
+    They are kept in the folder ``elitelanes_jax`` of the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``, unless
+    JAX's own setting, such as the variable JAX_COMPILATION_CACHE_DIR, names another one. It changes JAX's settings for
+    the whole process: call it in programs, not in libraries.
+
+    Returns:
+      The folder, or None where none can be written to: the programs are then compiled each time.
+    """
+    if named := jax.config.values.get("jax_compilation_cache_dir"):
+        return Path(named)
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
+        cache.mkdir(parents=True, exist_ok=True)
+    except (OSError, RuntimeError):  # RuntimeError where there is no home
+        return None
+    if not os.access(cache, os.W_OK | os.X_OK):
+        return None
+    jax.config.update("jax_compilation_cache_dir", str(cache))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    return cache

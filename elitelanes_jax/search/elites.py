@@ -1,0 +1,52 @@
+"""The elites of a search, with all that was measured of them."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Bool, Int8, Int32
+
+from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.problem.constraints import Range, satisfies
+
+
+class MeasuredElites(NamedTuple):
+    """The grids that a run has found, in N places, some of which may be vacant.
+
+    Attributes:
+      grids: int8 ``[N, H, W]``.
+      fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
+      descriptor: int32 ``[N, D]``, the values of the axes' metrics.
+      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
+      metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
+      features: int32 ``[N]`` by name, the extra features that the search measured, shares in thousandths.
+    """
+
+    grids: Int8[Array, "*S N H W"]
+    fitness: Int32[Array, "*S N"]
+    descriptor: Int32[Array, "*S N D"]
+    valid: Bool[Array, "*S N"]
+    metrics: Metrics
+    features: dict[str, Int32[Array, "*S N"]]
+
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return in_short(self)
+
+    def measures(self) -> dict[str, np.ndarray]:
+        """Returns the metrics and the extra features by name, as arrays of NumPy."""
+        return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
+
+    def satisfies(self, where: Sequence[Range]) -> Bool[np.ndarray, "*S N"]:
+        """Tells which elites are in all the ranges, exactly."""
+        return np.asarray(self.valid) & satisfies(self.measures(), where)
+
+
+def in_short(record: Pytree) -> str:
+    """Returns the fields of a record of arrays, each with its type and shape, in a line."""
+    fields = (
+        f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
+        for name, value in record._asdict().items()
+    )
+    return f"{type(record).__name__}({', '.join(fields)})"

@@ -1,0 +1,92 @@
+"""Settings of a search for maps like given ones: their features become ranges and axes."""
+
+from collections.abc import Sequence
+from math import ceil, floor
+
+import numpy as np
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Plain
+from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.plain_town import cut_to_roads, plain_town
+from elitelanes_jax.network.symmetry import mirror, rotate
+from elitelanes_jax.problem.rules import RULES
+from elitelanes_jax.search.style import read_style
+
+# The features that make maps alike, those with axes first; and the least that a range leaves on either side, a part of
+# 1 or a ratio: so much do maps of one hand differ.
+_SPREAD = ("loops_per_tile", "turn_share", "box_fill", "symmetry")
+_HELD = ("crossing_share", "adjacent_turns_per_tile")
+_LEAST = {"loops_per_tile": 0.02, "crossing_share": 0.04}
+_USUAL_LEAST, _BINS = 0.1, 4
+
+
+def ranges_like() -> frozenset[str]:
+    """Returns the features of which `settings_like` gives ranges."""
+    return frozenset((*_SPREAD, *_HELD))
+
+
+def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
+    """Returns the settings of a search for maps like given ones, of any size.
+
+    The lowest and the highest value of each feature among the maps are the range of what is searched for, wider by a
+    quarter of their spread, and at least a little, on either side; axes spread the niches over these ranges. If all
+    given maps keep Duckietown's rules, so do the maps that are searched for.
+
+    Args:
+      grids: integer codes ``[H, W]``, one or more, with roads.
+    """
+    rows = []
+    for grid in grids:
+        cut = cut_to_roads(np.asarray(grid, np.int8))
+        if not cut.any():
+            raise InputError("like: expected maps with roads, got one without")
+        metrics = plain_measure(cut)
+        shares = {name: metrics[of] / metrics["tiles"] for name, of in _COUNTED.items()}
+        rows.append({name: value / 1000 for name, value in plain_town(cut).items()} | shares | metrics)
+    where, axes = {}, []
+    for name in (*_SPREAD, *_HELD):
+        values = [float(row[name]) for row in rows]
+        low, high = min(values), max(values)
+        margin = max((high - low) / 4, _LEAST.get(name, _USUAL_LEAST))
+        most = 10.0 if name in ("loops_per_tile", "adjacent_turns_per_tile") else 1.0
+        first, last = floor(1000 * max(low - margin, 0)), ceil(1000 * min(high + margin, most))
+        where[name] = (first / 1000, last / 1000)
+        if name in _SPREAD:
+            axes.append({"metric": name, "bins": _BINS, "width": -(-(last - first) // _BINS), "start": first})
+    town = read_style("town")
+    kept = all(not row[name] for row in rows for name in RULES["duckietown"].forbidden)
+    targets = {name: [float(row[name]) for row in rows] for name in (*_SPREAD, *_HELD, "straight_share")}
+    return {
+        "preset": town["preset"],
+        "rules": "duckietown" if kept else None,
+        "weights": town["weights"],
+        "where": where,
+        "axes": axes,
+        "targets": targets,
+    }
+
+
+_COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
+
+
+def difference_from(grid: AnyArray, given: Sequence[AnyArray]) -> float:
+    """Returns the share of cells in which a map differs from the nearest of given ones, however that is turned.
+
+    Both are cut to their roads; the smaller box lies in the north-west of one as large as both.
+    """
+    own = cut_to_roads(np.asarray(grid, np.int8))
+    images = [
+        rotate(side, turns)
+        for one in given
+        for cut in [cut_to_roads(np.asarray(one, np.int8))]
+        for side in (cut, mirror(cut))
+        for turns in range(4)
+    ]
+    return min(_difference(own, image) for image in images)
+
+
+def _difference(one: AnyArray, other: AnyArray) -> float:
+    shape = np.maximum(one.shape, other.shape)
+    laid = [np.pad(codes, [(0, int(more)) for more in shape - codes.shape]) for codes in (one, other)]
+    return float((laid[0] != laid[1]).mean())

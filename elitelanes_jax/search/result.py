@@ -1,0 +1,332 @@
+"""The result of a search, and the file that it is saved in."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
+
+from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
+from elitelanes_jax._util.version import __version__
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.checks import LONGEST_SIDE
+from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.constraints import parse_ranges
+from elitelanes_jax.problem.descriptor import Axis, parse_axes
+from elitelanes_jax.problem.extras import measure_missing
+from elitelanes_jax.search.elites import MeasuredElites, in_short
+from elitelanes_jax.search.selection import LEAST_DIFFERENT, Choice, choose_maps
+from elitelanes_jax.search.spec import SearchSpec
+
+_FORMAT = "elitelanes result, version 1"
+
+# The arrays of a file: dtype, and axes: S for the seeds, which a search with one key alone has not, N for the places of
+# elites, H and W for rows and columns, D for the descriptor's axes, G for generations.
+_ELITES = {
+    "grids": ("int8", "SNHW"),
+    "fitness": ("int32", "SN"),
+    "descriptor": ("int32", "SND"),
+    "valid": ("bool", "SN"),
+}
+_HISTORY = {"generation": ("int64", "G"), "evaluations": ("int64", "G"), "best_fitness": ("int32", "SG")}
+_HISTORY |= {"elite_count": ("int32", "SG"), "evaluations_per_second": ("float64", "G")}
+_METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "SN") for name in Metrics._fields}
+_ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
+_SPEED, _STATE, _EXTRA = "history.evaluations_per_second", "state.", "features."
+_OF_EXTRA = ("int32", "SN")
+
+
+class History(NamedTuple):
+    """A run by generation, as NumPy arrays.
+
+    Attributes:
+      generation: int ``[G]``, counted from 1.
+      evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
+      best_fitness: int32 ``[G]``, the lowest among the elites.
+      elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method keeps.
+      evaluations_per_second: float ``[G]``, of all seeds together, measured.
+    """
+
+    generation: Int[np.ndarray, " G"]
+    evaluations: Int[np.ndarray, " G"]
+    best_fitness: Int32[np.ndarray, "*S G"]
+    elite_count: Int32[np.ndarray, "*S G"]
+    evaluations_per_second: Float[np.ndarray, " G"]
+
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return in_short(self)
+
+    @property
+    def seconds(self) -> float:
+        """The seconds that the generations took, of all seeds together, without compilation."""
+        seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
+        return float((np.diff(self.evaluations, prepend=0) * seeds / self.evaluations_per_second).sum())
+
+    @classmethod
+    def empty(cls, *seeds: int) -> "History":
+        """Makes the history of no generations; of several seeds where their number is given."""
+        numbers, values = np.arange(0), np.zeros((*seeds, 0), np.int32)
+        return cls(numbers, numbers, values, values, np.zeros(0))
+
+    @classmethod
+    def joined(cls, parts: "Sequence[History]") -> "History":
+        """Joins the histories of generations one after another."""
+        return cls(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+
+
+class RunState(NamedTuple):
+    """The state that a run continues from, beside its key and settings; arrays only.
+
+    Attributes:
+      generation: int32, generations done.
+      inner: the optimiser's own state; in a loaded result its arrays in a row, from which `evolve` continues as well.
+      fingerprint: uint32, of the key and the settings, against continuing with others by mistake.
+    """
+
+    generation: Int32[Array | np.ndarray, ""]
+    inner: Pytree
+    fingerprint: UInt32[Array | np.ndarray, ""]
+
+    def __repr__(self) -> str:
+        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        return in_short(self)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Result:
+    """The result of `evolve`; a pytree.
+
+    Attributes:
+      elites: the grids found, with their metrics.
+      history: of the generations of this call.
+      state: to continue from.
+      spec: of the search.
+      axes: of the descriptor.
+    """
+
+    elites: MeasuredElites
+    history: History
+    state: RunState
+    spec: SearchSpec = field(metadata={"static": True})
+    axes: tuple[Axis, ...] = field(metadata={"static": True})
+
+    def best(self) -> Int8[Array, "*S H W"]:
+        """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
+        ranked = jnp.where(self.elites.valid, self.elites.fitness, VACANT)
+        place = jnp.argmin(ranked, axis=-1)[..., None, None, None]
+        return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
+
+    def satisfies(self) -> Bool[np.ndarray, "*S N"]:
+        """Tells which elites are in all the ranges of the specification, exactly."""
+        return self.elites.satisfies(self.spec.where)
+
+    def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
+        """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
+
+        Args:
+          count: the most maps; fewer are returned where there are no more.
+          where: ranges that the maps are in, as `evolve` takes them, beside those of the search; one of a feature that
+            the search has a range of takes its place.
+          seed: of the run, to be noted in the maps.
+
+        Returns:
+          Maps with their metrics, sorted by niche, within one by fitness; see `choose_maps`.
+
+        Raises:
+          InputError: for a bad count or range.
+        """
+        ranges = {item.name: item for item in (*self.spec.where, *parse_ranges(where, self.spec.features))}
+        elites = self.elites
+        if elites.valid.ndim == 1:
+            elites = jax.tree.map(lambda array: array[None], elites)
+        features: dict[str, AnyArray] = dict(measure_missing(elites.features, ranges, elites.grids))
+        elites = elites._replace(features=features)
+        result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
+        return result.choose(check_named("count", whole(1), count), seed).maps
+
+    def choose(
+        self,
+        count: int,
+        seed: int = 0,
+        *,
+        known: Sequence[Int8[np.ndarray, "H W"]] = (),
+        least: Sequence[float] = LEAST_DIFFERENT,
+    ) -> Choice:
+        """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
+        return choose_maps(self.elites, self.spec, self.axes, count, seed, known=known, least=least)
+
+    def __repr__(self) -> str:
+        """Returns what was searched for and what was found, in a few lines."""
+        fitness, (height, width) = self.elites.fitness, self.elites.grids.shape[-2:]
+        if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
+            return f"Result(elites={self.elites!r}, spec={self.spec!r})"
+        valid, seeds = np.asarray(self.elites.valid), 1 if fitness.ndim == 1 else len(fitness)
+        best = f"the best with fitness {np.asarray(fitness)[valid].min()}" if valid.any() else "none valid"
+        spent = self.history.evaluations[-1] if len(self.history.evaluations) else 0
+        axes = " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.axes)
+        where = " ".join(map(str, self.spec.where))
+        return "\n".join(
+            [
+                f"Result of {self.spec.method}, preset {self.spec.preset}: {height} x {width} tiles, "
+                f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
+                f"  elites   {valid.sum():,} in {valid.size:,} places, {best}",
+                f"  axes     {axes}",
+                *([f"  where    {where}"] if where else []),
+                "  fields   elites, history, state, spec, axes",
+                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path); satisfies()",
+            ]
+        )
+
+    def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
+        """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, settings as JSON in it.
+
+        Args:
+          path: the file, with whatever ending; one that exists is replaced.
+          state: whether to write the state and the measured speeds too. Without them equal searches give equal bytes.
+          seed: that the keys were made from, to be noted in the file.
+
+        Raises:
+          InputError: for a state with other leaves than arrays of numbers, which an optimiser of one's own may have.
+          OSError: that names the file, if it cannot be written.
+        """
+        elites = self.elites._asdict()
+        arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
+        arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
+        arrays |= {f"history.{name}": values for name, values in self.history._asdict().items()}
+        arrays = {name: np.asarray(values, _ARRAYS.get(name, _OF_EXTRA)[0]) for name, values in arrays.items()}
+        arrays["axes"] = np.array([axis.metric for axis in self.axes])
+        if state:
+            arrays |= {f"{_STATE}{name}": array for name, array in _state_arrays(self.state).items()}
+        else:
+            del arrays[_SPEED]
+        axes = [axis._asdict() for axis in self.axes]
+        settings = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
+        write_atomic(Path(path), pack(arrays, settings | {"search": self.spec.to_plain()}))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Result":
+        """Reads a result that `save` has written, or the ``archive.npz`` of `elitelanes generate`.
+
+        What was saved without state has speeds that are not numbers, and cannot be continued.
+
+        Raises:
+          InputError: if the file cannot be read, is no such file, is of another version or damaged.
+        """
+        return load_with_seed(path)[0]
+
+
+def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
+    """Reads what `Result.load` reads, and the seed that is noted in the file, None without one.
+
+    Raises:
+      InputError: as `Result.load` does.
+    """
+    settings, arrays = unpack(path)
+    try:
+        spec, axes, seed = _read_settings(settings)
+        state = _read_state(arrays)
+        arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
+        _check_arrays(arrays, len(axes), spec.extras)
+    except InputError as error:
+        raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
+    metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
+    features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.extras}
+    elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
+    history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
+    return Result(elites, history, state, spec, axes), seed
+
+
+class SearchInterrupted(KeyboardInterrupt):
+    """An interruption of `evolve`, by Ctrl-C: a `KeyboardInterrupt` that has what was found until then.
+
+    Args:
+      message: what was done.
+      make: makes the result.
+    """
+
+    def __init__(self, message: str, make: Callable[[], Result]) -> None:
+        super().__init__(message)
+        self._make = make
+
+    @cached_property
+    def result(self) -> Result:
+        """The result of the generations that were done, from whose state the search continues."""
+        return self._make()
+
+
+def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
+    leaves = jax.tree.leaves(state.inner)
+    for leaf in leaves:
+        if (
+            not hasattr(leaf, "dtype")
+            or jnp.issubdtype(leaf.dtype, jax.dtypes.extended)
+            or leaf.dtype.kind not in "biufc"
+        ):
+            got = getattr(leaf, "dtype", type(leaf).__name__)
+            raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {got}")
+    inner = {f"inner.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
+    generation, fingerprint = np.asarray(state.generation, np.int32), np.asarray(state.fingerprint, np.uint32)
+    return {"generation": generation, "fingerprint": fingerprint} | inner
+
+
+def _read_settings(settings: Plain) -> tuple[SearchSpec, tuple[Axis, ...], int | None]:
+    """Reads the specification, the axes and the seed; the errors' words follow "got"."""
+    if not isinstance(settings, dict) or "format" not in settings:
+        raise InputError("a file without its settings")
+    if settings["format"] != _FORMAT:
+        raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
+    try:
+        spec = SearchSpec(**settings["search"])
+        axes, seed = parse_axes(settings["axes"], spec.features), settings["seed"]
+        if seed is not None and not is_whole(seed):
+            raise InputError(f"seed: expected a whole number, got {seed!r}")
+    except (InputError, KeyError, TypeError) as error:
+        raise InputError(f"one whose settings do not hold: {error}") from None
+    return spec, axes, seed
+
+
+def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
+    """Takes the state out of the arrays of a file; one that was not saved fits no search."""
+    kept = {name.removeprefix(_STATE): arrays.pop(name) for name in list(arrays) if name.startswith(_STATE)}
+    arrays.pop("axes", None)
+    inner = tuple(kept.get(f"inner.{number}") for number in range(len(kept) - 2))
+    generation, fingerprint = (
+        kept.get(name, np.zeros((), dtype)) for name, dtype in (("generation", np.int32), ("fingerprint", np.uint32))
+    )
+    if any(leaf is None for leaf in inner) or generation.shape or fingerprint.shape:
+        raise InputError("one whose state is not whole")
+    return RunState(generation, inner, fingerprint)
+
+
+def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, extras: Sequence[str]) -> None:
+    """Checks names, dtypes and shapes against each other; the errors' words follow "got"."""
+    sizes = {"D": axes}
+    seeds = arrays.get("grids", np.empty(0)).ndim == 4
+    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in extras}
+    for name, (dtype, letters) in kinds.items():
+        letters = letters if seeds else letters.replace("S", "")
+        array = arrays.get(name)
+        if array is None:
+            raise InputError(f"one without {name}")
+        fits = array.dtype == dtype and array.ndim == len(letters)
+        if not fits or any(
+            sizes.setdefault(letter, size) != size for letter, size in zip(letters, array.shape, strict=True)
+        ):
+            raise InputError(f"{name} of {array.dtype} {array.shape} beside the others")
+    if unknown := set(arrays) - set(kinds):
+        raise InputError(f"one with {min(unknown)}, which no result has")
+    grids = arrays["grids"]
+    if not grids.size or not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
+        raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")

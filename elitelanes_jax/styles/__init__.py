@@ -1,1 +1,0 @@
-"""Styles of maps, each a TOML file with the settings of a search."""

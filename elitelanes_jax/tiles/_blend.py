@@ -1,0 +1,148 @@
+"""Photographs that belong together: a gain and an offset for each tile of a map, and feathered seams.
+
+A photograph has a light and a colour of its own, and shows as a square on a map. Here the tiles of a map are brought
+together where their roads meet. Masks and labels stay as they are.
+"""
+
+from collections.abc import Iterator
+from math import ceil
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+
+_STRIP = 1 / 2  # of a tile: the depth on both sides of a seam over which roads are compared
+_GAIN, _OFFSET = 1.0, 0.01  # what (255 · (gain - 1))² and offset² cost, beside squared grey levels
+_FEATHER = 0.02  # of a tile, on both sides of a seam; two pixels at least
+_PAIRS = 256  # of tiles that are compared at once
+_ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])  # of an equation, by both levels and 1
+
+
+def solve_tones(
+    grid: ArrayLike,
+    place: Int[NDArray, "H W"],
+    images: UInt8[NDArray, "T P P 3"],
+    labels: UInt8[NDArray, "T P P"],
+) -> Float[NDArray, "H W 3 2"]:
+    """Solves for the gains and offsets of all tiles of a map by linear least squares.
+
+    A seam is where the roads of two neighbours meet. Its pixels are those of a strip on both sides of it, half a tile
+    deep, that have the same label as their mirror image on the other side: road, or the same kind of line. With less
+    depth the darker or redder borders of photographs would decide, and their middles be too bright or too green. The
+    solution minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and
+    0.01 · offset², summed over all tiles. The first of these costs keeps the contrast, which would else go; the second
+    one the colour of the map as a whole. Channels are solved one by one.
+
+    Args:
+      grid: codes ``[H, W]``.
+      place: the picture of each cell.
+      images: the pictures.
+      labels: their labels, places in `tiles.render.LABELS`.
+
+    Returns:
+      Gain and offset of each cell and channel; 1 and 0 where the road meets no other.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.linalg import spsolve
+
+    codes = np.asarray(grid)
+    count = codes.size
+    cells = np.arange(count).reshape(codes.shape)
+    # The normal equations of all unknowns, 255 · (gain - 1) and offset of cell after cell, a channel after the other.
+    diagonal = np.arange(2 * count)
+    places, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
+    right = np.zeros((3, 2 * count))
+    for turned, meets in _meetings(codes):
+        first, second = (_turn(cells, turned)[:, part][meets] for part in (slice(None, -1), slice(1, None)))
+        pairs, number = np.unique(
+            np.stack([place.flat[first], place.flat[second]], axis=1), axis=0, return_inverse=True
+        )
+        products, sides = _equations(pairs, _turn(images, turned, 1), _turn(labels, turned, 1))
+        unknowns = np.stack([2 * first, 2 * first + 1, 2 * second, 2 * second + 1], axis=-1)
+        square = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
+        places.append(np.stack([part.reshape(-1) for part in square]))
+        matrices.append(products[:, number.reshape(-1)].reshape(3, -1))
+        for channel in range(3):
+            np.add.at(right[channel], unknowns, sides[channel, number.reshape(-1)])
+    rows, columns = np.concatenate(places, axis=1)
+    tones = []
+    for values, side in zip(np.concatenate(matrices, axis=1), right, strict=True):
+        matrix = coo_array((values, (rows, columns)), shape=(2 * count, 2 * count)).tocsc()
+        tones.append(spsolve(matrix, side).reshape(*codes.shape, 2))
+    return np.stack(tones, axis=2) * (1 / 255, 1) + (1, 0)
+
+
+def apply_tones(image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]) -> UInt8[NDArray, "h w 3"]:
+    """Multiplies each tile of a picture of H x W tiles by its gain, adds its offset, rounds, and clips to 0..255."""
+    height, width = tones.shape[:2]
+    size = image.shape[0] // height
+    gains, offsets = np.moveaxis(tones, -1, 0)
+    levels = np.arange(256)[:, None]
+    toned = np.empty_like(image)
+    for row, column in np.ndindex(height, width):
+        cell = np.s_[row * size : (row + 1) * size, column * size : (column + 1) * size]
+        table = np.clip(np.rint(levels * gains[row, column] + offsets[row, column]), 0, 255).astype(np.uint8)
+        toned[cell] = cv2.LUT(image[cell], table[None])
+    return toned
+
+
+def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid: ArrayLike) -> UInt8[NDArray, "h w 3"]:
+    """Lets the tiles of a picture run into each other where their roads meet.
+
+    Within 2 % of a tile of a seam, two pixels at least, each pixel is mixed with its mirror image on the other side if
+    both have the same label: half and half at the seam, less away from it, by a cosine.
+    """
+    codes = np.asarray(grid)
+    size = image.shape[0] // codes.shape[0]
+    reach = max(_FEATHER * size, 2.0)
+    change = np.zeros(image.shape, np.float32)
+    for turned, meets in _meetings(codes):
+        seen, marks, delta = (_turn(layer, turned) for layer in (image, labels, change))
+        along = np.repeat(meets, size, axis=0)
+        for number in range(ceil(reach - 0.5)):
+            share = np.float32((1 + np.cos(np.pi * (number + 0.5) / reach)) / 4)
+            left, right = slice(size - 1 - number, -size, size), slice(size + number, None, size)
+            mixed = along & (marks[:, left] == marks[:, right])
+            step = share * mixed[..., None] * (seen[:, right].astype(np.float32) - seen[:, left])
+            delta[:, left] += step
+            delta[:, right] -= step
+    return np.rint(image + change).astype(np.uint8)
+
+
+def _meetings(codes: NDArray[np.int8]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:
+    """Yields, for the grid and for the transposed one, where the road goes on to the cell on the right."""
+    for turned, (ahead, back) in ((False, (EAST, WEST)), (True, (SOUTH, NORTH))):
+        upright = _turn(codes, turned)
+        yield turned, (upright[:, :-1] & ahead > 0) & (upright[:, 1:] & back > 0)
+
+
+def _turn(layer: NDArray, turned: bool, axis: int = 0) -> NDArray:
+    """Swaps rows and columns, where asked for; a view."""
+    return layer.swapaxes(axis, axis + 1) if turned else layer
+
+
+def _equations(
+    pairs: Int[NDArray, "N 2"], images: UInt8[NDArray, "T P P 3"], labels: UInt8[NDArray, "T P P"]
+) -> tuple[Float[NDArray, "3 N 4 4"], Float[NDArray, "3 N 4"]]:
+    """Returns the normal equations of pairs of pictures, of which the second lies right of the first."""
+    depth = max(1, round(_STRIP * labels.shape[1]))
+    near, far = np.s_[:, :, : -depth - 1 : -1], np.s_[:, :, :depth]
+    products, sides = np.zeros((3, len(pairs), 4, 4)), np.zeros((3, len(pairs), 4))
+    for start in range(0, len(pairs), _PAIRS):
+        some = slice(start, start + _PAIRS)
+        first, second = pairs[some].T
+        marks = labels[near][first]
+        alike = ((marks == labels[far][second]) & (marks > 0)).reshape(len(first), 1, -1)
+        count = np.maximum(alike.sum(axis=2, keepdims=True), 1)
+        for channel in range(3):
+            here, there = images[..., channel][near][first], images[..., channel][far][second]
+            levels = np.stack([here, there, np.ones_like(here)], axis=1).reshape(len(first), 3, -1) * alike.astype(
+                float
+            )
+            means = levels @ levels.swapaxes(1, 2) / count
+            products[channel, some] = _ROW @ means @ _ROW.T
+            sides[channel, some] = _ROW @ means @ (-1, 1, 0)
+    return products, sides

@@ -1,0 +1,136 @@
+"""Whether the masks of a tile set agree with each other and with the pictures: roads and lines where they belong.
+
+Lengths are parts of a tile's side. Of 18 tiles, drawn and photographed, the one that comes closest to each limit:
+stop lines on 11 % and separators on 3.1 % of a tile, all on the road and all distinct in the picture; middles 2.2 %
+off; stop lines across 92 % of a lane.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
+from elitelanes_jax.tiles.tile import Tile
+
+_MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
+_ON_ROAD = 0.95  # of a line's area, at least
+_OFF = 0.04  # from where an edge or a middle should be
+_DISTINCT = 0.7  # of a line's area, at least, in a colour further from the road's than 95 % of the road has
+_NEAR = 1 / 8  # the strip along a side in which its stop line lies, and where a separator's middle is measured
+_SEEN = 1 / 4  # the strip along a side in which a separator begins
+_COVERED = 0.75  # of the incoming lane's width, by its stop line
+_NAMES = {"red": "stop lines", "yellow": "lane separators"}
+
+
+class _Road(NamedTuple):
+    """The road across a side, in pixels along the side as one sees it from inside, with the side at the top."""
+
+    middle: float
+    width: int
+
+
+def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
+    """Lists what contradicts itself in the masks of a set: tile, mask, and what was expected and came.
+
+    Roads lead from side to side, about the middle of each. Lines lie on the road. Separators are about its middle; a
+    set may do without, but not some of its turns, straights and ends. Stop lines lie across the incoming lane, the
+    right-hand one, at each open side of a crossing.
+
+    Args:
+      tiles: whose roads reach the sides that they open, and no other.
+    """
+    separated = any(tile.yellow.any() for tile in tiles)
+    return [(tile.name, *fault) for tile in tiles for fault in _faults(tile, separated)]
+
+
+def _faults(tile: "Tile", separated: bool) -> Iterator[tuple[str, str]]:
+    opened = [side for side in SIDES if tile.code & side.bit]
+    yield from _road_faults(tile, opened)
+    sound = {}
+    for name, most in _MOST.items():
+        line: NDArray[np.bool_] = getattr(tile, name)
+        share, on_road = line.mean(), (line & tile.road).sum() / max(line.sum(), 1)
+        sound[name] = share <= most and (not share or on_road >= _ON_ROAD)
+        if share > most:
+            yield name, f"expected {_NAMES[name]} on {most:.0%} of the tile at most, got them on {share:.0%}"
+        elif not sound[name]:
+            yield name, f"expected {_NAMES[name]} on the road, got {on_road:.0%} of their area on it"
+        elif share and (distinct := _distinct(tile, line)) < _DISTINCT:
+            yield (
+                name,
+                f"expected {_NAMES[name]} in colours that are not the road's, got {distinct:.0%} of their area so",
+            )
+    for side in opened:
+        road, red, yellow = (np.rot90(mask, SIDES.index(side)) for mask in (tile.road, tile.red, tile.yellow))
+        across = _across(road)
+        crosses = CONNECTIONS[tile.code] > 2
+        if sound["yellow"]:
+            for fault in _separator_faults(yellow, across, required=separated and not crosses):
+                yield "yellow", f"{fault} at the side {side.letter}"
+        if sound["red"] and crosses:
+            for fault in _stop_line_faults(red, across):
+                yield "red", f"{fault} at the side {side.letter}"
+
+
+def _road_faults(tile: "Tile", opened: Sequence[Side]) -> Iterator[tuple[str, str]]:
+    _, pieces = cv2.connectedComponents(tile.road.astype(np.uint8))
+    reached = []
+    for side in opened:
+        row = np.rot90(pieces, SIDES.index(side))[0]
+        reached.append(set(row[row > 0].tolist()))
+        off = _across(np.rot90(tile.road, SIDES.index(side))).middle / len(row) - 0.5
+        if abs(off) > _OFF:
+            yield (
+                "road",
+                f"expected the road's middle in that of the side {side.letter}, got it {abs(off):.0%} beside it",
+            )
+    if not set.intersection(*reached):
+        yield "road", "expected one road that joins all sides that the tile opens, got pieces"
+
+
+def _distinct(tile: "Tile", line: NDArray[np.bool_]) -> float:
+    """Returns the part of a line's area where the picture differs from the road."""
+    bare = tile.image[tile.road & ~tile.red & ~tile.yellow]
+    if not len(bare):
+        return 1.0
+    some = bare[:: len(bare) // 10_000 + 1].astype(np.int16)
+    ground = np.median(some, axis=0).astype(np.int16)
+    away = np.abs(tile.image[line] - ground).max(axis=-1)
+    return float((away > np.quantile(np.abs(some - ground).max(axis=-1), 0.95)).mean())
+
+
+def _across(road: NDArray[np.bool_]) -> _Road:
+    columns = np.flatnonzero(road[0])
+    return _Road(columns.mean() + 0.5, len(columns))
+
+
+def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool) -> Iterator[str]:
+    size = len(yellow)
+    if required and not yellow[: round(_SEEN * size)].any():
+        yield "expected a lane separator that begins"
+    columns = np.nonzero(yellow[: round(_NEAR * size)])[1]
+    off = abs(columns.mean() + 0.5 - road.middle) / size if len(columns) else 0
+    if off > _OFF:
+        yield f"expected lane separators in the road's middle, got one {off:.0%} of a tile beside it"
+
+
+def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
+    """Looks at the incoming lane, the left half as one sees the side, and at the other but for its end.
+
+    There the line of the next side begins.
+    """
+    size = len(red)
+    start, middle = round(road.middle - road.width / 2), round(road.middle)
+    strip = red[: round(_NEAR * size)]
+    lines = np.asarray(strip.any(axis=0))
+    covered = lines[start:middle].mean() if middle > start else 0.0
+    if covered < _COVERED:
+        yield f"expected a stop line across the incoming, right-hand lane, got one on {covered:.0%} of it"
+    elif not strip[: round(_OFF * size), start:middle].any():
+        yield "expected a stop line that begins"
+    over = lines[middle + round(_OFF * size) : round(road.middle + road.width / 4)]
+    if over.any():
+        yield f"expected no stop line on the outgoing lane, got one on {over.mean():.0%} of it"

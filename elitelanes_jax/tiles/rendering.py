@@ -1,0 +1,300 @@
+"""Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
+
+import json
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.checks import check_named, is_whole, path, switch
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import KIND_OF
+from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
+
+LABELS = ("background", "road", "stop line", "lane separator")
+"""The classes of a label map: a label is the place in this list. A line lies over the road."""
+
+LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
+"""A colour for each label, RGB."""
+
+COMPARED_PX = 64
+"""The side of a tile in pixels at which the light of tiles is compared, whatever they are drawn with."""
+
+_SMALLEST, _LARGEST = 16, 512
+
+
+class Picture(NamedTuple):
+    """A rendered grid of H x W tiles of P pixels each.
+
+    Attributes:
+      image: uint8 ``[H·P, W·P, 3]``, RGB.
+      road: uint8 ``[H·P, W·P]``, 0 or 255, the drivable surface.
+      red: uint8 ``[H·P, W·P]``, 0 or 255, the stop lines.
+      yellow: uint8 ``[H·P, W·P]``, 0 or 255, the lane separators.
+      labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
+      layers: uint8 ``[H·P, W·P]``, 0 or 255, the masks of the tile set's maker's own, by name.
+      points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
+        tile by tile, row by row.
+    """
+
+    image: NDArray[np.uint8]
+    road: NDArray[np.uint8]
+    red: NDArray[np.uint8]
+    yellow: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+    layers: Mapping[str, NDArray[np.uint8]] = {}
+    points: Mapping[str, NDArray[np.float64]] = {}
+
+
+def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
+    """Chooses a picture for each cell at random among all that show its code.
+
+    Args:
+      grid: codes ``[H, W]``.
+      tiles: whose pictures to choose from.
+      seed: of a `numpy.random.default_rng`; the same one gives the same choice.
+
+    Returns:
+      int ``[H, W, 2]``, the place of the tile in the set and its quarter turns counter-clockwise.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
+    """
+    grid = np.asarray(check_grid(grid))
+    if not isinstance(tiles, TileSet):
+        raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {short(repr(tiles))}")
+    for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
+        code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
+        remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends leaves such roads out"
+        raise InputError(
+            f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
+            f"got {code} ({KIND_OF[code]}) at row {row}, column {column}" + remedy * (KIND_OF[code] == "end")
+        )
+    try:
+        lots = np.random.default_rng(seed).random(grid.shape)
+    except (TypeError, ValueError):
+        raise InputError(f"seed: expected whole numbers, 0 or more, got {seed!r}") from None
+    chosen = np.zeros((*grid.shape, 2), int)
+    for code, draws in tiles.rotations.items():
+        cells = grid == code
+        chosen[cells] = np.array(draws)[(lots[cells] * len(draws)).astype(int)]
+    return chosen
+
+
+def render(
+    grid: AnyArray,
+    tiles: TileSet | str | Path | None = None,
+    *,
+    tile_px: int = 64,
+    seed: int | None = None,
+    chosen: UserValue = None,
+    blend: bool | None = None,
+) -> Picture:
+    """Draws a map.
+
+    Args:
+      grid: codes ``[H, W]``, each with a picture in the set; or a `RoadMap`, or the path of a map file.
+      tiles: whose pictures to draw with, a set or its folder; by default the package's own.
+      tile_px: side of a tile in pixels, 16 to 512.
+      seed: of the choice among the pictures of each code (see `choose_tiles`); by default the choice that a map was
+        drawn with before, if the set has it, else that of 0.
+      chosen: that choice, to be taken in place of the seed's.
+      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
+        default as the set says.
+
+    Raises:
+      InputError: for a bad grid or file, a cell without picture in the set, a choice that does not show the grid, or a
+        size out of its range.
+    """
+    tile_px = check_tile_px(tile_px)
+    if not isinstance(tiles, TileSet):
+        tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
+    if isinstance(grid, str | Path):
+        grid = read_map(grid)
+    drawn = getattr(grid, "drawn", None)
+    if chosen is not None:
+        chosen = _check_choice(grid, tiles, chosen)
+    elif drawn and seed is None and drawn.tile_set == tiles.name:
+        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+    if chosen is None:
+        chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
+    place = chosen[..., 0] * 4 + chosen[..., 1]
+    layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
+    if tiles.blend if blend is None else check_named("blend", switch, blend):
+        codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
+        toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
+        layers["image"] = feather(toned, layers["labels"], codes)
+    return Picture(
+        **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
+        layers=layers,
+        points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
+    )
+
+
+@cache
+def _own_tiles() -> TileSet:
+    return load_tiles()
+
+
+def check_tile_px(tile_px: UserValue) -> int:
+    """Checks the side of a tile in pixels.
+
+    Raises:
+      InputError: unless it is a whole number, 16 to 512.
+    """
+    if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
+        raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
+    return int(tile_px)
+
+
+def recall_choice(
+    grid: ArrayLike, names: UserValue, quarter_turns: AnyArray, tiles: TileSet
+) -> NDArray[np.int_] | None:
+    """Finds the choice of tiles that a map was drawn with.
+
+    Args:
+      grid: codes ``[H, W]``.
+      names: of the tiles, ``[H][W]``.
+      quarter_turns: ints ``[H][W]``, counter-clockwise.
+      tiles: the set.
+
+    Returns:
+      A choice as `choose_tiles` makes it, or None where the set lacks a tile, or one does not show its cell's code.
+    """
+    grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
+    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
+    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(places):
+        return None
+    chosen = np.stack([np.vectorize(places.__getitem__)(listed), turns], axis=-1)
+    return chosen if _misfits(grid, tiles, chosen).size == 0 else None
+
+
+def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray[np.int_]:
+    grid, chosen = np.asarray(check_grid(grid)), np.asarray(chosen)
+    if chosen.shape != (*grid.shape, 2) or not np.issubdtype(chosen.dtype, np.integer):
+        raise InputError(
+            f"chosen: expected integers of shape {(*grid.shape, 2)}, got {chosen.dtype} of shape {chosen.shape}"
+        )
+    for row, column in _misfits(grid, tiles, chosen):
+        raise InputError(
+            f"chosen: expected a tile of the set {tiles.name!r} rotated to show code {grid[row, column]} at row {row}, "
+            f"column {column}, got tile {chosen[row, column, 0]} rotated {chosen[row, column, 1]} times"
+        )
+    return chosen
+
+
+def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Lists row and column of the cells whose chosen tile does not show their code."""
+    shown = np.full((len(tiles.pictures), 4), -1)
+    for code, draws in tiles.rotations.items():
+        shown[tuple(np.array(draws).T)] = code
+    known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
+    place = np.where(known[..., None], chosen, 0)
+    return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
+
+
+def write_picture(folder: Path, picture: Picture) -> None:
+    """Writes image.png, road.png, red.png, yellow.png and labels.png, and the tile set's own masks and points."""
+    for name in ("image", *MASKS, "labels"):
+        write_png(folder / f"{name}.png", getattr(picture, name))
+    for name, mask in picture.layers.items():
+        write_png(folder / f"{name}.png", mask)
+    if picture.points:
+        points = {name: listed.tolist() for name, listed in picture.points.items()}
+        (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
+
+
+def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
+    """Writes a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    file.write_bytes(png_of(pixels))
+
+
+def png_of(pixels: NDArray[np.uint8]) -> bytes:
+    """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+
+
+def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
+    """Lays the labels over the picture in colour, uint8 ``[H·P, W·P, 3]``, RGB."""
+    colours = np.array(LABEL_COLOURS, np.uint8)[picture.labels]
+    return np.asarray(cv2.addWeighted(picture.image, 1 - opacity, colours, opacity, 0), np.uint8)
+
+
+@lru_cache(maxsize=4)
+def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
+    """Scales all layers of all tiles of a set in all four rotations.
+
+    Args:
+      tiles: the set.
+      size: P, side of a tile in pixels.
+
+    Returns:
+      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and the
+      maker's own masks. Place ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+    """
+    layers: dict[str, list[NDArray[np.uint8]]] = {}
+    for tile in tiles.pictures:
+        empty = np.zeros(tile.road.shape, bool)
+        masks = {name: getattr(tile, name) for name in MASKS}
+        masks |= {name: tile.layers.get(name, empty) for name in tiles.layers}
+        masks = {name: _resize_mask(mask, size, name) for name, mask in masks.items()}
+        labels = np.where(masks["yellow"], 3, np.where(masks["red"], 2, masks["road"])).astype(np.uint8)
+        drawn = {name: mask * np.uint8(255) for name, mask in masks.items()}
+        for name, layer in (drawn | {"image": _resize(tile.image, size), "labels": labels}).items():
+            layers.setdefault(name, []).extend(np.rot90(layer, turns) for turns in range(4))
+    return {name: np.stack(rotated) for name, rotated in layers.items()}
+
+
+def _resize(picture: np.ndarray, size: int) -> np.ndarray:
+    if picture.shape[0] == size:
+        return picture
+    shrinks = size < picture.shape[0]
+    return cv2.resize(picture, (size, size), interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+
+
+def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
+    """Scales a mask as its image: the pixels that it covers by half or more.
+
+    At some sizes lines are about as thin as a pixel, and would grow or vanish. Where a line's area would change by more
+    than a third, as many pixels are kept as it has area, those that it covers most, equals together. So each class
+    keeps its share of the picture at any size.
+    """
+    cover = _resize(mask.astype(np.float32), size)
+    half, area = cover >= 0.5, round(float(cover.sum()))
+    if name == "road" or not area or 0.75 * area <= half.sum() <= 1.33 * area:
+        return half
+    return cover >= np.sort(cover, axis=None)[-area] - 1e-4
+
+
+@lru_cache(maxsize=64)
+def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
+    """Returns the points of all tiles in all four rotations, in pixels of a tile of one size."""
+    rotated = []
+    for tile in tiles.pictures:
+        own = tile.image.shape[0]
+        points = tile.points.get(name, np.zeros((0, 2)))
+        for _ in range(4):
+            rotated.append(points * size / own)
+            points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
+    return rotated
+
+
+def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+    """Returns the points of a map whose cells show the rotated tiles ``place``."""
+    rotated = _rotated_points(name, tiles, size)
+    cells = np.ndindex(place.shape)
+    return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])
+
+
+def _lay_out(tiles: np.ndarray) -> np.ndarray:
+    """Lays pictures ``[H, W, P, P, ...]`` side by side, ``[H·P, W·P, ...]``."""
+    height, width, size, _, *channels = tiles.shape
+    return tiles.swapaxes(1, 2).reshape(height * size, width * size, *channels)
