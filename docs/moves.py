@@ -22,8 +22,8 @@ from elitelanes_jax.optimizers import (
     toggle_outline,
     toggle_street,
     transplant,
-    with_filling,
-    with_opposite,
+    with_fill,
+    with_symmetric_copy,
 )
 from elitelanes_jax.plots import road_map
 
@@ -42,8 +42,8 @@ MOVES: dict[str, tuple[Move, int]] = {
     "transplant": (transplant(), 5),
     "transplant, displaced": (transplant(displaced=True), 7),
     "refit_window": (refit_window(), 1),
-    "toggle_street, with_filling": (with_filling(1.0, toggle_street()), 5),
-    "lay_straight, with_opposite": (with_opposite(1.0, lay_straight()), 4),
+    "toggle_street, with_fill": (with_fill(1.0, toggle_street()), 5),
+    "lay_straight, with_symmetric_copy": (with_symmetric_copy(1.0, lay_straight()), 4),
 }
 
 

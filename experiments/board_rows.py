@@ -22,7 +22,7 @@ from elitelanes_jax.optimizers import (
     AnnealedMapElitesConfig,
     Elites,
     Info,
-    Mix,
+    MoveWeights,
     Niches,
     Optimizer,
     Population,
@@ -77,7 +77,7 @@ class Row(NamedTuple):
 
 def _found(task: Task, kept: Sequence[Any]) -> Found:
     """Takes from records ``[R, ...]`` of each budget the niches without flaws."""
-    wanted = Niches.of(tuned_axes(task.shape)).wanted
+    wanted = Niches.of(tuned_axes(task.shape)).targeted
     valid, grids, fitness, counts = (
         np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
         for name in ("valid", "grids", "fitness", "counts")
@@ -126,15 +126,15 @@ def _mirrored(problem: Problem) -> Optimizer:
     """Makes the tuned MAP-Elites without refitted windows, with mirrored moves and little filling."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
-    annealing = replace(config.annealing, moves=replace(config.annealing.moves, filling=0.05, refit=0))
-    return make_optimizer(problem, replace(config, annealing=annealing, mirrored=True))
+    annealing = replace(config.annealing, moves=replace(config.annealing.moves, fill_probability=0.05, refit=0))
+    return make_optimizer(problem, replace(config, annealing=annealing, diagonal=True))
 
 
 def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, filling: float, refit: int) -> Optimizer:
     """Makes the tuned MAP-Elites with settings that `--tune` draws."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
-    moves = replace(config.annealing.moves, filling=filling, refit=refit)
+    moves = replace(config.annealing.moves, fill_probability=filling, refit=refit)
     annealing = replace(config.annealing, hottest=hottest, coldest=3 * hottest // 10, moves=moves)
     return make_optimizer(problem, replace(config, annealing=annealing, bin_penalty=penalty, restart=restart))
 
@@ -186,7 +186,7 @@ def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: 
 
 def _qdax_moves(problem: Problem, *, batch: int, share: float, filling: float, refit: int) -> Optimizer:
     """QDax's MAP-Elites with our moves: genotypes are grids."""
-    vary = qdax_moves(problem, Mix(filling=filling, refit=refit))
+    vary = qdax_moves(problem, MoveWeights(fill_probability=filling, refit=refit))
     return _qdax(problem, problem.random, lambda grids: grids, vary, batch, share)
 
 
@@ -293,7 +293,7 @@ def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: 
 @cache
 def _vary(problem: Problem, filling: float, refit: int) -> Any:
     """Compiles the moves once for all seeds: (grids, mates, a whole number to draw from) -> grids."""
-    _, vary = qdax_moves(problem, Mix(filling=filling, refit=refit))
+    _, vary = qdax_moves(problem, MoveWeights(fill_probability=filling, refit=refit))
     return jax.jit(lambda grids, mates, seed: vary(grids, mates, jax.random.key(seed)))
 
 

@@ -16,7 +16,7 @@ from oracle import measure as oracle
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers._moves import MoveWeights
 from elitelanes_jax.optimizers.interop import (
     evosax_task,
     qdax_centroids,
@@ -86,7 +86,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
     np.testing.assert_array_equal(mutate(grids, key), vary(grids, grids, key))
     assert (children != grids).any(axis=(1, 2)).sum() > COUNT / 2
     with pytest.raises(InputError, match=r"corner: expected a whole number, 0 or more, got -1"):
-        qdax_moves(problem, Mix(corner=-1))
+        qdax_moves(problem, MoveWeights(corner=-1))
     for wrong in (grids[:, :4], grids.astype(jnp.int32)):
         with pytest.raises(InputError, match=r"genotypes: expected int8 grids \[B, 5, 6\]"):
             mutate(wrong, key)
@@ -97,7 +97,7 @@ def test_qdax_moves_are_the_mix_one_grid_at_a_time(problem, grids):
 def test_only_the_variation_takes_parts_of_the_mate():
     """With blocks alone, in a grid without any road: what comes is the mate's."""
     problem = road_problem((4, 4), AXES, alphabet=range(16))
-    only_blocks = Mix(*[0] * 8, transplant=1, displaced=0, filling=0)
+    only_blocks = MoveWeights(*[0] * 8, transplant=1, displaced=0, fill_probability=0)
     mutate, vary = map(jax.jit, qdax_moves(problem, only_blocks))
     nothing, all_roads = jnp.zeros((16, 4, 4), jnp.int8), jax.vmap(repair)(jnp.full((16, 4, 4), 15))
     assert not mutate(nothing, jax.random.key(0)).any()

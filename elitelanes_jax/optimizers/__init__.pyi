@@ -13,7 +13,7 @@ from ._gwo import GwoConfig as GwoConfig
 from ._gwo import gwo as gwo
 from ._map_elites import MapElitesConfig as MapElitesConfig
 from ._map_elites import map_elites as map_elites
-from ._moves import Mix as Mix
+from ._moves import MoveWeights as MoveWeights
 from ._moves import clear_block as clear_block
 from ._moves import lay_straight as lay_straight
 from ._moves import mirror_block as mirror_block
@@ -24,8 +24,8 @@ from ._moves import toggle_link as toggle_link
 from ._moves import toggle_outline as toggle_outline
 from ._moves import toggle_street as toggle_street
 from ._moves import transplant as transplant
-from ._moves import with_filling as with_filling
-from ._moves import with_opposite as with_opposite
+from ._moves import with_fill as with_fill
+from ._moves import with_symmetric_copy as with_symmetric_copy
 from ._mutations import Move as Move
 from ._population import EvolutionConfig as EvolutionConfig
 from ._population import Population as Population

@@ -1,12 +1,12 @@
-"""The tuned MAP-Elites: annealed chains, each of which pursues one niche a cycle.
+"""The tuned MAP-Elites: annealed chains, each of which pursues one niche, its goal, for one cycle.
 
-A penalty grows with the distance from that niche. A cycle starts from the elite with the lowest penalised fitness, or
-from a random grid, and copies parts of other elites. All that is evaluated enters the archive.
+A penalty grows with the distance from the goal. A cycle starts from the elite with the lowest penalised fitness, or
+from a random grid, and copies parts of other elites. Every evaluated grid is offered to the archive.
 
-Elites descend from each other: an archive soon holds one family of networks, and loses what leads to the other niches.
-Half of the chains are therefore isolated, in groups that know only the elites that they found themselves; some of their
-cycles restart from random grids. While niches are vacant, some restarts go in a direction: in one long cycle they count
-penalties alone, and go past a vacant niche to the ends of the axes, so that no reward holds them on the way.
+Elites descend from each other, so an archive soon holds one family of networks and loses the stepping stones to the
+other niches. Half of the chains are therefore isolated. They form groups, and a group knows only the elites that it
+found. Some of their cycles restart from random grids. While niches are vacant, some restarts take a direction: one long
+cycle counts penalties alone and moves past a vacant niche to the ends of the axes, so that no reward stops it.
 """
 
 from collections.abc import Callable
@@ -38,12 +38,12 @@ from elitelanes_jax.optimizers._annealing import (
 from elitelanes_jax.optimizers._emitters import (
     Niches,
     draw_direction,
-    draw_target,
+    draw_goal,
     nearest_elite,
     penalise_distance,
     reachable,
 )
-from elitelanes_jax.optimizers._moves import with_opposite
+from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.optimizers._population import Population, evaluate, select
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
@@ -51,55 +51,56 @@ from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, inser
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins, niche_index
 from elitelanes_jax.problem.problem import Problem
 
-# What experiments/moves.md settled: the share of `refit_window` on small grids; the groups of isolated chains; among
-# how many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in
-# usual cycles, penalty of a bin and temperatures.
+# Constants that experiments/moves.md settled: the weight of `refit_window` on small grids; the number of groups of
+# isolated chains; the number of niches among which a mate is the nearest elite.
 _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
+# Cycles in a direction: their share of the restarts, length in usual cycles, penalty of a bin and temperatures.
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class AnnealedMapElitesConfig(Config):
-    """Settings; the defaults are the preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+    """Settings; the defaults are the preset `tuned`. A pytree: `jax.vmap` may sweep the numbers that are not static.
 
     Attributes:
-      annealing: of the chains, each an island of its own; its cycles do not grow, and by default are a thirty-second of
-        the first one of the tuned EA.
-      bin_penalty: the fitness that each bin of distance from the target niche adds.
+      annealing: settings of the chains; each is an island of its own. Cycles do not grow; their default length is a
+        thirty-second of the tuned EA's first cycle.
+      bin_penalty: the fitness that each bin of distance from the goal adds.
       restart: probability that a cycle of an isolated chain starts from a random grid.
-      restart_length: the length of such a cycle, in usual ones.
-      frontier: probability that a cycle pursues a vacant niche, if one is within reach.
+      restart_length: the length of a restarted cycle, in usual cycles.
+      vacant_probability: probability that the goal is a vacant niche, if one is within reach.
       elite_mate: probability that a mate is an elite.
-      opposite: probability that a move of a cycle from an elite is made at the opposite place too, see `with_opposite`.
-      mirrored: whether the opposite place may also be the image in a diagonal; static. By default it may on grids of
-        up to 64 cells, where cells may stay empty.
-      grown: the number of cells from which on the chains begin with towns that were grown (see `grow_town`) in place
-        of random grids, and restart from none; None for never; static. On 24 x 24 tiles the moves do not lead from
-        random grids to networks without a flaw.
-      drifts: whether a grid takes the place of an elite of the same fitness; static. Where many networks have the
-        same fitness, as towns have, elites would else hardly change, and cycles begin from the same ones.
-      complete: whether a niche counts as vacant until its elite has no penalty; static. Else cycles seldom pursue those
-        that hold flawed elites.
+      symmetric_probability: probability that a move of a cycle from an elite is made symmetrically too, see
+        `with_symmetric_copy`.
+      diagonal: whether the symmetric copy may also be mirrored in a diagonal; static. By default it may on grids of up
+        to 64 cells whose cells may stay empty.
+      initial_towns_from: the number of cells from which on the chains start from grown towns (see `grow_town`) instead
+        of random grids, and do not restart; None for never; static. On 24 x 24 tiles the moves do not lead from random
+        grids to networks without violations.
+      accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness: without
+        this, elites would hardly change, and cycles would start from the same ones.
+      require_feasible: whether a niche counts as vacant until its elite has no penalty; static. Without this, cycles
+        seldom pursue niches that hold infeasible elites.
     """
 
     annealing: AnnealingConfig = nested(lambda: AnnealingConfig(chains=1, hottest=40, coldest=12))
     bin_penalty: Int[ArrayLike, "..."] = swept(400, whole(1, 10_000))
     restart: Real[ArrayLike, "..."] = swept(0.1, real(0, 1))
     restart_length: Int[ArrayLike, "..."] = swept(16, whole(1))
-    frontier: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
+    vacant_probability: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    opposite: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    mirrored: bool | None = static(None, none_or(flag))
-    grown: int | None = static(None, none_or(whole(1)))
-    drifts: bool = static(False, flag)
-    complete: bool = static(False, flag)
+    symmetric_probability: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
+    diagonal: bool | None = static(None, none_or(flag))
+    initial_towns_from: int | None = static(None, none_or(whole(1)))
+    accept_equal: bool = static(False, flag)
+    require_feasible: bool = static(False, flag)
 
 
 class _Bits(NamedTuple):
-    """The random bits of a chain in a step, beside those of all annealed methods; uint32 ``[C]``, or as said."""
+    """The random bits of a chain in a step that this method adds to `StepBits`; uint32 ``[C]`` unless stated."""
 
-    target: UInt32[Array, "*C 2"]
+    goal: UInt32[Array, "*C 2"]
     restart: UInt32[Array, "*C"]
     direction: UInt32[Array, "*C"]
     elite_mate: UInt32[Array, "*C"]
@@ -114,16 +115,16 @@ _BITS = 5 + _TOURNAMENT
 
 
 class Cycle(NamedTuple):
-    """The cycles of the chains.
+    """The cycles of C chains.
 
     Attributes:
-      target: int32 ``[D]``, the bins of the niche that it pursues.
-      directed: bool, whether it goes in a direction.
-      restarts: bool, whether it starts from a random grid.
-      start: int32, the place of the elite that it starts from else.
+      goal: int32 ``[C, D]``, the bins of the niche that the cycle pursues.
+      directed: bool ``[C]``, whether the cycle takes a direction.
+      restarts: bool ``[C]``, whether the cycle starts from a random grid.
+      start: int32 ``[C]``, the index of the elite that any other cycle starts from.
     """
 
-    target: Int32[Array, "*C D"]
+    goal: Int32[Array, "*C D"]
     directed: Bool[Array, "*C"]
     restarts: Bool[Array, "*C"]
     start: Int32[Array, "*C"]
@@ -134,9 +135,9 @@ class AnnealedMapElitesState(NamedTuple):
 
     Attributes:
       chains: the current grids of the chains.
-      cycles: of the chains.
-      archives: the best grids by niche of each group of isolated chains, one after another, and last of all chains.
-      cooling: arrays ``[C]``, each chain's place in its cycle.
+      cycles: the current cycles of the chains.
+      archives: one archive for each group of isolated chains, then the archive of all chains, end to end.
+      cooling: arrays ``[C]``, how far each chain is in its cycle.
     """
 
     chains: Population
@@ -149,29 +150,32 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.
 
     Args:
-      problem: with a shape, an alphabet, a fitness and axes; niches outside an axis' target bin are stepping stones.
-      config: the defaults are the preset `tuned`.
+      problem: the problem to solve. Niches outside an axis' target bin are stepping stones.
+      config: settings; the defaults are the preset `tuned`.
 
     Raises:
       InputError: for a setting out of its range.
     """
     config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
-    grows = config.grown is not None and shape[0] * shape[1] >= config.grown and min(shape) >= SMALLEST_GROWN
-    if grows:
+    cells = shape[0] * shape[1]
+    starts_from_towns = cells >= (config.initial_towns_from or np.inf) and min(shape) >= SMALLEST_GROWN
+    if starts_from_towns:
         config = replace(config, restart=0.0)
-    groups, length = _Groups.of(problem.axes, count, config.drifts), _usual_length(config, shape)
-    small, moves = shape[0] * shape[1] <= SMALL, annealing.moves
+    groups, length = _Groups.of(problem.axes, count, config.accept_equal), _usual_length(config, shape)
+    small, moves = cells <= SMALL, annealing.moves
     if small and moves.refit is None:
         moves = replace(moves, refit=_REFIT)
     move = problem_move(problem, moves)
-    mirrored = small and not problem.fill if config.mirrored is None else config.mirrored
-    opposite = partial(with_opposite, move=move, mirrored=mirrored)
-    make_children = jax.vmap(partial(_make_child, problem, opposite, config.opposite))
+    diagonal = small and not problem.fill if config.diagonal is None else config.diagonal
+    symmetric = partial(with_symmetric_copy, move=move, diagonal=diagonal)
+    make_children = jax.vmap(partial(_make_child, problem, symmetric, config.symmetric_probability))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
     def init(key: Array) -> AnnealedMapElitesState:
-        chains = evaluate(problem, _first_towns(problem, key, count) if grows else problem.random(key, count))
+        chains = evaluate(
+            problem, _initial_towns(problem, key, count) if starts_from_towns else problem.random(key, count)
+        )
         vacant = empty_archive(problem.axes, shape, copies=_GROUPS + 1, columns=problem.columns)
         archives = groups.insert(vacant, chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
@@ -180,12 +184,12 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
 
     def step(key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
         chains, cycles, archives, cooling = state
-        bits = StepBits.draw(key, count, opposite(0), extra=_BITS)
+        bits = StepBits.draw(key, count, symmetric(0), extra=_BITS)
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
         def new_cycles(fitness: Array) -> Cycle:
             filled = fitness < VACANT
-            if config.complete:
+            if config.require_feasible:
                 filled &= problem.penalties(archives.counts) == 0
             drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness, filled)
             return select(begins, drawn, cycles)
@@ -216,24 +220,24 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         found = jax.tree.map(lambda array: array[groups.last :], state.archives)
         return Elites(found.grids, found.fitness, found.counts, valid=found.valid)
 
-    def receive(state: AnnealedMapElitesState, found: Elites) -> AnnealedMapElitesState:
-        # The chains that are not isolated know the last archive: the groups stay as they are.
+    def migrate(state: AnnealedMapElitesState, found: Elites) -> AnnealedMapElitesState:
+        # Chains that are not isolated know the archive of all chains; the archives of the groups do not change.
         mine = jax.tree.map(lambda array: array[groups.last :], state.archives)
         new = select(found.fitness < mine.fitness, Archive(*found[:3]), mine)
         archives = jax.tree.map(lambda array, part: array.at[groups.last :].set(part), state.archives, new)
         return state._replace(archives=archives)
 
-    return Optimizer(init, step, elites, evaluations_per_step=count, receive=receive)
+    return Optimizer(init, step, elites, evaluations_per_step=count, migrate=migrate)
 
 
-def _first_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
-    """Returns the given grids, and for the other chains towns that were grown."""
+def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
+    """Returns the problem's initial grids, and a grown town for each other chain."""
     towns = jax.vmap(lambda key: problem.repair(grow_town(key, problem.shape)))(jax.random.split(key, count))
     return towns.at[: problem.given].set(problem.random(key, count)[: problem.given])
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
-    """Returns the steps of a cycle from an elite; the longest of all cycles has `LONGEST_CYCLE` at most."""
+    """Returns the steps of a cycle from an elite, so that no cycle is longer than `LONGEST_CYCLE`."""
     length = config.annealing.cycle
     if length is None:
         length = max(16, config.annealing.first_cycle(shape) // 32)
@@ -242,15 +246,15 @@ def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> In
 
 
 class _Groups(NamedTuple):
-    """The archives of G groups of isolated chains, one after another, and last the archive of all chains; static.
+    """The archives of G groups of isolated chains and the archive of all chains, end to end; static.
 
     Attributes:
       axes: of the descriptor space.
-      niches: of each archive, N.
-      isolated: bool ``[C]``, which chains are: the first half.
-      first: int32 ``[C]``, where the archive begins that each chain knows.
-      last: where that of all chains begins.
-      drifts: whether a grid takes the place of an elite of the same fitness.
+      niches: the N niches of each archive.
+      isolated: bool ``[C]``, whether each chain is isolated: the first half of them.
+      first: int32 ``[C]``, the index at which the archive that each chain knows begins.
+      last: the index at which the archive of all chains begins.
+      accept_equal: whether a grid replaces an elite of equal fitness.
     """
 
     axes: tuple[Axis, ...]
@@ -258,19 +262,20 @@ class _Groups(NamedTuple):
     isolated: Bool[np.ndarray, " C"]
     first: Int32[np.ndarray, " C"]
     last: int
-    drifts: bool
+    accept_equal: bool
 
     @staticmethod
-    def of(axes: tuple[Axis, ...], chains: int, drifts: bool) -> "_Groups":
+    def of(axes: tuple[Axis, ...], chains: int, accept_equal: bool) -> "_Groups":
         niches = Niches.of(axes)
-        size = len(niches.places)
+        size = len(niches.bins)
         group = (np.arange(chains) * 2 * _GROUPS // chains).clip(max=_GROUPS)
-        return _Groups(axes, niches, group < _GROUPS, (group * size).astype(np.int32), _GROUPS * size, drifts)
+        return _Groups(axes, niches, group < _GROUPS, (group * size).astype(np.int32), _GROUPS * size, accept_equal)
 
     def insert(self, archives: Archive, found: Population) -> Archive:
-        """Offers each chain's grid to the archive that it knows, and to that of all."""
+        """Offers each chain's grid to the archive that the chain knows, and to the archive of all chains."""
         niche = niche_index(compute_descriptor(found.counts, self.axes), self.axes)
-        return insert_at(archives, jnp.stack([niche + self.first, niche + self.last]), *found, drifts=self.drifts)
+        indices = jnp.stack([niche + self.first, niche + self.last])
+        return insert_at(archives, indices, *found, accept_equal=self.accept_equal)
 
 
 def _draw_cycle(
@@ -282,25 +287,25 @@ def _draw_cycle(
     fitness: Int32[Array, " A"],
     filled: Bool[Array, " A"],
 ) -> Cycle:
-    """Draws one chain's cycle.
+    """Draws the next cycle of one chain.
 
     Args:
-      groups: of the chains.
+      groups: the archives.
       config: the settings.
-      bits: of the chain.
-      first: where the archive begins that the chain knows.
-      isolated: whether the chain is.
+      bits: random bits of the chain.
+      first: index at which the archive that the chain knows begins.
+      isolated: whether the chain is isolated.
       fitness: int32 ``[A]``, of all archives.
-      filled: bool ``[A]``, the niches that are not pursued as vacant ones.
+      filled: bool ``[A]``, the niches that do not count as vacant.
     """
     niches = groups.niches
-    known, own = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.places)) for array in (fitness, filled))
+    known, known_filled = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.bins)) for array in (fitness, filled))
     filled = filled[groups.last :]
     restarts = isolated & bernoulli(bits.restart, config.restart)
     directed = restarts & reachable(niches, filled).any() & bernoulli(bits.direction, _DIRECTION_SHARE)
-    target = draw_target(niches, bits.target, own, config.frontier)
-    target = jnp.where(directed, draw_direction(niches, bits.target[1], filled), target)
-    return Cycle(target, directed, restarts, first + nearest_elite(known, niches.places, target, config.bin_penalty))
+    goal = draw_goal(niches, bits.goal, known_filled, config.vacant_probability)
+    goal = jnp.where(directed, draw_direction(niches, bits.goal[1], filled), goal)
+    return Cycle(goal, directed, restarts, first + nearest_elite(known, niches.bins, goal, config.bin_penalty))
 
 
 def _draw_mates(
@@ -311,10 +316,10 @@ def _draw_mates(
     archives: Archive,
     otherwise: Int8[Array, "C H W"],
 ) -> Int8[Array, "C H W"]:
-    """Draws a mate for each chain: of a few random niches the elite nearest to its target, or the given grid."""
-    rivals = randint(bits.rivals, len(groups.niches.places))
-    fitness, places = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.places)[rivals]
-    nearest = nearest_elite(fitness, places, cycle.target, config.bin_penalty)
+    """Draws a mate for each chain: among a few random niches the elite nearest to its goal, or the grid `otherwise`."""
+    rivals = randint(bits.rivals, len(groups.niches.bins))
+    fitness, bins = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.bins)[rivals]
+    nearest = nearest_elite(fitness, bins, cycle.goal, config.bin_penalty)
     mate = groups.first + jnp.take_along_axis(rivals, nearest[:, None], axis=1)[:, 0]
     is_elite = bernoulli(bits.elite_mate, config.elite_mate) & archives.valid[mate] & ~cycle.directed
     return jnp.where(is_elite[:, None, None], archives.grids[mate], otherwise)
@@ -322,7 +327,7 @@ def _draw_mates(
 
 def _make_child(
     problem: Problem,
-    opposite: Callable[[Real[ArrayLike, ""]], Move],
+    symmetric: Callable[[Real[ArrayLike, ""]], Move],
     probability: Real[ArrayLike, ""],
     bits: StepBits,
     begins: Bool[Array, ""],
@@ -331,8 +336,8 @@ def _make_child(
     mate: Int8[Array, "H W"],
     elite: Int8[Array, "H W"],
 ) -> Int8[Array, "H W"]:
-    """Moves from a chain's grid; where a cycle begins, returns a random grid or the elite that it starts from."""
-    varied = opposite(jnp.where(restarts, 0, jnp.float32(probability))).apply(bits.move, grid, mate)
+    """Moves from a chain's grid. Where a cycle begins, returns its first grid instead: a random grid or an elite."""
+    varied = symmetric(jnp.where(restarts, 0, jnp.float32(probability))).apply(bits.move, grid, mate)
     first = jnp.where(restarts, random_grid(problem, bits.fresh), elite)
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 
@@ -340,20 +345,20 @@ def _make_child(
 def _pursued_fitness(
     problem: Problem, niches: Niches, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
 ) -> Int32[Array, " C"]:
-    """Returns the penalised fitness of each chain's grid, by what its cycle pursues."""
-    place = niche_bins(compute_descriptor(found.counts, problem.axes), problem.axes)
-    usual = penalise_distance(found.fitness, place, cycle.target, config.bin_penalty)
+    """Returns the fitness of each chain's grid with the penalty for the distance from its goal."""
+    bins = niche_bins(compute_descriptor(found.counts, problem.axes), problem.axes)
+    usual = penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty)
     bin_penalties = np.where(niches.free, _DIRECTION_PENALTY, 0).astype(np.int32)
-    directed = penalise_distance(problem.penalties(found.counts), place, cycle.target, bin_penalties)
+    directed = penalise_distance(problem.penalties(found.counts), bins, cycle.goal, bin_penalties)
     return jnp.where(cycle.directed, directed, usual)
 
 
 def _compute_if(
     condition: Bool[Array, ""], compute: Callable[[Pytree], Pytree], operand: Int32[Array, " N"], otherwise: Pytree
 ) -> Pytree:
-    """Returns `compute(operand)` if a condition holds: what is seldom needed is seldom computed.
+    """Returns `compute(operand)` if a condition holds, else `otherwise`, and skips the computation that is not needed.
 
-    It is a loop of one round or none. `jax.lax.cond` would always compute both where seeds are a batch.
+    It is a loop of at most one round, because `jax.lax.cond` computes both branches if seeds are a batch.
     """
 
     def body(carry: tuple[Array, Pytree]) -> tuple[Array, Pytree]:

@@ -19,7 +19,7 @@ from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import exponential, randint, random_bits
-from elitelanes_jax.optimizers._moves import Mix, random_move
+from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
 
@@ -65,7 +65,7 @@ class AnnealingConfig(Config):
     hottest: int = static(60, whole(1, _HOTTEST))
     coldest: int = static(18, whole(1))
     cycle: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(1)))
-    moves: Mix = nested(Mix)
+    moves: MoveWeights = nested(MoveWeights)
 
     def check_together(self) -> None:
         """Checks that islands share the chains evenly, and that chains cool."""
@@ -168,7 +168,7 @@ class StepBits(NamedTuple):
         return StepBits(bits[:, 0], bits[:, 1], bits[:, 2], bits[:, 3:first], bits[:, first:])
 
 
-def problem_move(problem: Problem, mix: Mix) -> Move:
+def problem_move(problem: Problem, mix: MoveWeights) -> Move:
     """Returns the random move of a mix that suits a problem's repair."""
     return random_move(mix, fill=problem.fill, fixed=problem.fixed)
 

@@ -89,11 +89,11 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     def elites(state: MapElitesState) -> Elites:
         return Elites(*state.archive, valid=state.archive.valid)
 
-    def receive(state: MapElitesState, found: Elites) -> MapElitesState:
+    def migrate(state: MapElitesState, found: Elites) -> MapElitesState:
         better = found.fitness < state.archive.fitness
         return state._replace(archive=select(better, Archive(*found[:3]), state.archive))
 
-    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring, receive=receive)
+    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring, migrate=migrate)
 
 
 def _draw_elites(bits: UInt32[Array, " count"], archive: Archive) -> Int8[Array, "count H W"]:

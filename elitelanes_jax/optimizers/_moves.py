@@ -1,8 +1,8 @@
-"""Moves in the space of networks: whole streets, loops and blocks at a time.
+"""Moves in the space of networks: each changes a whole street, loop or block.
 
 A network is a set of links. Toggling the links of a loop keeps the parity of every tile's connections: corners,
-outlines and their sums are the cycle space of the lattice. Blocks copy a part of a network: to the same place or
-another one, rotated or mirrored, from the grid itself or from a mate.
+outlines and their sums are the cycle space of the lattice. Other moves copy a block of a network, to the same position
+or to another one, rotated or mirrored, from the grid itself or from a mate.
 """
 
 from collections.abc import Callable
@@ -24,29 +24,31 @@ from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_side
 from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.optimizers._mutations import Move, Variation
-from elitelanes_jax.optimizers._windows import flawless_fillings
+from elitelanes_jax.optimizers._windows import valid_windows
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
-class Mix(Config):
-    """The shares of the moves in a random move; a pytree, whose numbers may be arrays, swept by `jax.vmap`.
+class MoveWeights(Config):
+    """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may sweep.
 
-    The defaults were measured (experiments/moves.md).
+    A weight is a whole number; a move is drawn with probability weight / sum of all weights. The defaults were measured
+    (experiments/moves.md).
 
     Attributes:
-      link: share of `toggle_link`, a whole number.
-      corner: share of `toggle_corner`.
-      outline: share of `toggle_outline`.
-      street: share of `toggle_street`.
-      straight: share of `lay_straight`.
-      clear: share of `clear_block`.
-      mirror: share of `mirror_block`.
-      slide: share of `slide_lines`.
-      transplant: share of `transplant` to the same place.
-      displaced: share of `transplant` from another place.
-      refit: share of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64 cells.
-      filling: probability that the filling repair follows the move (see `with_filling`), where repair does not fill.
+      link: weight of `toggle_link`.
+      corner: weight of `toggle_corner`.
+      outline: weight of `toggle_outline`.
+      street: weight of `toggle_street`.
+      straight: weight of `lay_straight`.
+      clear: weight of `clear_block`.
+      mirror: weight of `mirror_block`.
+      slide: weight of `slide_lines`.
+      transplant: weight of `transplant` to the same position.
+      displaced: weight of `transplant` from another position.
+      refit: weight of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64 cells.
+      fill_probability: probability that repair fills the grid after the move, see `with_fill`. No effect where repair
+        always fills.
     """
 
     link: Int[ArrayLike, "..."] = swept(1, whole(0))
@@ -60,39 +62,39 @@ class Mix(Config):
     transplant: Int[ArrayLike, "..."] = swept(16, whole(0))
     displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
     refit: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(0)))
-    filling: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
+    fill_probability: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
-        if all(share is None or (isinstance(share, int) and share == 0) for share in astuple(self)[:-1]):
-            raise InputError("expected a share over 0 for at least one move, got none")
+        if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in astuple(self)[:-1]):
+            raise InputError("expected a weight over 0 for at least one move, got none")
 
 
-def random_move(mix: Mix, *, fill: bool, fixed: AnyArray = None) -> Move:
-    """Makes one move of the mix at random, in proportion to the shares.
+def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
+    """Makes one move, drawn in proportion to the weights.
 
     Args:
-      mix: with at least one share over 0.
-      fill: whether repair fills anyway, so that `Mix.filling` has no effect.
+      weights: at least one is over 0.
+      fill: whether repair always fills, so that `MoveWeights.fill_probability` has no effect.
       fixed: bool ``[H, W]``, see `repair`.
     """
     move = _move(
         {
-            _plan_link: mix.link,
-            _plan_corner: mix.corner,
-            _plan_outline: mix.outline,
-            _plan_street: mix.street,
-            _plan_straight: mix.straight,
-            _plan_clearing: mix.clear,
-            _plan_mirroring: mix.mirror,
-            _plan_slide: mix.slide,
-            _plan_transplant: mix.transplant,
-            _plan_displaced_transplant: mix.displaced,
-            _plan_refit: 0 if mix.refit is None else mix.refit,
+            _plan_link: weights.link,
+            _plan_corner: weights.corner,
+            _plan_outline: weights.outline,
+            _plan_street: weights.street,
+            _plan_straight: weights.straight,
+            _plan_clearing: weights.clear,
+            _plan_mirroring: weights.mirror,
+            _plan_slide: weights.slide,
+            _plan_transplant: weights.transplant,
+            _plan_displaced_transplant: weights.displaced,
+            _plan_refit: 0 if weights.refit is None else weights.refit,
         },
         empty=not fill,
     )
-    return move if fill else with_filling(mix.filling, move, fixed=fixed)
+    return move if fill else with_fill(weights.fill_probability, move, fixed=fixed)
 
 
 def toggle_link() -> Move:
@@ -126,110 +128,110 @@ def clear_block() -> Move:
 
 
 def mirror_block() -> Move:
-    """Mirrors a block of tiles in its place, east to west or north to south."""
+    """Mirrors a block of tiles where it is, east to west or north to south."""
     return _move({_plan_mirroring: 1})
 
 
 def slide_lines() -> Move:
-    """Moves the rows between two rows, or the columns between two columns, on by one: the last comes first, or back."""
+    """Rotates the rows between two rows, or the columns between two columns, by one, in either direction."""
     return _move({_plan_slide: 1})
 
 
 def transplant(*, displaced: bool = False) -> Move:
-    """Copies a block of the mate, which is first rotated or mirrored: one of eight ways, the plain one included.
+    """Copies a block of the mate after rotating or mirroring the mate: one of the eight symmetries of a square.
 
-    Grids that are not square are rotated by half turns only.
+    A grid that is not square is rotated by half turns only.
 
     Args:
-      displaced: whether the block comes from another place in the same rows or in the same columns.
+      displaced: whether the block comes from another position in the same rows or in the same columns.
     """
     return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
 
 
 def refit_window(*, empty: bool = True) -> Move:
-    """Replaces a window of 3 x 3 tiles by another flawless filling that has the same links to the tiles around it.
+    """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
 
-    The fillings come from a table (see `flawless_fillings`) and are about equally likely. Where there is no other one
-    the grid stays as it is.
+    The windows come from a table (see `valid_windows`) and are about equally likely. If no other one fits, the grid
+    does not change.
 
     Args:
-      empty: whether cells of a filling may be empty.
+      empty: whether cells of a window may be empty.
     """
     return _move({_plan_refit: 1}, empty=empty)
 
 
-def with_filling(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
-    """Makes a move, and with the given probability the filling repair after it.
+def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
+    """Makes a move, then with the given probability a repair that fills.
 
-    Where cells may stay empty this leads from a network with loose ends to the nearest one without, which single moves
-    find slowly.
+    Where cells may stay empty, this leads from a network with dead ends to a near one without. Single moves find it
+    slowly.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied = move.apply(bits[:-1], grid, mate)
         happens = bernoulli(bits[-1], probability)
         filled = repair(*varied, fill=True, fixed=fixed)
-        # A filled grid has no mismatch left for the dirty tiles to decide.
+        # A filled grid has no mismatch that dirty tiles could decide.
         return Variation(jnp.where(happens, filled, varied.grid), varied.dirty)
 
     return Move(move.bits + 1, apply)
 
 
-def with_opposite(probability: Real[ArrayLike, ""], move: Move, *, mirrored: bool = False) -> Move:
-    """Makes a move, and with the given probability the same change at the opposite place, rotated by half a turn.
+def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move, *, diagonal: bool = False) -> Move:
+    """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 
-    A grid that is symmetric under half a turn stays so, unless repair fills. One step then does what would take two,
-    with a worse grid in between.
+    A grid that is symmetric under half a turn stays symmetric, unless repair fills. One step then does what would take
+    two steps with a worse grid in between.
 
     Args:
       probability: of the second change.
       move: the move.
-      mirrored: whether the second change may be mirrored in a diagonal instead: in each a third of the time, on square
-        grids.
+      diagonal: whether the second change may be mirrored in a diagonal of a square grid instead: in either diagonal a
+        third of the time.
     """
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         varied, dirty = move.apply(bits[: move.bits], grid, mate)
-        places = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
-        if mirrored and grid.shape[0] == grid.shape[1]:
-            # A tile, whether it is dirty, and its place in one number: what is at the opposite place comes from there.
-            packed = _opposite(
-                randint(bits[move.bits + 1], 3), varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | places << 5
+        indices = np.arange(grid.size, dtype=np.int32).reshape(grid.shape)
+        if diagonal and grid.shape[0] == grid.shape[1]:
+            # One number holds a tile, whether it is dirty, and its index, so that all three move together.
+            packed = _symmetric_image(
+                randint(bits[move.bits + 1], 3), varied.astype(jnp.int32) | dirty.astype(jnp.int32) << 4 | indices << 5
             )
-            image, dirty_there, first = (packed & 15).astype(jnp.int8), packed & 16 > 0, places <= packed >> 5
+            image, dirty_there, first = (packed & 15).astype(jnp.int8), packed & 16 > 0, indices <= packed >> 5
         else:
             image, dirty_there = rotate_codes(varied, 2)[::-1, ::-1], dirty[::-1, ::-1]
-            first = places <= places[::-1, ::-1]
-        opposite = dirty_there & bernoulli(bits[move.bits], probability)
-        # Where the two places overlap the first of them decides.
-        return Variation(jnp.where(opposite & ~(dirty & first), image, varied), dirty | opposite)
+            first = indices <= indices[::-1, ::-1]
+        copied = dirty_there & bernoulli(bits[move.bits], probability)
+        # Where the two changes overlap, the tile of the lower index decides.
+        return Variation(jnp.where(copied & ~(dirty & first), image, varied), dirty | copied)
 
-    return Move(move.bits + 1 + mirrored, apply)
+    return Move(move.bits + 1 + diagonal, apply)
 
 
-def _opposite(diagonal: Int32[Array, ""], tiles: Int32[Array, "N N"]) -> Int32[Array, "N N"]:
-    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2; what is above their four bits goes along."""
+def _symmetric_image(symmetry: Int32[Array, ""], tiles: Int32[Array, "N N"]) -> Int32[Array, "N N"]:
+    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2; higher bits move with the four of the code."""
 
     def exchanged(tiles: Array, one: int, other: int, third: int, fourth: int) -> Array:
         return tiles & ~15 | exchange_sides(exchange_sides(tiles, one, other), third, fourth)
 
-    once = jnp.where(diagonal == 1, tiles, exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1])
-    return jnp.where(diagonal == 0, once, exchanged(once, NORTH, WEST, EAST, SOUTH).T)
+    once = jnp.where(symmetry == 1, tiles, exchanged(tiles, NORTH, SOUTH, EAST, WEST)[::-1, ::-1])
+    return jnp.where(symmetry == 0, once, exchanged(once, NORTH, WEST, EAST, SOUTH).T)
 
 
 _Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array, ""]]
 
 
 class _Change(NamedTuple):
-    """The change that a move makes, as numbers: of all moves one is drawn before any tile is touched.
+    """The change that a move makes, as numbers, so that a move is drawn before any tile is computed.
 
     Attributes:
       sides: north, south, west and east of a rectangle of tiles, all included.
-      toggles: bool, whether the links along its outline are toggled; where it is one tile wide, those along it. Else
-        its tiles are written.
-      code: int32, the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for those of a window.
+      toggles: bool, whether the links along its outline are toggled (along a rectangle one tile wide, the links in
+        it). Otherwise its tiles are written.
+      code: int32, the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for a window.
       rows: int32 ``[H]`` and
-      columns: int32 ``[W]``, which add up to the place, row by row, that each tile is copied from.
+      columns: int32 ``[W]``, whose sum is the index of the tile that each tile is copied from.
       flipped: bool, whether copied tiles are mirrored north to south.
       mirrored: bool, whether they are mirrored east to west.
       transposed: bool, whether rows and columns of the source are exchanged first.
@@ -255,23 +257,23 @@ _COPIED, _REFITTED = -1, -2
 # The longest side of a window that is refitted.
 _WINDOW = 3
 
-# One number to draw the plan by, and at most seven for the plan.
+# One number draws the plan, and a plan uses at most seven.
 _BITS = 1 + 7
 
 
-def _move(shares: dict[_Plan, AnyArray], *, empty: bool = True) -> Move:
-    """Makes a move by one of the plans, each in proportion to its share; `empty` is that of `refit_window`."""
-    # What is never drawn need not be computed.
-    shares = {plan: share for plan, share in shares.items() if not (isinstance(share, int) and share == 0)}
-    ends = jnp.cumsum(jnp.array(list(shares.values()), jnp.int32))
+def _move(weights: dict[_Plan, AnyArray], *, empty: bool = True) -> Move:
+    """Makes a move by one of the plans, drawn in proportion to its weight; for `empty` see `refit_window`."""
+    # A plan that is never drawn is not computed.
+    weights = {plan: weight for plan, weight in weights.items() if not (isinstance(weight, int) and weight == 0)}
+    ends = jnp.cumsum(jnp.array(list(weights.values()), jnp.int32))
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        plans, changes = zip(*(ravel_pytree(plan(bits[1:], grid.shape)) for plan in shares), strict=True)
+        plans, changes = zip(*(ravel_pytree(plan(bits[1:], grid.shape)) for plan in weights), strict=True)
         drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum()
-        # XLA computes a sum once for each grid, but a mere choice anew for every tile: three times the time of a move.
-        plan = jnp.where((np.arange(len(shares)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
+        # A sum, because XLA computes it once per grid. It computes a choice again for every tile, three times as slow.
+        plan = jnp.where((np.arange(len(weights)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
         change = changes[0](plan)
-        window = _refit(bits[3], change.sides, grid, empty=empty) if _plan_refit in shares else None
+        window = _refit(bits[3], change.sides, grid, empty=empty) if _plan_refit in weights else None
         return _apply(change, grid, grid if mate is None else mate, window)
 
     return Move(_BITS, apply)
@@ -280,7 +282,7 @@ def _move(shares: dict[_Plan, AnyArray], *, empty: bool = True) -> Move:
 def _apply(
     change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"], window: Int8[Array, "H W"] | None
 ) -> Variation:
-    rows, columns = _places(grid.shape)
+    rows, columns = _row_and_column_indices(grid.shape)
     north, south, west, east = change.sides
     inside = (rows >= north) & (rows <= south) & (columns >= west) & (columns <= east)
     along = inside & ((rows == north) | (rows == south))
@@ -306,10 +308,10 @@ def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -
 
 
 def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
-    """Draws another flawless filling of a window, given by its sides; only the tiles in it mean anything."""
+    """Draws another valid window in place of the one between four sides; tiles outside it have no meaning."""
     height, width = (min(side, _WINDOW) for side in grid.shape)
-    fillings = flawless_fillings(height, width, empty=empty)
-    all_first, all_rows = jnp.asarray(fillings.first), jnp.asarray(fillings.rows)
+    windows = valid_windows(height, width, empty=empty)
+    all_first, all_rows = jnp.asarray(windows.first), jnp.asarray(windows.rows)
     north, _, west, _ = sides
     tiles = jax.lax.dynamic_slice(grid, (north, west), (height, width)).astype(jnp.int32)
     borders = tiles[0] & NORTH, tiles[-1] & SOUTH, tiles[:, 0] & WEST, tiles[:, -1] & EAST
@@ -318,9 +320,9 @@ def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, 
     before = (tiles << 4 * np.arange(width)).sum(axis=1)
     drawn = randint(bits, jnp.maximum(count, 1))
     one, next_one = (all_rows[first + (drawn + step) % jnp.maximum(count, 1)] for step in (0, 1))
-    filling = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
-    rows, columns = _places(grid.shape)
-    row = filling[jnp.clip(rows - north, 0, height - 1)]
+    window = jnp.where(count == 0, before, jnp.where((one == before).all(), next_one, one))
+    rows, columns = _row_and_column_indices(grid.shape)
+    row = window[jnp.clip(rows - north, 0, height - 1)]
     return (row >> 4 * jnp.clip(columns - west, 0, width - 1) & 15).astype(jnp.int8)
 
 
@@ -397,8 +399,7 @@ def _plan_slide(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
     north, south, west, east = _block(bits, shape)
 
     def sources(length: int, first: Array, last: Array) -> Array:
-        places = np.arange(length, dtype=np.int32)
-        step = places + jnp.where(back, -1, 1)
+        step = np.arange(length, dtype=np.int32) + jnp.where(back, -1, 1)
         return jnp.clip(jnp.where(step < first, last, jnp.where(step > last, first, step)), 0, length - 1)
 
     rows, columns = (np.arange(side, dtype=np.int32) for side in shape)
@@ -431,11 +432,10 @@ def _plan_refit(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
 
 
 def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Array, right: Array) -> _Change:
-    """Plans to copy a block of the mate, so many tiles farther down and right there, one of eight ways."""
+    """Plans to copy a block of the mate that lies `down` rows and `right` columns farther there, transformed."""
     height, width = shape
-    way = bits[4]
-    mirrored, flipped = way & 1 != 0, way & 2 != 0
-    transposed = (way & 4 != 0) & (height == width)
+    mirrored, flipped = bits[4] & 1 != 0, bits[4] & 2 != 0
+    transposed = (bits[4] & 4 != 0) & (height == width)
     rows = jnp.clip(np.arange(height, dtype=np.int32) + down, 0, height - 1)
     columns = jnp.clip(np.arange(width, dtype=np.int32) + right, 0, width - 1)
     change = _copy_from(
@@ -448,14 +448,15 @@ def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Ar
     return change._replace(flipped=flipped, mirrored=mirrored, from_mate=jnp.asarray(True))
 
 
-def _places(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+def _row_and_column_indices(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(shape[0])[:, None], np.arange(shape[1])[None]
 
 
 def _block(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Sides:
-    """Draws north, south, west and east of a block: two rows and two columns, each drawn alone, in order.
+    """Draws the north, south, west and east side of a block: two rows and two columns, independent, in order.
 
-    One time in eight a side is at the grid's edge instead: half a network, rotated or mirrored, makes a whole one.
+    With probability 1/8 a side is at the grid's edge instead, so that half a network, rotated or mirrored, completes
+    another half.
     """
     one, other = randint(bits[:2], shape[0]), randint(bits[2:4], shape[1])
     north, south, west, east = bits[:4] & 7 == 0

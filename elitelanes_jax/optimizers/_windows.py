@@ -1,7 +1,7 @@
-"""All flawless fillings of a small window, by the links that lead out of it.
+"""All valid windows of a small size, by the links that lead out of them.
 
-A window is flawless if its links match, no tile has a single connection, no two turns share a side and no two crossings
-are linked. A few thousand fillings of 3 x 3 tiles are.
+A window is valid if its links match, no tile has a single connection, no two turns share a side and no two crossings
+are linked. Of 3 x 3 tiles there are a few thousand.
 """
 
 from functools import cache
@@ -13,24 +13,24 @@ from jaxtyping import Bool, Int32
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST
 
 
-class Fillings(NamedTuple):
-    """The flawless fillings of windows of h x w tiles.
+class WindowTable(NamedTuple):
+    """The N valid windows of h x w tiles, sorted by their border.
 
-    They are sorted by their border, a number of 2 (h + w) bits: the links that lead out of the window to the north and
-    to the south, both from west to east, then those to the west and to the east, both from north to south.
+    A border has 2 (h + w) bits, one for each link that leads out of the window: first to the north and to the south,
+    both from west to east, then to the west and to the east, both from north to south.
 
     Attributes:
-      first: int32 ``[2^(2 (h + w)) + 1]``, the first filling of each border, and how many there are in all.
-      rows: int32 ``[F, h]``, of each filling the rows, four bits a tile, the westernmost lowest.
+      first: int32 ``[2^(2 (h + w)) + 1]``, the index of the first window of each border, and last N.
+      rows: int32 ``[N, h]``, the rows of each window: four bits a tile, the westernmost tile lowest.
     """
 
     first: Int32[np.ndarray, " B"]
-    rows: Int32[np.ndarray, "F h"]
+    rows: Int32[np.ndarray, "N h"]
 
 
 @cache
-def flawless_fillings(height: int, width: int, *, empty: bool) -> Fillings:
-    """Lists the flawless fillings of a window.
+def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
+    """Lists the valid windows of a size.
 
     Args:
       height: in tiles.
@@ -43,10 +43,10 @@ def flawless_fillings(height: int, width: int, *, empty: bool) -> Fillings:
     for _ in range(width - 1):
         rows = _extended(rows, codes[:, None], beside[rows[:, -1:], codes])
     under = np.logical_and.reduce([below[rows[:, [column]], rows[:, column]] for column in range(width)])
-    numbers = np.arange(len(rows))
-    windows = numbers[:, None]
+    indices = np.arange(len(rows))
+    windows = indices[:, None]
     for _ in range(height - 1):
-        windows = _extended(windows, numbers[:, None], under[windows[:, -1]])
+        windows = _extended(windows, indices[:, None], under[windows[:, -1]])
     tiles = rows[windows]
     sides = tiles[:, 0] & NORTH, tiles[:, -1] & SOUTH, tiles[:, :, 0] & WEST, tiles[:, :, -1] & EAST
     links = np.concatenate([side > 0 for side in sides], axis=1)
@@ -54,11 +54,11 @@ def flawless_fillings(height: int, width: int, *, empty: bool) -> Fillings:
     order = np.argsort(border, kind="stable")
     first = np.searchsorted(border[order], np.arange(2 ** (2 * (height + width)) + 1))
     packed = (tiles << 4 * np.arange(width)).sum(axis=-1)
-    return Fillings(first.astype(np.int32), packed[order].astype(np.int32))
+    return WindowTable(first.astype(np.int32), packed[order].astype(np.int32))
 
 
 def _fitting(forth: int, back: int) -> Bool[np.ndarray, "16 16"]:
-    """Tells which codes may stand beside each other, the second on the side `forth` of the first."""
+    """Returns which pairs of codes may be neighbours, the second on the side `forth` of the first."""
     one, other = np.indices((16, 16))
     turns, crossings = (np.isin([one, other], codes).all(axis=0) for codes in (KINDS["turn"], CROSSINGS))
     linked = one & forth > 0

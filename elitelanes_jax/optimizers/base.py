@@ -55,7 +55,7 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Elites`.
       evaluations_per_step: int, how many grids a step evaluates.
-      receive: (state, `Elites`) -> state that has taken over what is better, place by place; only where there is an
+      migrate: (state, `Elites`) -> state that has taken over what is better, place by place; only where there is an
         archive.
     """
 
@@ -63,4 +63,4 @@ class Optimizer(NamedTuple):
     step: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Info]]
     elites: Callable[[Pytree], Elites]
     evaluations_per_step: int
-    receive: Callable[[Pytree, Elites], Pytree] | None = None
+    migrate: Callable[[Pytree, Elites], Pytree] | None = None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
-from elitelanes_jax.optimizers._moves import Mix, random_move
+from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins
 from elitelanes_jax.problem.problem import Problem
 
@@ -68,7 +68,7 @@ def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
 
 def qdax_moves(
     problem: Problem,
-    mix: Mix = Mix(),
+    mix: MoveWeights = MoveWeights(),
 ) -> tuple[Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]]:
     """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): one move of the mix each, repaired.
 

@@ -78,18 +78,18 @@ def insert_at(
     fitness: Int32[Array, " P"],
     counts: Int32[Array, "P M"],
     *,
-    drifts: bool = False,
+    accept_equal: bool = False,
 ) -> Archive:
     """Offers each grid to a given place of the archive, int32 ``[P]``, or to several, ``[K, P]``; else as `insert`.
 
-    With `drifts` the first in the batch comes in among equals, whether or not an elite is there.
+    With `accept_equal` the first in the batch comes in among equals, whether or not an elite is there.
     """
     rounds, niches = niche.reshape(-1, len(grids)), archive.fitness.size
     niche, fitness = rounds.reshape(-1), jnp.tile(fitness, len(rounds))
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
     contends = fitness == lowest[niche]
-    if not drifts:
+    if not accept_equal:
         contends &= fitness < archive.fitness[niche]
     first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
     # Winners write to their own niche, each the only one; the others to places beyond the end.

@@ -79,7 +79,7 @@ def evolve_islands(
     if islands % len(devices):
         raise InputError(f"islands: expected a multiple of {many(len(devices), 'device')}, got {islands}")
     optimizer = program.optimizer(numbers)
-    if optimizer.receive is None:
+    if optimizer.migrate is None:
         raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")
     return _evolve(keys[0], islands, every, devices, program, spec, optimizer, progress)
 
@@ -133,8 +133,8 @@ def _compiled(
         everyone = jax.lax.all_gather(Archive(*found[:3]), _AXIS, tiled=True)
         best = keep_best(everyone)
         elites = Elites(*best, valid=best.valid)
-        assert optimizer.receive is not None
-        return jax.vmap(optimizer.receive, (0, None))(states, elites), elites
+        assert optimizer.migrate is not None
+        return jax.vmap(optimizer.migrate, (0, None))(states, elites), elites
 
     def begin() -> tuple[Pytree, Elites]:
         return exchange(start(optimizer, keys()))

@@ -17,7 +17,7 @@ from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers._annealed import AnnealedPsoConfig
 from elitelanes_jax.optimizers._annealing import AnnealingConfig
-from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers._moves import MoveWeights
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 from elitelanes_jax.search.evolution import evolve
@@ -182,7 +182,11 @@ def test_target_bins_are_bins():
         ("ea", AnnealingConfig(population=10), "config: expected a population that is a multiple of the 4 chains"),
         ("ea", AnnealingConfig(coldest=90), "config: expected coldest <= hottest, got 90 and 60"),
         ("ea", AnnealingConfig(cycle=0), "config.cycle: expected a whole number, 1 or more, got 0"),
-        ("ea", AnnealingConfig(moves=Mix(filling=2)), "config.moves.filling: expected a number, 0 to 1, got 2"),
+        (
+            "ea",
+            AnnealingConfig(moves=MoveWeights(fill_probability=2)),
+            "config.moves.fill_probability: expected a number, 0 to 1, got 2",
+        ),
         ("pso", AnnealedPsoConfig(cognitive=0.7, social=0.7), r"config: expected cognitive \+ social to be at most 1"),
     ],
 )

@@ -83,13 +83,13 @@ def test_a_cycle_keeps_its_target_and_only_isolated_chains_restart():
     lengths = set()
     for before, after in pairwise(states):
         goes_on = before.cooling.step > 0
-        np.testing.assert_array_equal(after.cycles.target[goes_on], before.cycles.target[goes_on])
+        np.testing.assert_array_equal(after.cycles.goal[goes_on], before.cycles.goal[goes_on])
         np.testing.assert_array_equal(after.cycles.directed[goes_on], before.cycles.directed[goes_on])
         length = after.cooling.length
         assert (length[~isolated] == CYCLE).all()
         assert (length[after.cycles.directed] == 49 * CYCLE).all()
         assert not (after.cycles.directed & ~isolated).any()
-        assert (after.cycles.target[:, 1:] == 0).all(), "wanted niches"
+        assert (after.cycles.goal[:, 1:] == 0).all(), "wanted niches"
         lengths |= set(length[isolated].tolist())
     assert lengths == {CYCLE, 2 * CYCLE, 49 * CYCLE}
 
@@ -112,12 +112,12 @@ def test_directions_go_to_the_ends_and_count_penalties_alone():
     worse = 0
     for before, after in pairwise(states):
         directed = after.cycles.directed
-        assert np.isin(after.cycles.target[directed, 0], (0, 24)).all()
+        assert np.isin(after.cycles.goal[directed, 0], (0, 24)).all()
         goes_on = directed & (before.cooling.step > 0)
         pursued = []
         for counts in (before.chains.counts, after.chains.counts):
             cyclomatic = np.asarray(compute_descriptor(counts, problem.axes))[:, 0].clip(0, 24)
-            distance = abs(cyclomatic - after.cycles.target[:, 0])
+            distance = abs(cyclomatic - after.cycles.goal[:, 0])
             pursued.append(np.asarray(problem.penalties(jnp.asarray(counts))) + 200 * distance)
         # At 5 x 5 temperatures start at 50 x 5 / 12; the largest step up is 8.4 temperatures.
         assert (pursued[1] - pursued[0] <= 8.4 * 50 * 5 / 12)[goes_on].all()
@@ -132,14 +132,16 @@ def test_where_no_niche_is_vacant_no_cycle_goes_in_a_direction():
 
 
 def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
-    problem, _, states = search((Axis("cyclomatic", 6, 2),), 0, complete=True, drifts=True, frontier=1.0)
+    problem, _, states = search(
+        (Axis("cyclomatic", 6, 2),), 0, require_feasible=True, accept_equal=True, vacant_probability=1.0
+    )
     pursued = set()
     for before, after in pairwise(states):
         fitness, counts = before.archives.fitness[-6:], before.archives.counts[-6:]
         done = (fitness < VACANT) & (np.asarray(problem.penalties(jnp.asarray(counts))) == 0)
         beside = np.convolve(done, [1, 1, 1], "same") > 0
         for chain in np.arange(CHAINS // 2, CHAINS)[before.cooling.step[CHAINS // 2 :] == 0]:
-            target = int(after.cycles.target[chain, 0])
+            target = int(after.cycles.goal[chain, 0])
             if (beside & ~done).any():
                 assert beside[target] and not done[target]
                 pursued.add(bool(fitness[target] < VACANT))
@@ -184,7 +186,7 @@ def test_larger_grids_begin_with_grown_towns_and_given_grids():
     problem = road_problem((4, 4), "cyclomatic:4", weights=RULES["duckietown"].weights, initial=ring)
 
     def flawed(cells):
-        optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(grown=cells))
+        optimizer = annealed_map_elites(problem, AnnealedMapElitesConfig(initial_towns_from=cells))
         chains = jax.jit(optimizer.init, compiler_options={"xla_backend_optimization_level": 0})(
             jax.random.key(0)
         ).chains

@@ -32,7 +32,7 @@ from elitelanes_jax.optimizers._annealing import AnnealingConfig
 from elitelanes_jax.optimizers._ea import ea
 from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
 from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
-from elitelanes_jax.optimizers._moves import Mix
+from elitelanes_jax.optimizers._moves import MoveWeights
 from elitelanes_jax.optimizers._population import EvolutionConfig
 from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
@@ -53,9 +53,9 @@ MAKERS = {
     "gwo": partial(gwo, config=GwoConfig(horizon=100)),
     "ea, tuned": partial(annealed_ea, config=TUNED),
     "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
-    "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, mirrored=True)),
+    "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, diagonal=True)),
     "map-elites, irregular": partial(
-        annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, drifts=True, complete=True)
+        annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, accept_equal=True, require_feasible=True)
     ),
     "pso, tuned": partial(annealed_pso, config=AnnealedPsoConfig(TUNED)),
     "gwo, tuned": partial(annealed_gwo, config=AnnealedGwoConfig(TUNED)),
@@ -268,7 +268,7 @@ def test_comma_selection_may_lose_the_best_and_goes_on():
         pytest.param(gwo, GwoConfig(), "horizon", (3, 200), marks=pytest.mark.slow),
         pytest.param(pso, PsoConfig(), "inertia", (0.2, 0.7), marks=pytest.mark.slow),
         pytest.param(annealed_ea, TUNED, "cycle", (3, 7), marks=pytest.mark.slow),
-        pytest.param(annealed_ea, TUNED, "moves", (Mix(transplant=0), Mix()), marks=pytest.mark.slow),
+        pytest.param(annealed_ea, TUNED, "moves", (MoveWeights(transplant=0), MoveWeights()), marks=pytest.mark.slow),
         pytest.param(annealed_gwo, AnnealedGwoConfig(TUNED), "leaders", (1, 3), marks=pytest.mark.slow),
         pytest.param(
             annealed_map_elites, AnnealedMapElitesConfig(TUNED), "bin_penalty", (1, 400), marks=pytest.mark.slow
@@ -331,7 +331,11 @@ def test_settings_are_checked_when_an_optimizer_is_made():
         (map_elites, MapElitesConfig(EvolutionConfig(tournament=0)), "config.loop.tournament: expected"),
         (pso, PsoConfig(inertia=-1), "config.inertia: expected a number, 0 to 3, got -1"),
         (gwo, GwoConfig(horizon=2**15), "config.horizon: expected a whole number, 1 to 32767, got 32768"),
-        (annealed_ea, AnnealingConfig(moves=Mix(link=-1)), "config.moves.link: expected a whole number, 0 or more"),
+        (
+            annealed_ea,
+            AnnealingConfig(moves=MoveWeights(link=-1)),
+            "config.moves.link: expected a whole number, 0 or more",
+        ),
     ):
         with pytest.raises(InputError, match=message):
             factory(PROBLEMS[False], config)

@@ -11,8 +11,8 @@ from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._emitters import (
     Niches,
     draw_direction,
-    draw_target,
-    draw_valid,
+    draw_goal,
+    draw_true,
     nearest_elite,
     penalise_distance,
     reachable,
@@ -47,7 +47,7 @@ def slow_reachable(valid):
 def drawn():
     """For each archive, niches and directions drawn many times."""
     bits = random_bits(jax.random.key(0), (400, 2))
-    targets = jax.jit(jax.vmap(lambda bits, valid: draw_target(NICHES, bits, valid, 0.5), (0, None)))
+    targets = jax.jit(jax.vmap(lambda bits, valid: draw_goal(NICHES, bits, valid, 0.5), (0, None)))
     directions = jax.jit(jax.vmap(lambda bits, valid: draw_direction(NICHES, bits, valid), (0, None)))
     return [
         tuple(
@@ -58,8 +58,8 @@ def drawn():
 
 
 def test_niches_are_in_the_order_of_their_indices():
-    assert [tuple(place) for place in NICHES.places.tolist()] == PLACES
-    assert NICHES.wanted.tolist() == [place[1] == 0 for place in PLACES]
+    assert [tuple(place) for place in NICHES.bins.tolist()] == PLACES
+    assert NICHES.targeted.tolist() == [place[1] == 0 for place in PLACES]
 
 
 def test_a_vacant_niche_beside_a_filled_column_is_reachable():
@@ -97,7 +97,7 @@ def test_the_nearest_elite_has_the_lowest_penalised_fitness_and_no_vacant_niche_
     rng = np.random.default_rng(1)
     fitness = np.where(rng.random((80, 24)) < 0.5, rng.integers(-900, 900, (80, 24)), VACANT).astype(np.int32)
     target = np.array(PLACES, np.int32)[rng.integers(0, 24, 80)]
-    nearest = jax.jit(jax.vmap(lambda fitness, target: nearest_elite(fitness, NICHES.places, target, 300)))
+    nearest = jax.jit(jax.vmap(lambda fitness, target: nearest_elite(fitness, NICHES.bins, target, 300)))
     found = nearest(fitness, target)
     for row, goal, niche in zip(fitness, target, np.asarray(found), strict=True):
         prices = [int(f) + 300 * sum(abs(goal - np.array(place))) for f, place in zip(row, PLACES, strict=True)]
@@ -114,8 +114,8 @@ def test_each_axis_may_have_a_penalty_of_its_own():
 
 def test_places_that_are_true_are_drawn_alike():
     valid = jnp.asarray([False, True, False, True, True, False])
-    drawn = np.asarray(draw_valid(random_bits(jax.random.key(2), (6000,)), valid))
+    drawn = np.asarray(draw_true(random_bits(jax.random.key(2), (6000,)), valid))
     counts = np.bincount(drawn, minlength=6)
     assert (counts[[0, 2, 5]] == 0).all()
     assert (abs(counts[[1, 3, 4]] - 2000) < 200).all()
-    assert draw_valid(jnp.uint32(5), jnp.zeros(6, bool)) == 5
+    assert draw_true(jnp.uint32(5), jnp.zeros(6, bool)) == 5

@@ -17,7 +17,7 @@ from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.optimizers._moves import (
-    Mix,
+    MoveWeights,
     clear_block,
     lay_straight,
     mirror_block,
@@ -29,13 +29,13 @@ from elitelanes_jax.optimizers._moves import (
     toggle_outline,
     toggle_street,
     transplant,
-    with_filling,
-    with_opposite,
+    with_fill,
+    with_symmetric_copy,
 )
-from elitelanes_jax.optimizers._windows import flawless_fillings
+from elitelanes_jax.optimizers._windows import valid_windows
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}
-# By the names of their shares in a mix.
+# By the names of their weights.
 MOVES = CYCLES | {
     "link": toggle_link(),
     "street": toggle_street(),
@@ -49,7 +49,7 @@ MOVES = CYCLES | {
 }
 SHAPES = [(6, 6), (4, 7)]
 
-NONE = Mix(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, filling=0)
+NONE = MoveWeights(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, fill_probability=0)
 
 
 @jax.jit
@@ -58,9 +58,9 @@ def moved(mix, bits, grid, mate):
     """A move of a mix, what it leaves after repair, and the same move with filling, and elsewhere too."""
     move = random_move(mix, fill=True)
     varied = move.apply(bits[:-2], grid, mate)
-    filled = with_filling(1.0, move).apply(bits[:-1], grid, mate)
-    both, never = (with_opposite(share, move).apply(bits[:-1], grid, mate) for share in (1.0, 0.0))
-    mirrored = with_opposite(1.0, move, mirrored=True).apply(bits, grid, mate)
+    filled = with_fill(1.0, move).apply(bits[:-1], grid, mate)
+    both, never = (with_symmetric_copy(share, move).apply(bits[:-1], grid, mate) for share in (1.0, 0.0))
+    mirrored = with_symmetric_copy(1.0, move, diagonal=True).apply(bits, grid, mate)
     return varied, repair(*varied), repair(*varied, fill=True), repair(*filled), both, never, mirrored
 
 
@@ -99,7 +99,7 @@ def different(varied):
 )
 def test_of_any_grid_by_any_move(shape):
     """What is not dirty stays, all can be repaired, filling fills, and the opposite place changes too if it is to."""
-    for mix in (Mix(refit=12), *(replace(NONE, **{name: 1}) for name in MOVES)):
+    for mix in (MoveWeights(refit=12), *(replace(NONE, **{name: 1}) for name in MOVES)):
         before, (varied, settled, filled, filling, both, never, mirrored) = random_moves(shape, mix)
         assert varied.grid.dtype == np.int8
         assert varied.dirty.dtype == bool
@@ -141,7 +141,11 @@ def at_the_opposite_place_too(plain, dirty, way=0):
 
 
 def test_batches_and_compilation_change_nothing():
-    move, grid, mate = random_move(Mix(), fill=False), jnp.asarray(network((4, 7))), jnp.asarray(network((4, 7), 1))
+    move, grid, mate = (
+        random_move(MoveWeights(), fill=False),
+        jnp.asarray(network((4, 7))),
+        jnp.asarray(network((4, 7), 1)),
+    )
     bits = random_bits(jax.random.key(5), (6, move.bits))
     together = jax.jit(jax.vmap(move.apply, (0, None, None)))(bits, grid, mate)
     for number in range(6):
@@ -214,20 +218,20 @@ def block_of(dirty):
 
 
 @pytest.mark.parametrize("empty", [True, False])
-def test_a_window_gets_each_other_flawless_filling_with_the_same_links_out(empty):
-    """Two rings, the one in a corner of the other: their window has other fillings, the rest stays as it is."""
+def test_a_window_gets_each_other_valid_window_with_the_same_links_out(empty):
+    """Two rings, the one in a corner of the other: their window has other valid ones, the rest does not change."""
     grid = np.array(repair(np.array([[6, 5, 5, 3], [10, 6, 5, 11], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)))
-    fillings = flawless_fillings(3, 3, empty=empty)
+    windows = valid_windows(3, 3, empty=empty)
     expected = set()
     for north, west in np.ndindex(2, 2):
         tiles = grid[north : north + 3, west : west + 3]
         rows = (tiles << 4 * np.arange(3)).sum(axis=1)
         sides = np.concatenate([tiles[0] & 8, tiles[2] & 2, tiles[:, 0] & 1, tiles[:, 2] & 4]) > 0
         border = int((sides << np.arange(12)).sum())
-        for filling in fillings.rows[fillings.first[border] : fillings.first[border + 1]]:
+        for window in windows.rows[windows.first[border] : windows.first[border + 1]]:
             result = grid.copy()
-            result[north : north + 3, west : west + 3] = filling[:, None] >> 4 * np.arange(3) & 15
-            if not (filling == rows).all():
+            result[north : north + 3, west : west + 3] = window[:, None] >> 4 * np.arange(3) & 15
+            if not (window == rows).all():
                 expected.add(result.tobytes())
     seen = different(many(refit_window(empty=empty), grid, count=4000))
     assert {varied.tobytes() for varied, _ in seen} - {grid.tobytes()} == expected
@@ -312,14 +316,14 @@ def test_opposite_moves_keep_the_symmetry_of_half_a_turn(shape):
     half = network(shape)
     top = np.arange(half.size).reshape(shape) < half.size // 2
     grid = np.where(top, half, rotate(half, 2))
-    varied = many(with_opposite(1.0, random_move(Mix(), fill=True)), grid, count=300)
+    varied = many(with_symmetric_copy(1.0, random_move(MoveWeights(), fill=True)), grid, count=300)
     for result, dirty in different(varied):
         np.testing.assert_array_equal(result, rotate(result, 2))
         np.testing.assert_array_equal(dirty, dirty[::-1, ::-1])
     assert (varied.grid != grid).any()
 
 
-def test_moves_come_in_proportion_to_their_shares():
+def test_moves_come_in_proportion_to_their_weights():
     grid = np.full((5, 5), 15, np.int8)
     varied = many(random_move(replace(NONE, clear=3, straight=1), fill=True), grid, count=20_000)
     cleared = ((varied.grid == 0) == varied.dirty).all(axis=(1, 2))
@@ -329,7 +333,7 @@ def test_moves_come_in_proportion_to_their_shares():
 def test_a_mix_of_one_move_is_that_move():
     """Shares are numbers like any other: one program serves all mixes."""
     grid, mate = jnp.asarray(network((5, 5))), jnp.asarray(network((5, 5), 1))
-    bits = random_bits(jax.random.key(1), (200, random_move(Mix(), fill=True).bits))
+    bits = random_bits(jax.random.key(1), (200, random_move(MoveWeights(), fill=True).bits))
 
     @jax.jit
     def varied(mix):
@@ -344,9 +348,9 @@ def test_a_mix_of_one_move_is_that_move():
 @pytest.mark.usefixtures("any_types")
 def test_a_mix_is_checked():
     for wrong, message in (
-        (Mix(link=-1), "config.link: expected a whole number, 0 or more, got -1"),
-        (Mix(filling=2), "config.filling: expected a number, 0 to 1, got 2"),
-        (NONE, "config: expected a share over 0 for at least one move, got none"),
+        (MoveWeights(link=-1), "config.link: expected a whole number, 0 or more, got -1"),
+        (MoveWeights(fill_probability=2), "config.fill_probability: expected a number, 0 to 1, got 2"),
+        (NONE, "config: expected a weight over 0 for at least one move, got none"),
     ):
         with pytest.raises(InputError, match=message):
             wrong.checked()

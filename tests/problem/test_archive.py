@@ -27,17 +27,17 @@ AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 
 
 insert_jit = jax.jit(insert, static_argnums=1)
-insert_at_jit = jax.jit(insert_at, static_argnames="drifts")
+insert_at_jit = jax.jit(insert_at, static_argnames="accept_equal")
 
 
-def one_by_one(batches, drifts=False):
+def one_by_one(batches, accept_equal=False):
     """Niche -> (grid, fitness, counts), the first of the best; if elites drift, of the last batch with one."""
     best, since = {}, {}
     for number, (grids, fitness, many_counts) in enumerate(batches):
         for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
             cyclomatic, dead_ends = counts[COUNT_NAMES.index("cyclomatic")], counts[COUNT_NAMES.index("dead_ends")]
             niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
-            drift = drifts and niche in best and value == best[niche][1] and since[niche] < number
+            drift = accept_equal and niche in best and value == best[niche][1] and since[niche] < number
             if niche not in best or value < best[niche][1] or drift:
                 best[niche], since[niche] = (grid, value, counts), number
     return best
@@ -56,18 +56,18 @@ def some_batches(draw):
     return batches
 
 
-@pytest.mark.parametrize("drifts", [False, True])
+@pytest.mark.parametrize("accept_equal", [False, True])
 @given(batches=some_batches())
-def test_insertion_is_that_of_one_after_another(batches, drifts):
+def test_insertion_is_that_of_one_after_another(batches, accept_equal):
     archive = empty_archive(AXES, (2, 2))
     for batch in map(partial(map, jnp.asarray), batches):
-        if drifts:
+        if accept_equal:
             grids, fitness, counts = batch
             niche = niche_index(compute_descriptor(counts, AXES), AXES)
-            archive = insert_at_jit(archive, niche, grids, fitness, counts, drifts=True)
+            archive = insert_at_jit(archive, niche, grids, fitness, counts, accept_equal=True)
         else:
             archive = insert_jit(archive, AXES, *batch)
-    expected = one_by_one(batches, drifts)
+    expected = one_by_one(batches, accept_equal)
     assert set(np.flatnonzero(archive.valid)) == set(expected)
     for niche, (grid, value, counts) in expected.items():
         np.testing.assert_array_equal(archive.grids[niche], grid)
