@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
 from elitelanes_jax.cli.metrics import meanings, number, range_text
-from elitelanes_jax.network import COUNT_NAMES, CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, Weights, plain_measure
+from elitelanes_jax.network import METRIC_NAMES, CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, Weights, plain_measure
 from elitelanes_jax.plots import road_map
 from elitelanes_jax.problem import EXTREMES, features_of
 
@@ -158,7 +158,7 @@ def table() -> str:
 
 def draw() -> Figure:
     grid = np.array(EXAMPLE, np.int8)
-    varied = [name for name in COUNT_NAMES if name not in (*FLAWED, "off_alphabet", "tiles")]
+    varied = [name for name in METRIC_NAMES if name not in (*FLAWED, "off_alphabet", "tiles")]
     figure = Figure(figsize=(12, 7.6), layout="constrained")
     axes = figure.subplots(4, 5).ravel()
     for ax in axes:

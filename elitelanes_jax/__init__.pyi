@@ -26,9 +26,9 @@ from .maps.generation import merge as merge
 from .maps.picking import pick as pick
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec
-from .network.counts import Metrics as Metrics
 from .network.fitness import fitness as fitness
 from .network.grids import random_grids as random_grids
+from .network.metric_names import Metrics as Metrics
 from .network.metrics import measure as measure
 from .network.repairing import repair as repair
 from .network.symmetry import mirror as mirror

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
 from elitelanes_jax.benchmark import Task
-from elitelanes_jax.network import COUNT_NAMES
+from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,
@@ -82,7 +82,7 @@ def _found(task: Task, kept: Sequence[Any]) -> Found:
         np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
         for name in ("valid", "grids", "fitness", "counts")
     )
-    cyclomatic = counts[..., COUNT_NAMES.index("cyclomatic")]
+    cyclomatic = counts[..., METRIC_NAMES.index("cyclomatic")]
     return Found(np.where(valid[..., None, None], grids, 0).astype(np.int8), fitness, cyclomatic)
 
 
@@ -106,8 +106,8 @@ def _in_jax(make: Callable[..., Optimizer]) -> Play:
             )
             state, done = result.state, budget // batch
             elites = result.elites
-            counts = np.zeros((*elites.fitness.shape, len(COUNT_NAMES)), np.int32)
-            counts[..., COUNT_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
+            counts = np.zeros((*elites.fitness.shape, len(METRIC_NAMES)), np.int32)
+            counts[..., METRIC_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
             kept.append(Elites(elites.grids, elites.fitness, jnp.asarray(counts), elites.valid))
         return _found(task, kept)
 

@@ -13,7 +13,7 @@ from results_folder import kept
 from tqdm import tqdm
 
 from elitelanes_jax import SearchSpec, evolve, fitness, measure
-from elitelanes_jax.network import COUNT_NAMES
+from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.wfc import generate
 from elitelanes_jax.optimizers import PRESETS, seed_keys
 
@@ -90,7 +90,7 @@ def run_method(
     for number in range(seeds):
         mine = jax.tree.map(lambda array, number=number: np.asarray(array[number]), result.elites)
         held = np.flatnonzero(mine.valid)
-        figures = {name: getattr(mine.metrics, name) for name in (*COUNT_NAMES, "coverage")} | {"fitness": mine.fitness}
+        figures = {name: getattr(mine.metrics, name) for name in (*METRIC_NAMES, "coverage")} | {"fitness": mine.fitness}
         first = held[np.argmin(mine.fitness[held])]
         chosen: dict[str, Any] = {"best": first}
         if method == "map-elites":

@@ -23,7 +23,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
-from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.files import read_mask, read_points
 from elitelanes_jax.tiles.rendering import png_of
@@ -60,7 +60,7 @@ def tileset(file):
 # By the name of the file: what reads it, a good one, and words of its language.
 READERS = {
     "map.json": (read_map, MAP, ['"codes"', "[[", "]]", "1e999", "NaN", "null", '"\\ud800"', "-0", "9" * 5000]),
-    "fix.json": (parse_template, b'{"codes": [[6, 3], [null, 9]]}', ["[[", "null", "{}", "[]", "1e9", "true"]),
+    "fix.json": (parse_fixed_cells, b'{"codes": [[6, 3], [null, 9]]}', ["[[", "null", "{}", "[]", "1e9", "true"]),
     "map.yaml": (
         read_map,
         YAML,

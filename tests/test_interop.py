@@ -28,7 +28,7 @@ from elitelanes_jax.optimizers.interop import (
 )
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
-from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -41,7 +41,7 @@ AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis(
 @pytest.fixture(scope="module")
 def problem():
     park = [[0 if (row, column) == PARK else None for column in range(6)] for row in range(5)]
-    return road_problem(SHAPE, AXES, fix=parse_template(park))
+    return road_problem(SHAPE, AXES, fix=parse_fixed_cells(park))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from oracle import measure as oracle
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
 from elitelanes_jax.problem.descriptor import Axis, niche_index, paper_axes

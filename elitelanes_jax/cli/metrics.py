@@ -25,7 +25,7 @@ def add_metrics(commands: Commands) -> None:
 
 def meanings() -> dict[str, str]:
     """Returns what each metric and each share means, by name: metrics from the docstring of their record."""
-    from elitelanes_jax.network.counts import Metrics
+    from elitelanes_jax.network.metric_names import Metrics
     from elitelanes_jax.network.town_features import TownFeatures
     from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 

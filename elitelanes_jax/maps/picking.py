@@ -17,11 +17,11 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.counts import Metrics
-from elitelanes_jax.problem.constraints import parse_ranges
+from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
-from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
+from elitelanes_jax.problem.kernels import measure_missing
+from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import Result, load_with_seed
 from elitelanes_jax.search.selection import describe_choice, describe_shortage

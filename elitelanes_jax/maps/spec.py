@@ -8,8 +8,8 @@ from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.settings import Settings, option, record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
+from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import check_rules
 from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_initial
 

@@ -10,9 +10,9 @@ from .codes import ROAD_ALPHABET as ROAD_ALPHABET
 from .codes import SIDE_TOWARDS as SIDE_TOWARDS
 from .codes import SOUTH as SOUTH
 from .codes import WEST as WEST
-from .counts import COUNT_NAMES as COUNT_NAMES
-from .counts import Metrics as Metrics
 from .grids import random_grids as random_grids
+from .metric_names import METRIC_NAMES as METRIC_NAMES
+from .metric_names import Metrics as Metrics
 from .metrics import measure as measure
 from .plain_metrics import plain_measure as plain_measure
 from .repairing import repair as repair

@@ -28,15 +28,36 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jaxtyping import Array, Bool, Shaped, UInt
+from jaxtyping import Array, Bool, Int, Shaped, UInt
 
-from elitelanes_jax.network._padded_layout import Links, PaddedLayout
-from elitelanes_jax.network.materialize import batch_all
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.xla import PaddedLayout, batch_all
 
 # Sweeps after which long corridors get the costlier method. Random grids need fewer, 64 x 64 ones about 50.
 _PATIENCE = 60
 
 _OUTER = 0
+
+
+class Links(NamedTuple):
+    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout.
+
+    Attributes:
+      east: bool, whether the tile and its eastern neighbour are linked.
+      south: bool, whether the tile and its southern neighbour are linked.
+    """
+
+    east: Bool[Array, " size"]
+    south: Bool[Array, " size"]
+
+
+def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
+    """Finds the links in a padded vector of codes: pairs of tiles that connect to each other."""
+    here = layout.here(padded)
+    return Links(
+        east=(here & EAST > 0) & (layout.east(padded) & WEST > 0),
+        south=(here & SOUTH > 0) & (layout.south(padded) & NORTH > 0),
+    )
 
 
 class Faces(NamedTuple):

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
-from elitelanes_jax.network.fixed_point import UNIT
+from elitelanes_jax.network.xla import UNIT
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float32, Int, Int8, Int32
 
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network._faces import find_faces
-from elitelanes_jax.network._padded_layout import PaddedLayout, find_links
+from elitelanes_jax.network._faces import find_faces, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
-from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
+from elitelanes_jax.network.xla import PaddedLayout
 
 
 def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
@@ -32,17 +32,17 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
     return _measure(check_grid(grid), None if alphabet is None else check_alphabet(alphabet))
 
 
-def stack_counts(metrics: Metrics) -> Int32[Array, "... M"]:
-    """Puts the whole metrics side by side in the order of `COUNT_NAMES`: one array to carry about."""
+def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
+    """Puts the whole metrics side by side in the order of `METRIC_NAMES`: one array to carry about."""
     # A sum of columns, as XLA joins short arrays on a CPU number by number: that was a sixth of a step of the tuned EA.
-    units = np.eye(len(COUNT_NAMES), dtype=np.int32)
-    columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(COUNT_NAMES, units, strict=True))
+    units = np.eye(len(METRIC_NAMES), dtype=np.int32)
+    columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(METRIC_NAMES, units, strict=True))
     return sum(columns, jnp.int32(0))
 
 
-def unstack_counts(counts: Int32[Array, "... M"], cells: int) -> Metrics:
-    """Makes `Metrics` of arrays ``[...]`` from `stack_counts`, of grids with so many cells; more columns may follow."""
-    columns = dict(zip(COUNT_NAMES, jnp.moveaxis(counts, -1, 0), strict=False))
+def unstack_metrics(counts: Int32[Array, "... M"], cells: int) -> Metrics:
+    """Makes `Metrics` of arrays ``[...]`` from `stack_metrics`, of grids with so many cells; more columns may follow."""
+    columns = dict(zip(METRIC_NAMES, jnp.moveaxis(counts, -1, 0), strict=False))
     return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
 
 

@@ -11,10 +11,9 @@ from jaxtyping import Array, ArrayLike, Bool, Int8, UInt32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Numeric
-from elitelanes_jax.network._packed_cells import PackedCells, in_all_cells
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
-from elitelanes_jax.network.materialize import batch_all, materialize
+from elitelanes_jax.network.xla import PackedCells, batch_all, in_all_cells, materialize
 
 _NORTH, _EAST, _SOUTH, _WEST = (in_all_cells(side) for side in (NORTH, EAST, SOUTH, WEST))
 

@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Int, Int8, Int32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.network._faces import label_faces
-from elitelanes_jax.network._padded_layout import Links, PaddedLayout
+from elitelanes_jax.network._faces import Links, label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
+from elitelanes_jax.network.xla import PaddedLayout
 
 
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:

@@ -7,7 +7,7 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import LONGEST_SIDE
-from elitelanes_jax.network.counts import largest_counts
+from elitelanes_jax.network.metric_names import largest_metrics
 
 if TYPE_CHECKING:
     from jaxtyping import ArrayLike, Int
@@ -80,5 +80,5 @@ def largest_side(weights: Weights) -> int:
 
 
 def _largest_fitness(weights: Weights, shape: tuple[int, int]) -> int:
-    units = largest_counts(shape) | {"constant": 1}
+    units = largest_metrics(shape) | {"constant": 1}
     return sum(abs(int(getattr(weights, name))) * most for name, most in units.items())

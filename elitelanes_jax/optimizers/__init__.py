@@ -1,4 +1,4 @@
-"""Optimisers on one convention (see `base`): each a factory from a problem and a configuration."""
+"""Optimisers on one convention (see `Optimizer`): each is a factory that takes a problem and a configuration."""
 
 import lazy_loader
 

@@ -28,16 +28,13 @@ from ._moves import with_fill as with_fill
 from ._moves import with_symmetric_copy as with_symmetric_copy
 from ._mutations import Move as Move
 from ._population import EvolutionConfig as EvolutionConfig
-from ._population import Population as Population
 from ._population import evaluate as evaluate
 from ._population import random_population as random_population
 from ._population import truncate as truncate
 from ._pso import PsoConfig as PsoConfig
 from ._pso import pso as pso
-from .base import Elites as Elites
 from .base import Info as Info
 from .base import Optimizer as Optimizer
-from .base import as_elites as as_elites
 from .loop import run as run
 from .loop import seed_keys as seed_keys
 from .presets import PRESETS as PRESETS

@@ -1,9 +1,9 @@
-"""The tuned EA, PSO and GWO: annealed chains on islands that differ in which grids they copy parts of.
+"""The tuned EA, PSO and GWO: annealed chains on islands. They differ in the mates whose blocks a chain copies.
 
 In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The swarms move through
-the space of networks and not through one of real numbers: a pull towards a good position copies a block of that grid, a
-particle's own motion is a move of the mix (for permutations the idea is Clerc's, "Discrete particle swarm
-optimization", 2004). So sampling loses nothing, and a grid near an optimum can come nearer.
+the space of networks instead of a space of real numbers: a pull towards a good position copies a block of that grid,
+and a particle moves by itself with any other move (Clerc, "Discrete particle swarm optimization", 2004, does so with
+permutations). No sampling is needed, so a grid near an optimum can come nearer.
 """
 
 from collections.abc import Callable
@@ -28,20 +28,21 @@ from elitelanes_jax.optimizers._annealing import (
     problem_move,
     random_grid,
 )
-from elitelanes_jax.optimizers._population import Population, evaluate, select
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, as_elites
+from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class AnnealedPsoConfig(Config):
-    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may sweep the numbers.
 
     Attributes:
-      annealing: of the particles, each of which knows those of its island.
+      annealing: settings of the particles; each knows those of its island.
       cognitive: probability that a particle is pulled towards its own best position.
-      social: probability that it is pulled towards the best of its island; else it moves by itself.
+      social: probability that it is pulled towards the best position of its island. Otherwise it moves by itself.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig)
@@ -49,7 +50,7 @@ class AnnealedPsoConfig(Config):
     social: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
 
     def check_together(self) -> None:
-        """Checks that the probabilities add up to 1 at most."""
+        """Checks that the sum of the probabilities is at most 1."""
         one, other = self.cognitive, self.social
         if isinstance(one, float) and isinstance(other, float) and one + other > 1:
             raise InputError(f"expected cognitive + social to be at most 1, got {one:g} + {other:g}")
@@ -58,11 +59,11 @@ class AnnealedPsoConfig(Config):
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class AnnealedGwoConfig(Config):
-    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may sweep the numbers.
 
     Attributes:
-      annealing: of the wolves, each island a pack.
-      leaders: how many of a pack's best positions lead it: alpha, beta and so on; at most all.
+      annealing: settings of the wolves; each island is a pack.
+      leaders: the number of a pack's best positions that lead it: alpha, beta and so on; limited to the whole pack.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig)
@@ -76,7 +77,7 @@ class AnnealedState(NamedTuple):
       chains: the current grids of the chains.
       cycle_best: the best grid of each chain in this cycle.
       best: the best grid of each chain in all cycles.
-      cooling: the run's place in its cycle.
+      cooling: how far the run is in its cycle.
     """
 
     chains: Population
@@ -92,8 +93,8 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
     """Makes the tuned EA; its elites are the chains' best grids.
 
     Args:
-      problem: with a shape, an alphabet and a fitness.
-      config: the defaults are the preset `tuned`.
+      problem: the problem to solve.
+      config: settings; the defaults are the preset `tuned`.
 
     Raises:
       InputError: for a setting out of its range.
@@ -114,10 +115,10 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         known = state.cycle_best
         best = jnp.argmin(known.fitness.reshape(-1, each), axis=1) + np.arange(known.fitness.size // each) * each
-        own = bernoulli(bits.mate, config.cognitive)[:, None, None]
-        either = bernoulli(bits.mate, config.cognitive + config.social)[:, None, None]
-        pulled = jnp.where(own, known.grids, jnp.repeat(known.grids[best], each, axis=0))
-        return jnp.where(either, pulled, state.chains.grids)
+        by_itself = bernoulli(bits.mate, config.cognitive)[:, None, None]
+        pulled = bernoulli(bits.mate, config.cognitive + config.social)[:, None, None]
+        mates = jnp.where(by_itself, known.grids, jnp.repeat(known.grids[best], each, axis=0))
+        return jnp.where(pulled, mates, state.chains.grids)
 
     return _make_optimizer(problem, config.annealing, mates)
 
@@ -161,10 +162,7 @@ def _make_optimizer(problem: Problem, config: AnnealingConfig, mates: _Mates) ->
         chains = select(restart | accepted, children, chains)
         cycle_best = select(restart | (children.fitness < cycle_best.fitness), children, cycle_best)
         best = select(children.fitness < best.fitness, children, best)
-        info = Info(best_fitness=best.fitness.min(), elite_count=jnp.int32(count))
+        info = Info(best.fitness.min(), jnp.int32(count), count_refused(children))
         return AnnealedState(chains, cycle_best, best, cooling.after(grows=True)), info
 
-    def elites(state: AnnealedState) -> Elites:
-        return as_elites(state.best)
-
-    return Optimizer(init, step, elites, evaluations_per_step=count)
+    return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=count)

@@ -21,9 +21,9 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt3
 
 from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
-from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
+from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers._annealing import (
     LONGEST_CYCLE,
     SMALL,
@@ -45,10 +45,10 @@ from elitelanes_jax.optimizers._emitters import (
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move
-from elitelanes_jax.optimizers._population import Population, evaluate, select
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
-from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, insert_at
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins, niche_index
+from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population, empty_archive, insert
+from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
 
 # Constants that experiments/moves.md settled: the weight of `refit_window` on small grids; the number of groups of
@@ -142,7 +142,7 @@ class AnnealedMapElitesState(NamedTuple):
 
     chains: Population
     cycles: Cycle
-    archives: Archive
+    archives: Population
     cooling: Cooling
 
 
@@ -150,11 +150,11 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.
 
     Args:
-      problem: the problem to solve. Niches outside an axis' target bin are stepping stones.
+      problem: the problem to solve, with at least one axis. Niches outside an axis' target bin are stepping stones.
       config: settings; the defaults are the preset `tuned`.
 
     Raises:
-      InputError: for a setting out of its range.
+      InputError: for a setting out of its range, or a problem without axes.
     """
     config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
@@ -162,7 +162,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     starts_from_towns = cells >= (config.initial_towns_from or np.inf) and min(shape) >= SMALLEST_GROWN
     if starts_from_towns:
         config = replace(config, restart=0.0)
-    groups, length = _Groups.of(problem.axes, count, config.accept_equal), _usual_length(config, shape)
+    groups, length = _Groups.of(problem, count, config.accept_equal), _usual_length(config, shape)
     small, moves = cells <= SMALL, annealing.moves
     if small and moves.refit is None:
         moves = replace(moves, refit=_REFIT)
@@ -172,12 +172,15 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     make_children = jax.vmap(partial(_make_child, problem, symmetric, config.symmetric_probability))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
+    def elites_of(archives: Population) -> Population:
+        return jax.tree.map(lambda array: array[groups.last :], archives)
+
     def init(key: Array) -> AnnealedMapElitesState:
         chains = evaluate(
             problem, _initial_towns(problem, key, count) if starts_from_towns else problem.random(key, count)
         )
-        vacant = empty_archive(problem.axes, shape, copies=_GROUPS + 1, columns=problem.columns)
-        archives = groups.insert(vacant, chains)
+        vacant = empty_archive((_GROUPS + 1) * problem.niches, chains)
+        archives = groups.insert(vacant, problem.niche(chains.features), chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
         cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, no, zero)
         return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero, jnp.broadcast_to(length, count)))
@@ -187,14 +190,15 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         bits = StepBits.draw(key, count, symmetric(0), extra=_BITS)
         own_bits, begins = _Bits.of(bits.extra), cooling.begins
 
-        def new_cycles(fitness: Array) -> Cycle:
-            filled = fitness < VACANT
+        def new_cycles(pending: Array, cycles: Cycle) -> Cycle:
+            fitness = jnp.where(pending, archives.fitness, 0)  # so that XLA does not compute this before the loop
+            filled = archives._replace(fitness=fitness).valid
             if config.require_feasible:
-                filled &= problem.penalties(archives.counts) == 0
+                filled &= problem.penalties(archives.features) == 0
             drawn = draw_cycles(own_bits, jnp.asarray(groups.first), jnp.asarray(groups.isolated), fitness, filled)
             return select(begins, drawn, cycles)
 
-        cycles = _compute_if(begins.any(), new_cycles, archives.fitness, cycles)
+        cycles = run_if(begins.any(), new_cycles, cycles)
         times = jnp.where(cycles.directed, _DIRECTION_LENGTH, jnp.where(cycles.restarts, config.restart_length, 1))
         lengths = (length * times).astype(jnp.int32)
         cooling = cooling._replace(length=jnp.where(begins, lengths, cooling.length))
@@ -211,29 +215,26 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         pursued = partial(_pursued_fitness, problem, groups.niches, config, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
-        archives = groups.insert(archives, children)
-        found = archives.fitness[groups.last :]
-        info = Info(best_fitness=found.min(), elite_count=(found < VACANT).sum(dtype=jnp.int32))
+        archives = groups.insert(archives, problem.niche(children.features), children)
+        found = elites_of(archives)
+        info = Info(found.fitness.min(), found.valid.sum(dtype=jnp.int32), count_refused(children))
         return AnnealedMapElitesState(chains, cycles, archives, cooling.after(grows=False)), info
 
-    def elites(state: AnnealedMapElitesState) -> Elites:
-        found = jax.tree.map(lambda array: array[groups.last :], state.archives)
-        return Elites(found.grids, found.fitness, found.counts, valid=found.valid)
-
-    def migrate(state: AnnealedMapElitesState, found: Elites) -> AnnealedMapElitesState:
+    def migrate(state: AnnealedMapElitesState, elites: Population) -> AnnealedMapElitesState:
         # Chains that are not isolated know the archive of all chains; the archives of the groups do not change.
-        mine = jax.tree.map(lambda array: array[groups.last :], state.archives)
-        new = select(found.fitness < mine.fitness, Archive(*found[:3]), mine)
+        mine = elites_of(state.archives)
+        new = select(elites.fitness < mine.fitness, elites, mine)
         archives = jax.tree.map(lambda array, part: array.at[groups.last :].set(part), state.archives, new)
         return state._replace(archives=archives)
 
-    return Optimizer(init, step, elites, evaluations_per_step=count, migrate=migrate)
+    return Optimizer(init, step, lambda state: elites_of(state.archives), count, migrate)
 
 
 def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
     """Returns the problem's initial grids, and a grown town for each other chain."""
     towns = jax.vmap(lambda key: problem.repair(grow_town(key, problem.shape)))(jax.random.split(key, count))
-    return towns.at[: problem.given].set(problem.random(key, count)[: problem.given])
+    first = 0 if problem.initial is None else len(problem.initial)
+    return towns.at[:first].set(problem.random(key, count)[:first])
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
@@ -249,7 +250,6 @@ class _Groups(NamedTuple):
     """The archives of G groups of isolated chains and the archive of all chains, end to end; static.
 
     Attributes:
-      axes: of the descriptor space.
       niches: the N niches of each archive.
       isolated: bool ``[C]``, whether each chain is isolated: the first half of them.
       first: int32 ``[C]``, the index at which the archive that each chain knows begins.
@@ -257,7 +257,6 @@ class _Groups(NamedTuple):
       accept_equal: whether a grid replaces an elite of equal fitness.
     """
 
-    axes: tuple[Axis, ...]
     niches: Niches
     isolated: Bool[np.ndarray, " C"]
     first: Int32[np.ndarray, " C"]
@@ -265,17 +264,16 @@ class _Groups(NamedTuple):
     accept_equal: bool
 
     @staticmethod
-    def of(axes: tuple[Axis, ...], chains: int, accept_equal: bool) -> "_Groups":
-        niches = Niches.of(axes)
-        size = len(niches.bins)
+    def of(problem: Problem, chains: int, accept_equal: bool) -> "_Groups":
+        size = problem.niches
         group = (np.arange(chains) * 2 * _GROUPS // chains).clip(max=_GROUPS)
-        return _Groups(axes, niches, group < _GROUPS, (group * size).astype(np.int32), _GROUPS * size, accept_equal)
+        first = (group * size).astype(np.int32)
+        return _Groups(Niches.of(problem.axes), group < _GROUPS, first, _GROUPS * size, accept_equal)
 
-    def insert(self, archives: Archive, found: Population) -> Archive:
+    def insert(self, archives: Population, niche: Int32[Array, " C"], found: Population) -> Population:
         """Offers each chain's grid to the archive that the chain knows, and to the archive of all chains."""
-        niche = niche_index(compute_descriptor(found.counts, self.axes), self.axes)
         indices = jnp.stack([niche + self.first, niche + self.last])
-        return insert_at(archives, indices, *found, accept_equal=self.accept_equal)
+        return insert(archives, indices, found, accept_equal=self.accept_equal)
 
 
 def _draw_cycle(
@@ -284,7 +282,7 @@ def _draw_cycle(
     bits: _Bits,
     first: Int32[Array, ""],
     isolated: Bool[Array, ""],
-    fitness: Int32[Array, " A"],
+    fitness: Real[Array, " A"],
     filled: Bool[Array, " A"],
 ) -> Cycle:
     """Draws the next cycle of one chain.
@@ -295,7 +293,7 @@ def _draw_cycle(
       bits: random bits of the chain.
       first: index at which the archive that the chain knows begins.
       isolated: whether the chain is isolated.
-      fitness: int32 ``[A]``, of all archives.
+      fitness: ``[A]``, of all archives.
       filled: bool ``[A]``, the niches that do not count as vacant.
     """
     niches = groups.niches
@@ -313,7 +311,7 @@ def _draw_mates(
     config: AnnealedMapElitesConfig,
     bits: _Bits,
     cycle: Cycle,
-    archives: Archive,
+    archives: Population,
     otherwise: Int8[Array, "C H W"],
 ) -> Int8[Array, "C H W"]:
     """Draws a mate for each chain: among a few random niches the elite nearest to its goal, or the grid `otherwise`."""
@@ -344,26 +342,11 @@ def _make_child(
 
 def _pursued_fitness(
     problem: Problem, niches: Niches, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
-) -> Int32[Array, " C"]:
+) -> Real[Array, " C"]:
     """Returns the fitness of each chain's grid with the penalty for the distance from its goal."""
-    bins = niche_bins(compute_descriptor(found.counts, problem.axes), problem.axes)
+    bins = niche_bins(problem.descriptor(found.features), problem.axes)
     usual = penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty)
     bin_penalties = np.where(niches.free, _DIRECTION_PENALTY, 0).astype(np.int32)
-    directed = penalise_distance(problem.penalties(found.counts), bins, cycle.goal, bin_penalties)
-    return jnp.where(cycle.directed, directed, usual)
-
-
-def _compute_if(
-    condition: Bool[Array, ""], compute: Callable[[Pytree], Pytree], operand: Int32[Array, " N"], otherwise: Pytree
-) -> Pytree:
-    """Returns `compute(operand)` if a condition holds, else `otherwise`, and skips the computation that is not needed.
-
-    It is a loop of at most one round, because `jax.lax.cond` computes both branches if seeds are a batch.
-    """
-
-    def body(carry: tuple[Array, Pytree]) -> tuple[Array, Pytree]:
-        pending, _ = carry
-        # It depends on the carry, so that XLA does not see that all this could be done outside the loop.
-        return jnp.array(False), compute(jnp.where(pending, operand, 0))
-
-    return jax.lax.while_loop(lambda carry: carry[0], body, (condition, otherwise))[1]
+    directed = penalise_distance(problem.penalties(found.features), bins, cycle.goal, bin_penalties)
+    # A sum with the fitness of a refused grid would not fit int32.
+    return jnp.where(found.valid, jnp.where(cycle.directed, directed, usual), found.fitness)

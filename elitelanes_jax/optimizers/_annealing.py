@@ -1,9 +1,9 @@
-"""Annealing on islands: chains of grids that accept a worse grid with a falling probability, cycle after cycle.
+"""Annealing on islands: chains of grids that accept a worse grid with a probability that falls during each cycle.
 
 Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island copy parts of each
-other's grids; islands exchange nothing, so that they keep different grids. A cycle cools from hot to cold, then all
+other's grids. Islands exchange nothing, so that they keep different grids. A cycle cools from hot to cold. Then all
 chains restart from random grids, and the next cycle is half as long again: whatever the size of the grid, some cycle
-has about the right length, and no budget need be known beforehand.
+has about the right length, and the budget need not be known in advance.
 """
 
 from dataclasses import dataclass
@@ -12,34 +12,38 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import none_or, whole
 from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import exponential, randint, random_bits
+from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
 
-# Temperatures are whole sixteenths of a unit of fitness; hotter ones times a random number would not fit int32.
+# Temperatures are whole sixteenths of a unit of fitness. A hotter one times a random number would not fit int32.
 _PARTS, _HOTTEST = 16, 4000
 
-# The side of grid that the temperatures are given for; they grow with the sides, as straights do.
+# The settings give temperatures for grids of this side; they grow with the side, as the scores of straights do.
 _USUAL_SIDE = 12
 
-# Temperatures in a cycle.
+# The number of temperatures in a cycle.
 _STEPS = 256
 
 LONGEST_CYCLE = 2**22
 """The longest cycle in steps: its product with the number of temperatures fits int32."""
 
 SMALL = 64
-"""The number of cells up to which a grid is small: there islands of one chain were found better."""
+"""The largest number of cells of a small grid. On small grids islands of one chain are better (experiments/moves.md)."""
 
-# Chains of an island.
+# Chains of an island on larger grids.
 _CHAINS = 4
+
+# Replaces the fitness of refused grids: larger than any other, and the difference of two fits int32.
+_REFUSED = 2**30
 
 
 @jax.tree_util.register_dataclass
@@ -47,17 +51,17 @@ _CHAINS = 4
 class AnnealingConfig(Config):
     """Settings of annealing; the defaults are those of the tuned EA. A pytree.
 
-    `cycle` and the numbers of `moves` may be arrays, swept by `jax.vmap`. Temperatures are static: their table is made
-    in double precision on the host, so that it is the same on every machine.
+    `jax.vmap` may sweep `cycle` and `moves`. Temperatures are static: their table is made in double precision on the
+    host, so that it is the same on every machine.
 
     Attributes:
-      population: the number of chains in all, each with one evaluation a step; static, a size of arrays.
+      population: the number of chains of all islands; each evaluates one grid a step; static, a size of arrays.
       chains: the number of chains on each island; static. By default 4, and 1 on grids of up to 64 cells, where the
         chains of an island soon become alike.
       hottest: temperature at the start of a cycle, in units of fitness at 12 x 12; static.
-      coldest: temperature at its end; static.
+      coldest: temperature at the end of a cycle, in the same units; static.
       cycle: steps of the first cycle; by default 5/32 of the square of the number of cells.
-      moves: the mix of moves.
+      moves: the weights of the moves.
     """
 
     population: int = static(32, whole(1))
@@ -68,7 +72,7 @@ class AnnealingConfig(Config):
     moves: MoveWeights = nested(MoveWeights)
 
     def check_together(self) -> None:
-        """Checks that islands share the chains evenly, and that chains cool."""
+        """Checks that all islands have the same number of chains, and that a cycle cools."""
         chains = self.chains or _CHAINS
         if self.population % chains:
             raise InputError(
@@ -82,18 +86,18 @@ class AnnealingConfig(Config):
         return self.chains or (1 if shape[0] * shape[1] <= SMALL else _CHAINS)
 
     def first_cycle(self, shape: tuple[int, int]) -> Numeric:
-        """Returns the steps of the first cycle on grids of a shape: an int, or an array where `cycle` is one."""
+        """Returns the steps of the first cycle on grids of a shape: an int, or an array if `cycle` is one."""
         if self.cycle is None:
             return min(max(16, 5 * (shape[0] * shape[1]) ** 2 // 32), LONGEST_CYCLE)
         return min(self.cycle, LONGEST_CYCLE) if isinstance(self.cycle, int) else self.cycle
 
 
 class Cooling(NamedTuple):
-    """The place of a run in its cycle.
+    """How far a run is in its cycle.
 
     Attributes:
-      step: int32, of the cycle, 0 at its start.
-      length: int32, steps of the cycle.
+      step: int32, the next step of the cycle, from 0.
+      length: int32, the number of steps of the cycle.
     """
 
     step: Int32[Array, "..."]
@@ -101,26 +105,26 @@ class Cooling(NamedTuple):
 
     @staticmethod
     def first(config: AnnealingConfig, shape: tuple[int, int]) -> "Cooling":
-        """Returns the place at which a run begins, with random grids."""
+        """Returns the start of a run, whose random grids are step 0."""
         return Cooling(jnp.int32(1), jnp.asarray(config.first_cycle(shape), jnp.int32))
 
     @property
     def begins(self) -> Bool[Array, "..."]:
-        """Bool: whether the coming step is the first of a cycle."""
+        """Bool: whether the next step begins a cycle."""
         return self.step == 0
 
     def after(self, *, grows: bool) -> "Cooling":
-        """Returns the place after one more step; if cycles grow, the next one is half as long again."""
+        """Returns the state after one more step. If cycles grow, the next one is half as long again."""
         ends = self.step + 1 >= self.length
         longer = jnp.minimum(self.length + self.length // 2, LONGEST_CYCLE) if grows else self.length
         return Cooling(jnp.where(ends, 0, self.step + 1), jnp.where(ends, longer, self.length))
 
     def temperature(self, hottest: int, coldest: int, shape: tuple[int, int]) -> Int32[Array, "..."]:
-        """Returns the temperature in sixteenths of a unit of fitness: it falls by equal factors.
+        """Returns the temperature in sixteenths of a unit of fitness; it falls by equal factors.
 
         Args:
-          hottest: at the start of a cycle, in units of fitness at 12 x 12.
-          coldest: at its end.
+          hottest: temperature at the start of a cycle, in units of fitness at 12 x 12.
+          coldest: temperature at the end.
           shape: (height, width) of the grids.
         """
         fall = (coldest / hottest) ** (np.arange(_STEPS) / (_STEPS - 1))
@@ -132,15 +136,25 @@ class Cooling(NamedTuple):
 def metropolis_accepts(
     bits: UInt32[Array, "..."],
     temperature: Int32[Array, "..."],
-    before: Int32[Array, "..."],
-    after: Int32[Array, "..."],
+    before: Real[Array, "..."],
+    after: Real[Array, "..."],
 ) -> Bool[Array, "..."]:
-    """Tells whether a chain takes a grid of fitness `after` in place of one of `before`, in whole numbers.
+    """Returns whether a chain replaces a grid of fitness `before` by one of fitness `after`: Metropolis' rule.
 
-    By Metropolis' rule a grid that is no worse is always taken, one that is worse by d with probability
-    exp(-d / temperature).
+    A grid that is not worse is always accepted. A grid that is worse by d is accepted with probability
+    exp(-d / temperature), a refused grid only in place of another one.
+
+    Args:
+      bits: uint32, random bits.
+      temperature: in sixteenths of a unit of fitness.
+      before: int32 or float32.
+      after: int32 or float32.
     """
-    return after - before <= temperature * (exponential(bits) >> 2) >> 14
+    if jnp.issubdtype(after.dtype, jnp.floating):
+        rise = jnp.where(after == before, 0, after - before)  # refused grids are infinite
+        return rise <= temperature.astype(jnp.float32) * exponential(bits).astype(jnp.float32) / (_PARTS * UNIT)
+    rise = jnp.minimum(after, _REFUSED) - jnp.minimum(before, _REFUSED)
+    return rise <= temperature * (exponential(bits) >> 2) >> 14
 
 
 class StepBits(NamedTuple):
@@ -150,7 +164,7 @@ class StepBits(NamedTuple):
       accept: uint32 ``[C]``, for `metropolis_accepts`.
       mate: uint32 ``[C]``, for the choice of a mate.
       fresh: uint32 ``[C]``, for a random grid.
-      extra: uint32 ``[C, extra]``, for what a method has beside.
+      extra: uint32 ``[C, extra]``, for further choices of one method.
       move: uint32 ``[C, bits]``, for the move.
     """
 
@@ -168,13 +182,13 @@ class StepBits(NamedTuple):
         return StepBits(bits[:, 0], bits[:, 1], bits[:, 2], bits[:, 3:first], bits[:, first:])
 
 
-def problem_move(problem: Problem, mix: MoveWeights) -> Move:
-    """Returns the random move of a mix that suits a problem's repair."""
-    return random_move(mix, fill=problem.fill, fixed=problem.fixed)
+def problem_move(problem: Problem, weights: MoveWeights) -> Move:
+    """Returns the random move that suits a problem's repair."""
+    return random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
 
 def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains: int) -> Int8[Array, "C H W"]:
-    """Draws for each chain's grid one of its own island, perhaps itself."""
+    """Draws a mate for each chain's grid from the same island; it may be the grid itself."""
     first = np.arange(len(grids)) // chains * chains
     return grids[first + randint(bits, chains)]
 
@@ -182,17 +196,17 @@ def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains:
 def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
     """Makes a random grid of the alphabet from 32 random bits, to be repaired in raster order.
 
-    It costs so little that every step makes one for each chain: where all seeds of a run are one computation, a branch
-    that is seldom taken is always paid for.
+    Every step makes one for each chain. It is cheap, and since all seeds of a run are one computation, a branch would
+    always be computed.
 
     Args:
-      problem: whose shape and alphabet are taken.
+      problem: its shape and alphabet are used.
       bits: uint32.
     """
     codes = jnp.asarray(problem.alphabet, jnp.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)
     mixed = bits + cells * np.uint32(0x9E3779B9)
-    # The finaliser of MurmurHash3 (A. Appleby): every bit of the input and of the cell's number reaches every other.
+    # The finaliser of MurmurHash3 (A. Appleby): each bit of the input and of the cell's index changes every output bit.
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed = (mixed ^ mixed >> shift) * np.uint32(factor)
     return codes[randint(mixed ^ mixed >> 16, codes.size)]

@@ -7,13 +7,13 @@ from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
-    Population,
     breed,
     random_population,
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Info, Optimizer, as_elites
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
 
@@ -21,8 +21,8 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
     """Makes an evolutionary algorithm; its state is the `Population`, sorted, best first.
 
     Args:
-      problem: with a shape, an alphabet and a fitness.
-      config: the defaults are the preset `paper`.
+      problem: the problem to solve.
+      config: settings; the defaults are the preset `paper`.
 
     Raises:
       InputError: for a setting out of its range.
@@ -36,7 +36,8 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
     def step(key: Array, state: Population) -> tuple[Population, Info]:
         bits = random_bits(key, (config.offspring, config.tournament + mutation.bits))
         parents = tournament(bits[:, : config.tournament], state)
-        state = survivors(config, state, breed(problem, mutation, bits[:, config.tournament :], parents))
-        return state, Info(best_fitness=state.fitness[0], elite_count=jnp.int32(config.population))
+        offspring = breed(problem, mutation, bits[:, config.tournament :], parents)
+        state = survivors(config, state, offspring)
+        return state, Info(state.fitness[0], jnp.int32(config.population), count_refused(offspring))
 
-    return Optimizer(init, step, as_elites, evaluations_per_step=config.offspring)
+    return Optimizer(init, step, elites=lambda state: state, evaluations_per_step=config.offspring)

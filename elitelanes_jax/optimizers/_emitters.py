@@ -47,15 +47,15 @@ class Niches(NamedTuple):
 
 
 def penalise_distance(
-    fitness: Int32[Array, "..."],
+    fitness: Real[Array, "..."],
     bins: Int32[ArrayLike, "... D"],
     goal: Int32[ArrayLike, "... D"],
     penalty: Int32[ArrayLike, "..."],
-) -> Int32[Array, "..."]:
+) -> Real[Array, "..."]:
     """Adds a penalty to a fitness for each bin between a grid's niche and the goal.
 
     Args:
-      fitness: int32 ``[...]``.
+      fitness: int32 or float32 ``[...]``.
       bins: int32 ``[..., D]``, the grid's niche.
       goal: int32 ``[..., D]``, the bins of the goal.
       penalty: int32, one for all axes or one for each, ``[D]``.
@@ -64,7 +64,7 @@ def penalise_distance(
 
 
 def nearest_elite(
-    fitness: Int32[Array, "*P N"],
+    fitness: Real[Array, "*P N"],
     bins: Int32[ArrayLike, "*P N D"],
     goal: Int32[Array, "*P D"],
     penalty: Int32[ArrayLike, ""],

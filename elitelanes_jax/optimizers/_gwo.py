@@ -1,8 +1,8 @@
 """Grey wolf optimisation over tiles (paper, section "Gray Wolf Optimization").
 
 A grid is a position: each tile is the corner of a simplex that its code names (one-hot). A wolf moves to the mean of
-alpha, beta and omega, plus a perturbation that shrinks over the run; each tile takes the nearest code, and the grid is
-repaired. All is done in whole numbers, which are the same bit for bit on every machine and in every batch.
+alpha, beta and omega, plus a perturbation that shrinks over the run. Then each tile takes the nearest code, and the grid
+is repaired. The arithmetic is in whole numbers, so that results are the same on every machine and in every batch.
 """
 
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax.network.bits import symmetric_uniform
-from elitelanes_jax.network.fixed_point import UNIT, multiply, to_fixed
-from elitelanes_jax.optimizers._population import Population, concatenate, evaluate, truncate
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, as_elites
+from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
+from elitelanes_jax.optimizers._population import concatenate, evaluate, truncate
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
 # Its product with the largest perturbation fits int32.
@@ -27,13 +28,13 @@ _LONGEST_HORIZON = 2**15 - 1
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class GwoConfig(Config):
-    """Settings; the defaults are the preset `paper`. A pytree: `perturbation` and `horizon` may be swept by `jax.vmap`.
+    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may sweep `perturbation` and `horizon`.
 
     Attributes:
-      wolves: how many, and how many grids a step evaluates; static, a size of arrays.
-      perturbation: the largest at the start, either way, 0 to 16; from 1/6 on a code without a vote can beat one that
-        has one. The paper calls it small.
-      horizon: the number of steps over which the perturbation shrinks to nothing, in equal parts, 1 to 32,767.
+      wolves: the number of wolves, and of grids that a step evaluates; static, a size of arrays.
+      perturbation: the largest perturbation of the first step, in size, 0 to 16. From 1/6 on a code without a vote can
+        beat a code with one. The paper calls it small.
+      horizon: the number of steps over which the perturbation shrinks linearly to 0, 1 to 32,767.
       omega: "own" is each wolf's own position ("and their own" in the paper), "worst" that of the worst wolf; static,
         it chooses the program.
     """
@@ -48,9 +49,9 @@ class GwoState(NamedTuple):
     """The state that is carried from step to step.
 
     Attributes:
-      pack: the wolves' grids and their evaluation.
-      leaders: alpha and beta, the best two grids found so far, best first.
-      steps: int32, the steps taken.
+      pack: the wolves' grids.
+      leaders: alpha and beta, the two best grids found so far, best first.
+      steps: int32, the number of steps so far.
     """
 
     pack: Population
@@ -62,8 +63,8 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     """Makes grey wolf optimisation; its elites are alpha and beta, then the pack.
 
     Args:
-      problem: with a shape, an alphabet and a fitness.
-      config: the defaults are the preset `paper`.
+      problem: the problem to solve.
+      config: settings; the defaults are the preset `paper`.
 
     Raises:
       InputError: for a setting out of its range.
@@ -83,16 +84,16 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     def step(key: Array, state: GwoState) -> tuple[GwoState, Info]:
         pack, leaders, steps = state
         omega = pack.grids if config.omega == "own" else pack.grids[jnp.argmax(pack.fitness)][None]
-        # Three times the mean, so that there is no division.
+        # Three times the mean, to avoid a division.
         mean = one_hot(leaders.grids[:1]) + one_hot(leaders.grids[1:]) + one_hot(omega)
         size = largest * jnp.maximum(config.horizon - steps, 0) // config.horizon
         moved = jnp.argmax(mean * UNIT + 3 * multiply(symmetric_uniform(key, shape), size), axis=1)
         pack = evaluate(problem, jax.vmap(problem.repair_raster)(codes[moved]))
         leaders = truncate(leaders, pack, count=2)
-        info = Info(best_fitness=leaders.fitness[0], elite_count=jnp.int32(config.wolves + 2))
+        info = Info(leaders.fitness[0], jnp.int32(config.wolves + 2), count_refused(pack))
         return GwoState(pack, leaders, steps + 1), info
 
-    def elites(state: GwoState) -> Elites:
-        return as_elites(concatenate(state.leaders, state.pack))
+    def elites(state: GwoState) -> Population:
+        return concatenate(state.leaders, state.pack)
 
     return Optimizer(init, step, elites, evaluations_per_step=config.wolves)

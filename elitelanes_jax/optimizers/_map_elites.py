@@ -13,27 +13,27 @@ from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
-    Population,
     breed,
     random_population,
     select,
     survivors,
     tournament,
 )
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
-from elitelanes_jax.problem.archive import Archive, empty_archive, insert
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population, empty_archive, insert
 from elitelanes_jax.problem.problem import Problem
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class MapElitesConfig(Config):
-    """Settings; the defaults are the preset `paper`, with parents from the archive they are `standard`. A pytree.
+    """Settings; the defaults are the preset `paper`, with parents from the archive the preset `standard`. A pytree.
 
     Attributes:
-      loop: of the evolutionary loop.
-      parents: "population" draws them by tournament from a population beside the archive, as the paper does;
-        "archive" uniformly from the filled niches, as MAP-Elites is usually defined; static, it chooses the program.
+      loop: settings of the evolutionary loop.
+      parents: "population" draws parents by tournament from a population beside the archive, as the paper does.
+        "archive" draws them uniformly from the filled niches, as MAP-Elites is usually defined. Static: it chooses the
+        program.
     """
 
     loop: EvolutionConfig = nested(EvolutionConfig)
@@ -44,33 +44,32 @@ class MapElitesState(NamedTuple):
     """The state that is carried from step to step.
 
     Attributes:
-      population: sorted, best first; where parents come from the archive, the first population and no other.
-      archive: the best of all grids evaluated so far, by niche.
+      population: sorted, best first; if parents come from the archive, always the first population.
+      archive: the best grid of each niche so far.
     """
 
     population: Population
-    archive: Archive
+    archive: Population
 
 
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
-    """Makes MAP-Elites on the problem's descriptor space. The first population enters the archive too.
+    """Makes MAP-Elites on the problem's descriptor space. The first population is inserted into the archive too.
 
     Args:
-      problem: with a shape, an alphabet, a fitness and axes.
-      config: the defaults are the preset `paper`.
+      problem: the problem to solve, with at least one axis.
+      config: settings; the defaults are the preset `paper`.
 
     Raises:
-      InputError: for a setting out of its range.
+      InputError: for a setting out of its range, or a problem without axes.
     """
     config = config.checked()
-    loop = config.loop
+    loop, niches = config.loop, problem.niches
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 
     def init(key: Array) -> MapElitesState:
         population = random_population(problem, key, loop.population)
-        vacant = empty_archive(problem.axes, problem.shape, columns=problem.columns)
-        archive = insert(vacant, problem.axes, *population)
-        return MapElitesState(population, archive)
+        vacant = empty_archive(niches, population)
+        return MapElitesState(population, insert(vacant, problem.niche(population.features), population))
 
     def step(key: Array, state: MapElitesState) -> tuple[MapElitesState, Info]:
         population, archive = state
@@ -82,21 +81,17 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         offspring = breed(problem, mutation, bits[:, loop.tournament :], parents)
         if config.parents == "population":
             population = survivors(loop, population, offspring)
-        archive = insert(archive, problem.axes, *offspring)
-        info = Info(best_fitness=archive.fitness.min(), elite_count=archive.valid.sum(dtype=jnp.int32))
+        archive = insert(archive, problem.niche(offspring.features), offspring)
+        info = Info(archive.fitness.min(), archive.valid.sum(dtype=jnp.int32), count_refused(offspring))
         return MapElitesState(population, archive), info
 
-    def elites(state: MapElitesState) -> Elites:
-        return Elites(*state.archive, valid=state.archive.valid)
+    def migrate(state: MapElitesState, elites: Population) -> MapElitesState:
+        return state._replace(archive=select(elites.fitness < state.archive.fitness, elites, state.archive))
 
-    def migrate(state: MapElitesState, found: Elites) -> MapElitesState:
-        better = found.fitness < state.archive.fitness
-        return state._replace(archive=select(better, Archive(*found[:3]), state.archive))
-
-    return Optimizer(init, step, elites, evaluations_per_step=loop.offspring, migrate=migrate)
+    return Optimizer(init, step, lambda state: state.archive, loop.offspring, migrate)
 
 
-def _draw_elites(bits: UInt32[Array, " count"], archive: Archive) -> Int8[Array, "count H W"]:
+def _draw_elites(bits: UInt32[Array, " count"], archive: Population) -> Int8[Array, "count H W"]:
     """Draws grids from filled niches, each equally likely."""
     rank = jnp.cumsum(archive.valid, dtype=jnp.int32)
     drawn = randint(bits, rank[-1])

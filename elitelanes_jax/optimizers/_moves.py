@@ -5,8 +5,10 @@ outlines and their sums are the cycle space of the lattice. Other moves copy a b
 or to another one, rotated or mirrored, from the grid itself or from a mate.
 """
 
-from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
@@ -17,14 +19,27 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import none_or, real, whole
 from elitelanes_jax._util.config import Config, swept
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
-from elitelanes_jax.network.materialize import lookup, materialize
 from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.xla import lookup, materialize
 from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._windows import valid_windows
+
+
+def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
+    """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
+    checked = {}
+    for name, value in sorted(moves.items()):
+        if not name.isidentifier() or name in KNOWN_MOVES:
+            raise InputError(f"expected names of letters, digits and _ that no other move has, got {short(repr(name))}")
+        if len(value) != 2 or not isinstance(value[1], Move):
+            raise InputError(f"{name}: expected a weight and a Move, got {short(repr(value))}")
+        weight, move = value
+        checked[name] = (weight if isinstance(weight, jax.Array | np.ndarray) else whole(0)(weight), move)
+    return checked
 
 
 @jax.tree_util.register_dataclass
@@ -49,6 +64,7 @@ class MoveWeights(Config):
       refit: weight of `refit_window`; by default 0, and 25 in MAP-Elites on grids of up to 64 cells.
       fill_probability: probability that repair fills the grid after the move, see `with_fill`. No effect where repair
         always fills.
+      user_moves: moves of the user by name, each with its weight: ``{"zigzag": (4, zigzag)}``.
     """
 
     link: Int[ArrayLike, "..."] = swept(1, whole(0))
@@ -63,11 +79,39 @@ class MoveWeights(Config):
     displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
     refit: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(0)))
     fill_probability: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
+    user_moves: dict[str, tuple[Int[ArrayLike, "..."], Move]] = field(
+        default_factory=dict, metadata={"check": _check_user_moves}
+    )
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
-        if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in astuple(self)[:-1]):
+        weights = [*(getattr(self, name) for name in KNOWN_MOVES), *(weight for weight, _ in self.user_moves.values())]
+        if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in weights):
             raise InputError("expected a weight over 0 for at least one move, got none")
+
+    def with_moves(self, moves: UserValue) -> "MoveWeights":
+        """Returns the weights with some changed, and with moves of the user.
+
+        Args:
+          moves: by name: the weight of a move above, such as ``{"mirror": 0}``, or the weight and the `Move` of another
+            name, such as ``{"zigzag": (4, zigzag)}``.
+
+        Raises:
+          InputError: for anything else.
+        """
+        if not isinstance(moves, Mapping):
+            raise InputError(f"moves: expected weights and moves by name, got {short(repr(moves))}")
+        known = {name: value for name, value in moves.items() if name in KNOWN_MOVES}
+        others = {name: value for name, value in moves.items() if name not in KNOWN_MOVES}
+        for name, value in others.items():
+            if not isinstance(value, tuple | list):
+                words = f"one of {', '.join(KNOWN_MOVES)} with a weight, or another name with a weight and a Move"
+                raise InputError(f"moves: expected {words}, got {name!r}{likely(name, KNOWN_MOVES)}")
+        return replace(self, **known, user_moves={**self.user_moves, **others}).checked("moves")
+
+
+KNOWN_MOVES = tuple(one.name for one in fields(MoveWeights) if one.name not in ("fill_probability", "user_moves"))
+"""The names of the moves that `MoveWeights` has a weight for."""
 
 
 def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
@@ -92,6 +136,7 @@ def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> 
             _plan_displaced_transplant: weights.displaced,
             _plan_refit: 0 if weights.refit is None else weights.refit,
         },
+        weights.user_moves,
         empty=not fill,
     )
     return move if fill else with_fill(weights.fill_probability, move, fixed=fixed)
@@ -261,22 +306,39 @@ _WINDOW = 3
 _BITS = 1 + 7
 
 
-def _move(weights: dict[_Plan, AnyArray], *, empty: bool = True) -> Move:
-    """Makes a move by one of the plans, drawn in proportion to its weight; for `empty` see `refit_window`."""
-    # A plan that is never drawn is not computed.
+def _move(
+    weights: Mapping[_Plan, AnyArray],
+    user_moves: Mapping[str, tuple[AnyArray, Move]] = MappingProxyType({}),
+    *,
+    empty: bool = True,
+) -> Move:
+    """Makes one of the plans or moves, drawn in proportion to its weight; for `empty` see `refit_window`."""
+    # What is never drawn is not computed.
     weights = {plan: weight for plan, weight in weights.items() if not (isinstance(weight, int) and weight == 0)}
-    ends = jnp.cumsum(jnp.array(list(weights.values()), jnp.int32))
+    others = {name: one for name, one in user_moves.items() if not (isinstance(one[0], int) and one[0] == 0)}
+    ends = jnp.cumsum(jnp.array([*weights.values(), *(weight for weight, _ in others.values())], jnp.int32))
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
-        plans, changes = zip(*(ravel_pytree(plan(bits[1:], grid.shape)) for plan in weights), strict=True)
         drawn = (randint(bits[0], ends[-1]) >= ends[:-1]).sum()
+        mate = grid if mate is None else mate
+        varied = apply_plan(bits, grid, mate, drawn) if weights else Variation(grid, jnp.zeros(grid.shape, bool))
+        for index, (name, (_, move)) in enumerate(others.items(), start=len(weights)):
+            other = Variation(*move.apply(bits[_BITS : _BITS + move.bits], grid, mate))
+            kinds = [(array.shape, array.dtype) for array in other]
+            if kinds != [(grid.shape, jnp.int8), (grid.shape, jnp.bool_)]:
+                raise InputError(f"moves: expected {name} to return int8 and bool {grid.shape}, got {kinds}")
+            varied = jax.tree.map(partial(jnp.where, drawn == index), other, varied)
+        return varied
+
+    def apply_plan(bits: Array, grid: Array, mate: Array, drawn: Array) -> Variation:
+        plans, changes = zip(*(ravel_pytree(plan(bits[1:_BITS], grid.shape)) for plan in weights), strict=True)
         # A sum, because XLA computes it once per grid. It computes a choice again for every tile, three times as slow.
         plan = jnp.where((np.arange(len(weights)) == drawn)[:, None], jnp.stack(plans), 0).sum(axis=0, dtype=jnp.int32)
         change = changes[0](plan)
         window = _refit(bits[3], change.sides, grid, empty=empty) if _plan_refit in weights else None
-        return _apply(change, grid, grid if mate is None else mate, window)
+        return _apply(change, grid, mate, window)
 
-    return Move(_BITS, apply)
+    return Move(_BITS + max((move.bits for _, move in others.values()), default=0), apply)
 
 
 def _apply(

@@ -1,13 +1,14 @@
-"""Mutations: one grid in, one grid and its dirty mask out (paper, section "Mutation Operators").
+"""Mutations: functions from a grid to a changed grid and its dirty mask (paper, section "Mutation Operators").
 
-A `Move` changes a few tiles and marks them dirty. The result need not fit together: `repair` lets the dirty tiles
-decide over their neighbours. A move takes its randomness as random bits, so that a whole generation's moves cost a
-single draw, and a move is a plain function that can be replayed.
+A `Move` changes a few tiles and marks them dirty. Neighbouring tiles need not match afterwards: `repair` lets the dirty
+tiles decide over their neighbours. A move takes its randomness as random bits. One draw then serves a whole generation,
+and a move is a plain function that can be repeated.
 """
 
 from collections.abc import Callable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Real, UInt32
 
@@ -28,13 +29,14 @@ class Variation(NamedTuple):
     dirty: Bool[Array, "H W"]
 
 
+@jax.tree_util.register_static
 class Move(NamedTuple):
     """A random change of a grid.
 
     Attributes:
-      bits: int, how many uint32 of random bits it takes.
-      apply: (uint32 ``[bits]``, int8 ``[H, W]``, another such grid or None) -> `Variation`. The second grid, the mate,
-        is for moves that copy a part of it; without one they copy from the first.
+      bits: int, the number of uint32 of random bits that it takes.
+      apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) -> `Variation`. A move may copy
+        a part of the mate; without a mate it copies from the grid.
     """
 
     bits: int
@@ -42,24 +44,24 @@ class Move(NamedTuple):
 
 
 def change_tile(alphabet: tuple[int, ...]) -> Move:
-    """Makes one random tile another code of the alphabet, each other code equally likely."""
+    """Changes one random tile to another code of the alphabet, each equally likely."""
     codes = jnp.array(alphabet, jnp.int8)
-    # The place of each code in the alphabet; a code outside it stands behind the last.
-    place = jnp.array([alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)])
+    # The index of each code in the alphabet; of a code outside the alphabet, one more than the last.
+    index = jnp.array([alphabet.index(code) if code in alphabet else len(alphabet) for code in range(16)])
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty = _one_tile(bits, grid)
-        own = place[jnp.max(jnp.where(dirty, grid, 0))]
-        others = len(alphabet) - (own < len(alphabet))
+        before = index[jnp.max(jnp.where(dirty, grid, 0))]
+        others = len(alphabet) - (before < len(alphabet))
         choice = randint(bits[2], jnp.maximum(others, 1))
-        code = codes[jnp.minimum(choice + (choice >= own), len(alphabet) - 1)]
+        code = codes[jnp.minimum(choice + (choice >= before), len(alphabet) - 1)]
         return Variation(jnp.where(dirty, code, grid), dirty)
 
     return Move(3, apply)
 
 
 def insert_crossing(alphabet: tuple[int, ...]) -> Move:
-    """Makes one random tile a crossing of the alphabet, each equally likely, perhaps the same again.
+    """Changes one random tile to a crossing of the alphabet, each equally likely; the tile may stay the same.
 
     Raises:
       InputError: if the alphabet has no crossing.
@@ -76,7 +78,7 @@ def insert_crossing(alphabet: tuple[int, ...]) -> Move:
 
 
 def with_probability(probability: Real[ArrayLike, ""], move: Move) -> Move:
-    """Makes a move with the given probability, else leaves the grid as it is, no tile dirty."""
+    """Makes a move with the given probability. Otherwise the grid does not change and no tile is dirty."""
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         happens = bernoulli(bits[-1], probability)
@@ -87,7 +89,7 @@ def with_probability(probability: Real[ArrayLike, ""], move: Move) -> Move:
 
 
 def compose(*moves: Move) -> Move:
-    """Makes all the moves one after another; the tiles of all of them are dirty."""
+    """Makes all moves, one after another; a tile is dirty if any move changed it."""
 
     def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
         dirty, used = jnp.zeros(grid.shape, bool), 0
@@ -106,13 +108,14 @@ def paper_mutation(
 ) -> Move:
     """Returns the paper's two mutations, each with its probability (table "Algorithm-specific parameters").
 
-    The "mutation rate 0.3" of the paper's base configuration has no role that could be identified: taken as a
-    probability per tile it fits the paper's results worst, and nothing here uses it.
+    An alphabet without crossings has the first one only. The paper's base configuration also has a "mutation rate 0.3",
+    whose role could not be identified and which is not used: as a probability per tile it fits the paper's results
+    worst.
     """
-    return compose(
-        with_probability(tile_rate, change_tile(alphabet)),
-        with_probability(crossing_rate, insert_crossing(alphabet)),
-    )
+    changed = with_probability(tile_rate, change_tile(alphabet))
+    if not set(alphabet) & set(CROSSINGS):
+        return changed
+    return compose(changed, with_probability(crossing_rate, insert_crossing(alphabet)))
 
 
 def _one_tile(bits: UInt32[Array, " bits"], grid: Int8[Array, "H W"]) -> Bool[Array, "H W"]:

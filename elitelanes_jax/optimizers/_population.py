@@ -1,21 +1,22 @@
-"""Populations, and the evolutionary loop: parents by tournament, mutation, repair, survivors by truncation.
+"""The evolutionary loop: parents by tournament, mutation, repair, survivors by truncation.
 
-The paper has one such loop, with and without an archive (section "Evolutionary Algorithm with MAP-Elites"). Lower
-fitness is better, and every tie is decided: what came first wins.
+The paper uses it with and without an archive (section "Evolutionary Algorithm with MAP-Elites"). Lower fitness is
+better. Every tie is decided: the earlier grid wins.
 """
 
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeVar
+from typing import Literal, TypeVar
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Bool, Int8, Int32, Key, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int8, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import one_of, real, whole
 from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.optimizers._mutations import Move
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
 _Tree = TypeVar("_Tree")
@@ -24,12 +25,12 @@ _Tree = TypeVar("_Tree")
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class EvolutionConfig(Config):
-    """Settings of the loop; the defaults are the paper's. A pytree: rates may be arrays, swept by `jax.vmap`.
+    """Settings of the loop; the defaults are the paper's. A pytree: `jax.vmap` may sweep the rates.
 
     Attributes:
-      population: mu, the survivors of a generation; static, a size of arrays.
-      offspring: lambda, the grids made and evaluated in a generation; static, a size of arrays.
-      tournament: the number of competitors for a place as parent; static, a size of arrays.
+      population: mu, the number of survivors of a generation; static, a size of arrays.
+      offspring: lambda, the number of grids that a generation makes and evaluates; static, a size of arrays.
+      tournament: the number of competitors from which each parent is chosen; static, a size of arrays.
       survivors: "plus" keeps the best of parents and offspring, "comma" the best of the offspring alone; static. The
         paper writes (mu, lambda), but selects from both.
       tile_rate: probability that an offspring has one tile changed.
@@ -44,7 +45,7 @@ class EvolutionConfig(Config):
     crossing_rate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
 
     def check_together(self) -> None:
-        """Checks that enough offspring are there to survive."""
+        """Checks that there are enough offspring to survive."""
         if self.survivors == "comma" and self.offspring < self.population:
             raise InputError(
                 f"expected at least as many offspring as the population of {self.population} "
@@ -52,30 +53,16 @@ class EvolutionConfig(Config):
             )
 
 
-class Population(NamedTuple):
-    """Grids and their evaluation.
-
-    Attributes:
-      grids: int8 ``[P, H, W]``.
-      fitness: int32 ``[P]``.
-      counts: int32 ``[P, M]``, the metrics as `stack_counts` orders them.
-    """
-
-    grids: Int8[Array, "P H W"]
-    fitness: Int32[Array, " P"]
-    counts: Int32[Array, "P M"]
-
-
 def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Population:
-    """Makes random repaired grids, sorted, best first."""
+    """Returns a first population, sorted, best first; the key is consumed."""
     return truncate(evaluate(problem, problem.random(key, count)), count=count)
 
 
 def tournament(bits: UInt32[Array, "count size"], population: Population) -> Int8[Array, "count H W"]:
-    """Chooses parents from a sorted population: each the best of those drawn for it.
+    """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement.
 
     Args:
-      bits: uint32 ``[count, size]``, random bits for each competitor, drawn with replacement.
+      bits: uint32 ``[count, size]``, random bits for each competitor.
       population: sorted, best first.
     """
     drawn = randint(bits, population.fitness.size)
@@ -83,11 +70,11 @@ def tournament(bits: UInt32[Array, "count size"], population: Population) -> Int
 
 
 def breed(problem: Problem, mutation: Move, bits: UInt32[Array, "P bits"], parents: Int8[Array, "P H W"]) -> Population:
-    """Makes one mutated, repaired and evaluated offspring of each parent, in their order.
+    """Returns one mutated, repaired and evaluated offspring of each parent, in the same order.
 
     Args:
-      problem: that repairs and evaluates.
-      mutation: the move that makes an offspring.
+      problem: repairs and evaluates.
+      mutation: the move that makes an offspring of a parent.
       bits: uint32 ``[P, mutation.bits]``.
       parents: int8 ``[P, H, W]``.
     """
@@ -99,28 +86,39 @@ def breed(problem: Problem, mutation: Move, bits: UInt32[Array, "P bits"], paren
 
 
 def survivors(config: EvolutionConfig, parents: Population, offspring: Population) -> Population:
-    """Returns the next population, sorted, best first; among equals parents first, then the earlier offspring."""
+    """Returns the next population, sorted, best first; among equal grids parents come first, then earlier offspring."""
     both = (offspring,) if config.survivors == "comma" else (parents, offspring)
     return truncate(*both, count=config.population)
 
 
 def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
-    """Evaluates grids; they keep their order."""
-    return Population(grids, *problem.evaluate(grids))
+    """Evaluates grids, in their order. A fitness that is not finite becomes that of a vacant slot.
+
+    Raises:
+      InputError: if the problem's evaluation has another shape than `Evaluation` says.
+    """
+    fitness, features = problem.evaluate(grids)
+    expected, got = ((len(grids),), (len(grids), len(problem.feature_names))), (fitness.shape, features.shape)
+    if expected != got:
+        raise InputError(f"evaluate: expected fitness and features of shapes {expected}, got {got}")
+    if jnp.issubdtype(fitness.dtype, jnp.floating):
+        fitness = fitness.astype(jnp.float32)
+        fitness = jnp.where(jnp.isfinite(fitness), fitness, jnp.inf)
+    return Population(grids, fitness, features)
 
 
 def select(which: Bool[Array, " P"], new: _Tree, old: _Tree) -> _Tree:
-    """Takes of two records of arrays ``[P, ...]`` the new row of each place where `which` is True, else the old one."""
+    """Returns a record of arrays ``[P, ...]``: the row of `new` at each index where `which` is True, else of `old`."""
     return jax.tree.map(lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old)
 
 
 def concatenate(*populations: Population) -> Population:
-    """Puts several populations one after another."""
+    """Concatenates populations."""
     return jax.tree.map(lambda *parts: jnp.concatenate(parts), *populations)
 
 
 def truncate(*populations: Population, count: int) -> Population:
-    """Keeps the best of several populations, sorted, best first; among equals what came first is first."""
+    """Returns the `count` best grids of several populations, sorted, best first; among equals the earlier is first."""
     everyone = concatenate(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]
     return jax.tree.map(lambda array: array[order], everyone)

@@ -1,8 +1,8 @@
 """Particle swarm optimisation over tile probabilities (paper, section "Particle Swarm Optimization").
 
-A particle has a position and a velocity for every tile and every code that the tile may take. Tiles are drawn from the
-softmax of the velocities, and the grid is repaired. Positions and velocities are fixed-point numbers: sums and products
-of whole numbers are the same bit for bit on every machine and in every batch, those of floats are not.
+A particle has a position and a velocity for every tile and every code that the tile may have. Tiles are drawn from the
+softmax of the velocities, and the grid is repaired. Positions and velocities are fixed-point numbers: unlike those of
+floats, sums and products of whole numbers are the same on every machine and in every batch.
 """
 
 from dataclasses import dataclass
@@ -15,28 +15,29 @@ from jaxtyping import Array, ArrayLike, Int32, Real
 from elitelanes_jax._util.checks import real, whole
 from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, symmetric_uniform
-from elitelanes_jax.network.fixed_point import UNIT, multiply, to_fixed
-from elitelanes_jax.optimizers._population import Population, evaluate, select
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, as_elites
+from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
+from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# Differences of positions and positions themselves are held within these; products then fit int32. In the paper's
-# settings no difference comes near.
+# Differences of positions, and positions, are clipped to these, so that products fit int32. With the paper's settings
+# no difference comes near.
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PsoConfig(Config):
-    """Settings; the defaults are the preset `paper`. A pytree: all but `particles` may be swept by `jax.vmap`.
+    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may sweep all but `particles`.
 
     Attributes:
-      particles: how many, and how many grids a step evaluates; static, a size of arrays.
-      inertia: w, the part of a velocity that remains, 0 to 3.
+      particles: the number of particles, and of grids that a step evaluates; static, a size of arrays.
+      inertia: w, the part of a velocity that a step keeps, 0 to 3.
       cognitive: c1, the pull towards a particle's own best position, 0 to 3.
-      social: c2, the pull towards the best position of all, 0 to 3.
-      fastest: the largest velocity, either way, 0 to 16.
-      start: velocities start between minus this and this, 0 to 16.
+      social: c2, the pull towards the best position of all particles, 0 to 3.
+      fastest: the largest velocity, in size, 0 to 16.
+      start: the largest velocity of the first step, in size, 0 to 16.
     """
 
     particles: int = static(40, whole(1))
@@ -51,10 +52,10 @@ class PsoState(NamedTuple):
     """The state that is carried from step to step.
 
     Attributes:
-      position: int32 ``[P, K, H, W]``, of the particles, for each of K codes, in units of 1 / `UNIT`.
+      position: int32 ``[P, K, H, W]``, the position of each particle for each of K codes, in units of 1 / `UNIT`.
       velocity: int32 ``[P, K, H, W]``, in the same units.
       best_position: int32 ``[P, K, H, W]``, the position of each particle when it found its best grid.
-      best: these grids and their evaluation, in the particles' order.
+      best: the best grid of each particle.
     """
 
     position: Int32[Array, "P K H W"]
@@ -67,8 +68,8 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     """Makes particle swarm optimisation; its elites are the particles' best grids.
 
     Args:
-      problem: with a shape, an alphabet and a fitness.
-      config: the defaults are the preset `paper`.
+      problem: the problem to solve.
+      config: settings; the defaults are the preset `paper`.
 
     Raises:
       InputError: for a setting out of its range.
@@ -95,8 +96,8 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         position, velocity, best_position, best = state
         luck = random_bits16(first, (2, config.particles, 1, 1, 1)) // 16
 
-        def pull(strength: Array, target: Array) -> Array:
-            return multiply(jnp.clip(target - position, -_FARTHEST_PULL, _FARTHEST_PULL), strength)
+        def pull(strength: Array, towards: Array) -> Array:
+            return multiply(jnp.clip(towards - position, -_FARTHEST_PULL, _FARTHEST_PULL), strength)
 
         velocity = (
             multiply(velocity, inertia)
@@ -110,10 +111,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
         better = found.fitness < best.fitness
         best_position = jnp.where(better[:, None, None, None], position, best_position)
         best = select(better, found, best)
-        info = Info(best_fitness=best.fitness.min(), elite_count=jnp.int32(config.particles))
+        info = Info(best.fitness.min(), jnp.int32(config.particles), count_refused(found))
         return PsoState(position, velocity, best_position, best), info
 
-    def elites(state: PsoState) -> Elites:
-        return as_elites(state.best)
-
-    return Optimizer(init, step, elites, evaluations_per_step=config.particles)
+    return Optimizer(init, step, elites=lambda state: state.best, evaluations_per_step=config.particles)

@@ -1,66 +1,52 @@
-"""The convention that all optimisers share: a record of three pure functions, no base class."""
+"""The convention that all optimisers share: a record of pure functions, no base class."""
 
 from collections.abc import Callable
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int8, Int32, Key
+import numpy as np
+from jaxtyping import Array, Int32, Key, Real
 
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.optimizers._population import Population
+from elitelanes_jax.problem.archive import Population
 
 
 class Info(NamedTuple):
-    """The report of a step. It is not carried on: what a step needs of its past is in the state.
+    """What a step reports. It is not carried to the next step: the state holds what a step needs of the past.
 
     Attributes:
-      best_fitness: int32, the lowest among the elites after the step.
-      elite_count: int32, how many elites there are: filled niches of an archive, or all grids that the method keeps.
+      best_fitness: the lowest fitness among the elites after the step.
+      elite_count: int32, the number of elites: filled niches of an archive, or all grids that the method keeps.
+      refused: int32, how many grids of the step were refused, because their evaluation was out of range or not a number.
     """
 
-    best_fitness: Int32[Array, ""]
+    best_fitness: Real[Array, ""]
     elite_count: Int32[Array, ""]
+    refused: Int32[Array, ""] = np.int32(0)  # type: ignore[assignment]
 
 
-class Elites(NamedTuple):
-    """The grids that an optimiser has found, in places some of which may be vacant.
-
-    Attributes:
-      grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``.
-      counts: int32 ``[N, M]``, the metrics as `stack_counts` orders them.
-      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
-    """
-
-    grids: Int8[Array, "N H W"]
-    fitness: Int32[Array, " N"]
-    counts: Int32[Array, "N M"]
-    valid: Bool[Array, " N"]
-
-
-def as_elites(population: Population) -> Elites:
-    """Returns all grids of a population as elites."""
-    return Elites(*population, valid=jnp.ones(population.fitness.shape, bool))
+def count_refused(evaluated: Population) -> Int32[Array, ""]:
+    """Returns how many grids were refused."""
+    return (~evaluated.valid).sum(dtype=jnp.int32)
 
 
 class Optimizer(NamedTuple):
     """One algorithm on one problem.
 
-    Keys are consumed. A step takes one generation; all it does follows from its key and the state, so that steps can
-    be the body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once. `elitelanes_jax.optimizers.loop`
-    does both.
+    Keys are consumed. A step is one generation and depends on its key and the state alone. Steps can therefore be the
+    body of `jax.lax.scan`, and `jax.vmap` over keys runs many seeds at once; `run` does both.
 
     Attributes:
       init: key -> state, a pytree of arrays.
       step: (key, state) -> (state, `Info`).
-      elites: state -> `Elites`.
-      evaluations_per_step: int, how many grids a step evaluates.
-      migrate: (state, `Elites`) -> state that has taken over what is better, place by place; only where there is an
+      elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
+      evaluations_per_step: int, the number of grids that a step evaluates.
+      migrate: (state, elites) -> state that has taken over each elite that is better, slot by slot; None without an
         archive.
     """
 
     init: Callable[[Key[Array, ""]], Pytree]
     step: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Info]]
-    elites: Callable[[Pytree], Elites]
+    elites: Callable[[Pytree], Population]
     evaluations_per_step: int
-    migrate: Callable[[Pytree, Elites], Pytree] | None = None
+    migrate: Callable[[Pytree, Population], Pytree] | None = None

@@ -1,8 +1,8 @@
-"""The problem in the interfaces of QDax, evosax and pyribs; none of them is imported here.
+"""A problem in the interfaces of QDax, evosax and pyribs. None of these libraries is imported here.
 
-Each function takes a `Problem` (see `road_problem`) and returns the functions that the other library's own loop calls.
-QDax and pyribs maximise: they get the fitness with its sign changed. A fitness is a whole number; float32, in which
-QDax and evosax keep it, holds it exactly up to 2**24 either way.
+Each function takes a `Problem` (see `road_problem`) and returns the functions that the loop of the other library calls.
+QDax and pyribs maximise, so they receive the negative fitness. QDax and evosax store it as float32, which represents
+whole numbers exactly up to 2**24 in size.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Untyped
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._moves import MoveWeights, random_move
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins
+from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.problem import Problem
 
 
@@ -27,14 +27,14 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
     """Makes the scoring function of QDax's `MAPElites` (QDax 0.5), on genotypes that are grids.
 
     Args:
-      problem: with a fitness and axes.
+      problem: with at least one axis.
 
     Returns:
       (genotypes int8 ``[B, H, W]``, key) -> (fitness float32 ``[B]`` to be maximised, descriptor float32 ``[B, D]``,
-      extra scores). The descriptor is the bin on each axis, a whole number from 0, whose nearest centroid of
-      `qdax_centroids` is our niche. Extra scores are ``{"counts": int32 [B, M]}``, as `stack_counts` orders them. The
-      key is not used, for there is no noise. Genotypes are taken as they are; those of `Problem.random` and
-      `qdax_moves` are repaired.
+      extra scores). The descriptor is the bin on each axis, a whole number from 0; its nearest centroid in
+      `qdax_centroids` is the niche. The extra scores are ``{"features": int32 [B, F]}``, in the order of
+      `Problem.feature_names`. The key is not used, because the evaluation has no noise. Genotypes are not repaired;
+      those of `Problem.random` and `qdax_moves` are.
 
     Raises:
       InputError: from the function, for genotypes of another shape or type.
@@ -42,9 +42,9 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
 
     def score(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         _check_genotypes(problem, genotypes)
-        fitness, counts = problem.evaluate(genotypes)
-        bins = niche_bins(compute_descriptor(counts, problem.axes), problem.axes)
-        return (-fitness).astype(jnp.float32), bins.astype(jnp.float32), {"counts": counts}
+        fitness, features = problem.evaluate(genotypes)
+        bins = niche_bins(problem.descriptor(features), problem.axes)
+        return (-fitness).astype(jnp.float32), bins.astype(jnp.float32), {"features": features}
 
     return score
 
@@ -58,9 +58,9 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 
 
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
-    """Returns the centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
+    """Returns centroids, float32 ``[N, D]``, with which QDax has the same niches, in the order of `niche_index`.
 
-    They are whole numbers, so that no distance is rounded and the niche's own centroid alone is nearest.
+    They are whole numbers, so that distances are exact and only the niche's own centroid is nearest.
     """
     bins = np.indices([axis.bins for axis in axes], np.float32)
     return jnp.asarray(bins.reshape(len(axes), -1).T)
@@ -68,22 +68,22 @@ def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
 
 def qdax_moves(
     problem: Problem,
-    mix: MoveWeights = MoveWeights(),
+    weights: MoveWeights = MoveWeights(),
 ) -> tuple[Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]]:
-    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): one move of the mix each, repaired.
+    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): each makes one random move and repairs.
 
     Args:
-      problem: that repairs.
-      mix: how often each move is made.
+      problem: repairs.
+      weights: the weights of the moves.
 
     Returns:
       (genotypes, key) -> genotypes, and (genotypes, mates, key) -> genotypes, all int8 ``[B, H, W]``. The second
-      transplants blocks of the mates, the first blocks of the same grid. Keys are consumed.
+      function transplants blocks of the mates, the first blocks of the same grid. Keys are consumed.
 
     Raises:
-      InputError: for a bad mix; from the functions, for genotypes of another shape or type.
+      InputError: for bad weights; the functions raise it for genotypes of another shape or type.
     """
-    move = random_move(mix.checked(), fill=problem.fill, fixed=problem.fixed)
+    move = random_move(weights.checked(), fill=problem.fill, fixed=problem.fixed)
 
     def varied(bits: Array, grid: Array, mate: Array) -> Array:
         return problem.repair(*move.apply(bits, grid, mate))
@@ -103,25 +103,26 @@ class EvosaxState(NamedTuple):
     """The state that an `EvosaxTask` carries.
 
     Attributes:
-      counter: int32, batches evaluated so far.
+      counter: int32, the number of batches evaluated so far.
     """
 
     counter: Int32[Array, ""]
 
 
 class EvosaxTask(NamedTuple):
-    """The interface of evosax's `Problem` (evosax 0.3): logits in, a fitness to be minimised out.
+    """The interface of evosax's `Problem` (evosax 0.3): from logits to a fitness to be minimised.
 
     A solution has K logits for each cell, ``[H·W·K]``, row by row, for the K codes of the problem's alphabet.
 
     Attributes:
       num_dims: H·W·K.
       init: key -> `EvosaxState`.
-      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics), where metrics
-        are ``{"counts": int32 [B, M]}``, as `stack_counts` orders them. The key is not used: there is no noise.
-      sample: key -> a solution float32 ``[num_dims]``, standard normal; every code is as likely as any other.
-      decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: in each cell the code of the largest logit,
-        the first among equals, then repaired by `Problem.repair_raster`. NaN counts as larger than all.
+      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics). The metrics are
+        ``{"features": int32 [B, F]}``, in the order of `Problem.feature_names`. The key is not used, because the
+        evaluation has no noise.
+      sample: key -> a solution float32 ``[num_dims]``, standard normal; all codes are equally likely.
+      decode: a solution float ``[num_dims]`` -> its grid int8 ``[H, W]``: each cell has the code of its largest logit,
+        the first among equal ones; then `Problem.repair_raster` repairs the grid. NaN counts as the largest.
     """
 
     num_dims: int
@@ -132,11 +133,7 @@ class EvosaxTask(NamedTuple):
 
 
 def evosax_task(problem: Problem) -> EvosaxTask:
-    """Makes the problem for evosax's strategies.
-
-    Raises:
-      InputError: from `eval` and `decode`, for solutions of another length.
-    """
+    """Makes the task that evosax's strategies solve. Its `eval` and `decode` refuse solutions of another length."""
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (*problem.shape, len(problem.alphabet))
 
@@ -154,18 +151,18 @@ def evosax_task(problem: Problem) -> EvosaxTask:
     def evaluate(
         key: Key[Array, ""], solutions: Array, state: EvosaxState
     ) -> tuple[Array, EvosaxState, dict[str, Array]]:
-        fitness, counts = problem.evaluate(jax.vmap(decode)(solutions))
-        return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"counts": counts}
+        fitness, features = problem.evaluate(jax.vmap(decode)(solutions))
+        return fitness.astype(jnp.float32), EvosaxState(state.counter + 1), {"features": features}
 
     return EvosaxTask(prod(shape), init, jax.jit(evaluate), sample, jax.jit(decode))
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
-    """Returns the arguments with which pyribs's `GridArchive` (pyribs 0.12) has our niches as cells, in their order.
+    """Returns arguments for pyribs's `GridArchive` (pyribs 0.12) so that its cells are our niches, in the same order.
 
     Returns:
-      ``solution_dim`` H·W, and of the problem's axes ``dims``, the bins, and ``ranges``, from where the first bin
-      starts to where the last one would end.
+      ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the first bin to the end
+      of the last one.
     """
     return {
         "solution_dim": prod(problem.shape),
@@ -178,13 +175,9 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
     """Makes the function from solutions of pyribs to grids.
 
     Returns:
-      Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile codes. Real numbers are
-      places in the problem's alphabet of K codes: 0 to under 1 is the first, K - 1 to under K the last; others are
-      clipped to these.
-
-    Raises:
-      InputError: from the function, for solutions of another shape, numbers that are not finite, or codes outside
-        0..15.
+      Solutions ``[B, H·W]``, row by row -> repaired grids int8 ``[B, H, W]``. Integers are tile codes. A real number x
+      is the code at index floor(x) of the problem's alphabet, limited to the first and the last index. The function
+      raises `InputError` for solutions of another shape, numbers that are not finite, or codes outside 0..15.
     """
     size, last = prod(problem.shape), len(problem.alphabet) - 1
     codes = np.array(problem.alphabet, np.int8)
@@ -209,21 +202,18 @@ def ribs_grids(problem: Problem) -> Callable[[Untyped], NDArray[np.int8]]:
 
 
 def ribs_evaluate(problem: Problem) -> Callable[[Untyped], tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Makes the evaluation for pyribs's loop (pyribs 0.12), between `ask` and `tell`.
+    """Makes the evaluation in pyribs's loop (pyribs 0.12), between `ask` and `tell`.
 
     Returns:
       Solutions ``[B, H·W]`` (see `ribs_grids`) -> (objective float64 ``[B]`` to be maximised, measures float64
-      ``[B, D]``, the plain values of the axes' features).
-
-    Raises:
-      InputError: from the function, see `ribs_grids`.
+      ``[B, D]``, the values of the axes' features).
     """
     grids = ribs_grids(problem)
 
     @jax.jit
     def scored(batch: Array) -> tuple[Array, Array]:
-        fitness, counts = problem.evaluate(batch)
-        return -fitness, compute_descriptor(counts, problem.axes)
+        fitness, features = problem.evaluate(batch)
+        return -fitness, problem.descriptor(features)
 
     def evaluate(solutions: AnyArray) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         objective, descriptor = scored(grids(solutions))

@@ -1,4 +1,4 @@
-"""The optimisers by kind of configuration, and the configurations by method and preset."""
+"""The configuration of each method and preset, and the optimiser of each kind of configuration."""
 
 from collections.abc import Callable
 
@@ -52,7 +52,7 @@ PRESETS: dict[tuple[str, str], Config] = {
     ("gwo", "tuned"): AnnealedGwoConfig(),
     ("gwo", "paper"): GwoConfig(),
 }
-"""The configurations by method and preset."""
+"""The configuration of each method and preset."""
 
 _FACTORIES: dict[type, Callable[..., Optimizer]] = {
     AnnealedMapElitesConfig: annealed_map_elites,
@@ -67,18 +67,18 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 
 
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
-    """Makes the optimiser of a kind of configuration, on a problem."""
+    """Makes the optimiser that a configuration is for, on a problem."""
     return _FACTORIES[type(config)](problem, config)
 
 
 def find_preset(config: Config) -> tuple[str, str]:
-    """Returns the method and the preset of a configuration's kind.
+    """Returns the method of a configuration, and the first preset of the same kind.
 
     Raises:
-      InputError: if it is none.
+      InputError: for anything but a configuration of a method.
     """
-    for place, known in PRESETS.items():
+    for method_and_preset, known in PRESETS.items():
         if type(known) is type(config):
-            return place
+            return method_and_preset
     kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
     raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")

@@ -1,114 +1,91 @@
-"""The archive of MAP-Elites: niches of a descriptor space, each with the best grid found for it.
+"""Populations, and the archive of MAP-Elites: a population with one slot for each niche.
 
 Mouret and Clune, "Illuminating search spaces by mapping elites", 2015; paper, section "Behavior Descriptors".
 """
 
-from math import prod
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int8, Int32
-
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index
+from jaxtyping import Array, Bool, Int8, Int32, Real
+from numpy.typing import DTypeLike
 
 VACANT = np.iinfo(np.int32).max
-"""The fitness of a vacant niche."""
+"""The fitness of a vacant slot, if fitness is int32."""
 
 
-class Archive(NamedTuple):
-    """One place for each of N niches.
+class Population(NamedTuple):
+    """Grids with their evaluation, in P slots.
 
     Attributes:
-      grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``; in a vacant niche the largest int32.
-      counts: int32 ``[N, M]``, the metrics as `stack_counts` orders them.
+      grids: int8 ``[P, H, W]``.
+      fitness: int32 or float32 ``[P]``, lower is better; `vacant_fitness` in a vacant slot.
+      features: int32 ``[P, F]``, in the order of `Problem.feature_names`.
     """
 
-    grids: Int8[Array, "N H W"]
-    fitness: Int32[Array, " N"]
-    counts: Int32[Array, "N M"]
+    grids: Int8[Array, "*S P H W"]
+    fitness: Real[Array, "*S P"]
+    features: Int32[Array, "*S P F"]
 
     @property
-    def valid(self) -> Bool[Array, " N"]:
-        """Bool ``[N]``: whether each niche has an elite."""
-        return self.fitness < VACANT
+    def valid(self) -> Bool[Array, "*S P"]:
+        """Bool ``[P]``: which slots are not vacant. The grid and the features of a vacant slot have no meaning."""
+        return self.fitness < vacant_fitness(self.fitness.dtype)
 
 
-def empty_archive(
-    axes: tuple[Axis, ...], shape: tuple[int, int], *, copies: int = 1, columns: int = len(COUNT_NAMES)
-) -> Archive:
-    """Makes an archive with a place for each niche, with so many columns of counts; or several, one after another."""
-    niches = copies * prod(axis.bins for axis in axes)
-    return Archive(
-        grids=jnp.zeros((niches, *shape), jnp.int8),
-        fitness=jnp.full(niches, VACANT, jnp.int32),
-        counts=jnp.zeros((niches, columns), jnp.int32),
-    )
+def vacant_fitness(dtype: DTypeLike) -> float:
+    """Returns the fitness of a vacant slot, and of a refused grid: infinity, or the largest int32."""
+    return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
+
+
+def empty_archive(slots: int, like: Population) -> Population:
+    """Returns a population of vacant slots.
+
+    Args:
+      slots: how many, P.
+      like: any population; its shapes and dtypes are used.
+    """
+    vacant = jax.tree.map(lambda array: jnp.zeros((slots, *array.shape[1:]), array.dtype), like)
+    return vacant._replace(fitness=jnp.full_like(vacant.fitness, vacant_fitness(like.fitness.dtype)))
 
 
 def insert(
-    archive: Archive,
-    axes: tuple[Axis, ...],
-    grids: Int8[Array, "P H W"],
-    fitness: Int32[Array, " P"],
-    counts: Int32[Array, "P M"],
-) -> Archive:
-    """Offers each grid to its niche.
+    archive: Population, niche: Int32[Array, "*K P"], found: Population, *, accept_equal: bool = False
+) -> Population:
+    """Offers each grid to its niche, which keeps the grid of lowest fitness.
 
-    The lower fitness takes the niche. Among equals the elite already there stays, then the first in the batch comes in:
-    the result does not depend on the order in which a device writes.
+    Among equal grids the elite stays, then the first in the batch: the result does not depend on the order in which a
+    device writes.
 
     Args:
-      archive: with N niches on `axes`.
-      axes: of the descriptor space.
-      grids: int8 ``[P, H, W]``.
-      fitness: int32 ``[P]``.
-      counts: int32 ``[P, M]``.
+      archive: one slot for each of N niches.
+      niche: int32 ``[P]``, the index of each grid's niche; or ``[K, P]`` to offer each grid to K niches.
+      found: the P grids.
+      accept_equal: whether the first in the batch replaces an elite of equal fitness.
     """
-    return insert_at(archive, niche_index(compute_descriptor(counts, axes), axes), grids, fitness, counts)
-
-
-def insert_at(
-    archive: Archive,
-    niche: Int32[Array, "*K P"],
-    grids: Int8[Array, "P H W"],
-    fitness: Int32[Array, " P"],
-    counts: Int32[Array, "P M"],
-    *,
-    accept_equal: bool = False,
-) -> Archive:
-    """Offers each grid to a given place of the archive, int32 ``[P]``, or to several, ``[K, P]``; else as `insert`.
-
-    With `accept_equal` the first in the batch comes in among equals, whether or not an elite is there.
-    """
-    rounds, niches = niche.reshape(-1, len(grids)), archive.fitness.size
-    niche, fitness = rounds.reshape(-1), jnp.tile(fitness, len(rounds))
+    rounds, niches = niche.reshape(-1, len(found.grids)), archive.fitness.size
+    niche, fitness = rounds.reshape(-1), jnp.tile(found.fitness, len(rounds))
     batch = jnp.arange(niche.size, dtype=jnp.int32)
     lowest = archive.fitness.at[niche].min(fitness)
     contends = fitness == lowest[niche]
     if not accept_equal:
         contends &= fitness < archive.fitness[niche]
     first = jnp.full(niches, batch.size, jnp.int32).at[niche].min(jnp.where(contends, batch, batch.size))
-    # Winners write to their own niche, each the only one; the others to places beyond the end.
-    place = jnp.where(first[niche] == batch, niche, niches + batch)
+    # Each winner writes to its own niche, and no other grid does. Losers write beyond the end, where nothing is stored.
+    slots = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
-        # One round after another: XLA would compute grids that are concatenated with themselves twice.
-        for round_ in place.reshape(rounds.shape):
-            into = into.at[round_].set(values, mode="drop", unique_indices=True)
+        # One round after another: XLA would compute grids twice if they were concatenated with themselves.
+        for one_round in slots.reshape(rounds.shape):
+            into = into.at[one_round].set(values, mode="drop", unique_indices=True)
         return into
 
-    return Archive(write(archive.grids, grids), lowest, write(archive.counts, counts))
+    return Population(write(archive.grids, found.grids), lowest, write(archive.features, found.features))
 
 
-def keep_best(archives: Archive) -> Archive:
-    """Returns of several archives, in front of each other ``[K, ...]``, the best elite of each niche.
-
-    Among equals that of the first archive stays.
-    """
+def keep_best(archives: Population) -> Population:
+    """Returns the best elite of each niche among K archives ``[K, ...]``; the first archive's among equals."""
     first = jnp.argmin(archives.fitness, axis=0)
 
     def take(array: Array) -> Array:

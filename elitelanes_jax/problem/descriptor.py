@@ -1,6 +1,6 @@
-"""The descriptor space: axes of features in bins, whose cells are niches (paper, section "Behavior Descriptors")."""
+"""The descriptor space: axes, each a feature in bins, whose cells are niches (paper, "Behavior Descriptors")."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from math import prod
 from typing import NamedTuple
 
@@ -9,28 +9,21 @@ import numpy as np
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.problem.features import (
-    SHARE_UNIT,
-    check_feature,
-    compute_features,
-    default_width,
-    feature_places,
-    is_share,
-)
+from elitelanes_jax.problem.features import SHARE_UNIT, check_feature, default_width, is_share, select_features
 
 MOST_NICHES = 2**20
 """The largest number of niches: with more, the archives of a single seed would not fit in memory."""
 
 
 class Axis(NamedTuple):
-    """One axis of the descriptor space: a feature in bins of equal width, the first and the last one open.
+    """One axis of the descriptor space: a feature in bins of equal width. The first and the last bin are open.
 
     Attributes:
-      metric: the name of a feature: a whole number in `Metrics`, or a share.
-      bins: how many.
-      width: of a bin, in the metric's unit, thousandths for a share; 0 for `default_width` on the grid's shape.
-      start: where the first bin starts.
-      target: the only bin whose niches are wanted, others being stepping stones; by default all are wanted.
+      metric: the name of the feature.
+      bins: the number of bins.
+      width: the width of a bin, of a share in thousandths; 0 for `default_width` on the grid's shape.
+      start: the value at which the first bin starts.
+      target: the one bin whose niches are sought; niches in other bins are stepping stones. By default all are sought.
     """
 
     metric: str
@@ -43,8 +36,8 @@ class Axis(NamedTuple):
 def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
     """Returns the paper's space of 400 niches: 25 bins of the cyclomatic number and four flags.
 
-    A flag's first bin is the favourable value. The paper does not give the width of its bins; 2 at 12 x 12, growing
-    with the grid's area, covers the values that its archive holds.
+    A flag's first bin is the favourable value. The paper does not give the width of its bins. A width of 2 at 12 x 12
+    that grows with the grid's area covers the values in the paper's archive.
     """
     width = max(1, round(2 * shape[0] * shape[1] / 144))
     return (
@@ -57,25 +50,25 @@ def paper_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
 
 
 def tuned_axes(shape: tuple[int, int]) -> tuple[Axis, ...]:
-    """Returns the paper's space with narrower bins and a target for each flag, its favourable value.
+    """Returns the paper's space with narrower bins, and with each flag's favourable value as its target.
 
-    Bins of the cyclomatic number are one wide at 12 x 12: 0 to 23, and 24 or more.
+    At 12 x 12 bins of the cyclomatic number have width 1: 0 to 23, and 24 or more.
     """
     cyclomatic, *flags = paper_axes(shape)
     width = default_width("cyclomatic", cyclomatic.bins, shape)
     return (cyclomatic._replace(width=width), *(flag._replace(target=0) for flag in flags))
 
 
-def parse_axes(axes: UserValue, own: Collection[str] | None = ()) -> tuple[Axis, ...]:
+def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[Axis, ...]:
     """Reads axes from texts, mappings or records.
 
     Args:
-      axes: of each axis ``NAME:BINS`` or ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`; or for
-        all of them one text with spaces between, or a mapping of names to bins, or to pairs of bins and width.
-      own: names of features of one's own; None lets any name pass.
+      axes: for each axis ``NAME:BINS``, ``NAME:BINS:WIDTH``, a mapping of the fields of `Axis`, or an `Axis`; or for
+        all axes one text with spaces between, or a mapping of names to bins or to pairs of bins and width.
+      features: the names of the user's features; None accepts any name.
 
     Raises:
-      InputError: for anything else, an unknown or repeated feature, numbers out of range, no axis, or more than
+      InputError: for anything else, an unknown or repeated feature, a number out of range, no axis, or more than
         `MOST_NICHES` niches.
     """
     if isinstance(axes, str):
@@ -85,7 +78,7 @@ def parse_axes(axes: UserValue, own: Collection[str] | None = ()) -> tuple[Axis,
     try:
         if isinstance(axes, Mapping):
             axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
-        listed = tuple(_check_axis(axis, own) for axis in axes)
+        listed = tuple(_check_axis(axis, features) for axis in axes)
     except TypeError:
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(axes))}") from None
     if not listed:
@@ -97,30 +90,30 @@ def parse_axes(axes: UserValue, own: Collection[str] | None = ()) -> tuple[Axis,
     return listed
 
 
-def resolve_axes(axes: UserValue, shape: tuple[int, int], own: Collection[str] | None = ()) -> tuple[Axis, ...]:
-    """Reads axes as `parse_axes` does and gives each the width that suits grids of a shape, where it has none.
+def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()) -> tuple[Axis, ...]:
+    """Reads axes as `parse_axes` does, and gives each axis of width 0 the width that suits grids of a shape.
 
     Raises:
       InputError: as `parse_axes`.
     """
     return tuple(
         axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape))
-        for axis in parse_axes(axes, own)
+        for axis in parse_axes(axes, features)
     )
 
 
-def compute_descriptor(counts: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
+def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]) -> AnyArray:
     """Computes descriptors: the values of the axes' features.
 
     Args:
-      counts: int32 ``[..., M + K]``, metrics as `stack_counts` orders them, then K extra features, of which the axes'
-        come first, of NumPy or JAX.
+      features: int32 ``[..., F]``, of NumPy or JAX.
+      feature_names: the F names.
       axes: D of them.
 
     Returns:
       int32 ``[..., D]``, of the same library.
     """
-    return compute_features(counts)[..., feature_places([axis.metric for axis in axes])]
+    return select_features(features, feature_names, [axis.metric for axis in axes])
 
 
 def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
@@ -132,24 +125,24 @@ def niche_bins(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
 
 
 def niche_index(descriptor: AnyArray, axes: tuple[Axis, ...]) -> AnyArray:
-    """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``: the last axis runs fastest."""
+    """Returns the index of the niche, int32 ``[...]``, of descriptors ``[..., D]``; the last axis varies fastest."""
     bins = niche_bins(descriptor, axes)
     niche = bins[..., 0]
-    for number, axis in enumerate(axes[1:], start=1):
-        niche = niche * axis.bins + bins[..., number]
+    for index, axis in enumerate(axes[1:], start=1):
+        niche = niche * axis.bins + bins[..., index]
     return niche
 
 
-def _check_axis(axis: UserValue, own: Collection[str] | None) -> Axis:
+def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
     given = axis
     if isinstance(axis, str):
-        axis = _parse_axis(axis, own)
+        axis = _parse_axis(axis, features)
     elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
         axis = Axis(**axis)
     if not isinstance(axis, Axis):
         raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(given))}")
     source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
-    check_feature(source, axis.metric, own)
+    check_feature(source, axis.metric, features)
     bins, width, start, target = axis[1:]
     if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
         got = f"bins {short(repr(bins))}, width {short(repr(width))}, start {short(repr(start))}"
@@ -165,9 +158,9 @@ def _check_axis(axis: UserValue, own: Collection[str] | None) -> Axis:
     return axis
 
 
-def _parse_axis(text: str, own: Collection[str] | None) -> Axis:
+def _parse_axis(text: str, features: Collection[str] | None) -> Axis:
     name, *numbers = text.split(":")
-    check_feature(f"axes {text!r}", name, own)
+    check_feature(f"axes {text!r}", name, features)
     if not 1 <= len(numbers) <= 2 or not all(
         number.isascii() and number.isdigit() and len(number) < 20 and int(number) for number in numbers
     ):

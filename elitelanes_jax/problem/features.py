@@ -1,19 +1,23 @@
-"""Features: whole numbers that describe a network, for niches, constraints and weights.
+"""Features: the whole numbers that niches, ranges and weights can name.
 
-A feature is a metric; or a share: a metric's part of the tiles or cells, in thousandths, rounded down; or one that is
-measured only where it is asked for: an extra one, see `elitelanes_jax.problem.extras`. A row of counts has the metrics
-first, then the extra features: those of the axes in their order before all others, so that axes alone tell where they
-are.
+| kind | what it is |
+|---|---|
+| metric | a whole number that `measure` returns for every grid, see `Metrics` |
+| share | a part of the tiles or cells, in thousandths, rounded down; it follows from metrics |
+| town feature | a whole number that `measure_town` returns; measured only if a search names it |
+| feature of the user | what a kernel of the user returns for a grid, see `elitelanes_jax.problem.kernels` |
+
+An array of features ``[..., F]`` has one column per feature; `feature_names` has the F names in the same order. Shares
+have no column: `select_features` computes them.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, likely, short
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
 
 SHARES = {
@@ -22,18 +26,18 @@ SHARES = {
     "crossing_share": ("crossings", ("tiles",)),
     "coverage": ("tiles", ("tiles", "empty_cells")),
 }
-"""Each share by name: the metric that is counted, and the metrics whose sum it is a part of."""
+"""For each share, the metric that is the part and the metrics whose sum is the whole."""
 
-FEATURES = (*COUNT_NAMES, *SHARES)
-"""The names of the features that are always computed, in the order of `compute_features`."""
+FEATURES = (*METRIC_NAMES, *SHARES)
+"""The names of the metrics and shares."""
 
 SHARE_UNIT = 1000
 """The whole number that stands for a share of 1."""
 
 TOWN_FEATURES = TownFeatures._fields
-"""The names of the extra features that the package has."""
+"""The names of the town features."""
 
-# The values over which bins of a ratio are spread, in thousandths.
+# The ranges that the default bins of these ratios cover, in thousandths.
 _USUAL = {
     "mean_block": 20_000,
     "block_spread": 1000,
@@ -44,85 +48,74 @@ _USUAL = {
     "mean_detour": 4000,
 }
 
-LARGEST_FEATURE = 1_000_000
-"""The largest value of a feature of one's own; larger ones are taken for it, negative ones for 0."""
+LARGEST_FITNESS = 2**29
+"""The largest size of what features, or a fitness, of the user may add: the sum with any penalty fits int32."""
 
 
 def is_share(name: str) -> bool:
-    """Tells whether a feature is a part of 1, kept in thousandths."""
+    """Returns whether a feature is a part of 1, stored in thousandths."""
     return name in SHARES or name in TOWN_PARTS
 
 
 def feature_unit(name: str) -> int:
-    """Returns the whole number that stands for 1 of a feature; those of one's own are whole numbers."""
+    """Returns the whole number that stands for 1 of a feature; 1 for features of the user."""
     return SHARE_UNIT if is_share(name) or name in TOWN_RATIOS else 1
 
 
-def largest_feature(name: str, shape: tuple[int, int]) -> int:
-    """Returns an upper bound of an extra feature on grids ``(height, width)``."""
-    return largest_town_feature(name, shape) if name in TOWN_FEATURES else LARGEST_FEATURE
+def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
+    """Returns the columns that contain the features in all groups: the metrics, then the other features, each once."""
+    return tuple(dict.fromkeys((*METRIC_NAMES, *(name for names in groups for name in names if name not in SHARES))))
 
 
-def extra_names(*groups: Iterable[str]) -> tuple[str, ...]:
-    """Returns the names that are none of `FEATURES`, in the order of the groups, each once."""
-    return tuple(dict.fromkeys(name for names in groups for name in names if name not in FEATURES))
-
-
-def feature_places(names: Sequence[str]) -> NDArray[np.int_]:
-    """Returns the places of features in a row of `compute_features`, ints ``[N]``.
+def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyArray, tuple[str, ...]]:
+    """Adds a column for each share that follows from the metrics in an array of features.
 
     Args:
-      names: of features; the extra ones among them are the first extra ones of the row, in this order.
-    """
-    extras = extra_names(names)
-    known = {name: place for place, name in enumerate((*FEATURES, *extras))}
-    return np.array([known[name] for name in names])
-
-
-def join_counts(measures: Mapping[str, AnyArray], extras: Sequence[str]) -> NDArray[np.int32]:
-    """Puts metrics and extra features side by side as `compute_features` takes them, int32 ``[..., M + K]``.
-
-    Args:
-      measures: int arrays ``[...]`` of NumPy by name.
-      extras: the names of K extra features.
-    """
-    return np.stack([measures[name] for name in (*COUNT_NAMES, *extras)], axis=-1).astype(np.int32)
-
-
-def compute_features(counts: AnyArray) -> AnyArray:
-    """Computes all features of networks.
-
-    Args:
-      counts: int32 ``[..., M + K]``, metrics as `stack_counts` orders them, then K extra features, of NumPy or JAX.
+      features: int32 ``[..., F]``, of NumPy or JAX.
+      feature_names: the F names.
 
     Returns:
-      int32 ``[..., F + K]`` in the order of `FEATURES`, then the extra ones, of the same library.
+      int32 ``[..., F + S]``, of the same library, and the F + S names.
     """
-    xp = counts.__array_namespace__()
-    columns = [counts[..., : len(COUNT_NAMES)]]
-    for part, whole in SHARES.values():
-        total = sum(counts[..., COUNT_NAMES.index(name)] for name in whole)
-        share = SHARE_UNIT * counts[..., COUNT_NAMES.index(part)] // xp.maximum(total, 1)
-        columns.append(share[..., None])
-    if counts.shape[-1] > len(COUNT_NAMES):
-        columns.append(counts[..., len(COUNT_NAMES) :])
-    return xp.concatenate(columns, axis=-1)
+    xp, column = features.__array_namespace__(), list(feature_names).index
+    shares = {share: parts for share, parts in SHARES.items() if {parts[0], *parts[1]} <= set(feature_names)}
+    columns = [features]
+    for part, whole in shares.values():
+        total = sum(features[..., column(name)] for name in whole)
+        columns.append((SHARE_UNIT * features[..., column(part)] // xp.maximum(total, 1))[..., None])
+    return xp.concatenate(columns, axis=-1), (*feature_names, *shares)
 
 
-def check_feature(source: str, name: UserValue, own: Collection[str] | None = ()) -> str:
+def select_features(features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]) -> AnyArray:
+    """Returns the columns of the selected features; computes those of shares.
+
+    Args:
+      features: int32 ``[..., F]``, of NumPy or JAX.
+      feature_names: the F names.
+      selected: D names.
+
+    Returns:
+      int32 ``[..., D]``, of the same library.
+    """
+    if not set(selected) <= set(feature_names):
+        features, feature_names = with_shares(features, feature_names)
+    return features[..., np.array([feature_names.index(name) for name in selected], int)]
+
+
+def check_feature(source: str, name: UserValue, features: Collection[str] | None = ()) -> str:
     """Checks the name of a feature.
 
     Args:
       source: the start of the message: what the name comes from.
       name: to check.
-      own: names of features of one's own; None lets any name pass.
+      features: the names of the user's features; None accepts any name.
 
     Raises:
-      InputError: if no feature has it.
+      InputError: if no feature has this name.
     """
-    if own is None and isinstance(name, str):
+    if features is None and isinstance(name, str):
         return name
-    known = (*FEATURES, *TOWN_FEATURES, *(own or ()))
+    known = tuple(dict.fromkeys((*FEATURES, *TOWN_FEATURES, *(features or ()))))
     if name not in known:
         raise InputError(
             f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
@@ -134,8 +127,8 @@ def check_feature(source: str, name: UserValue, own: Collection[str] | None = ()
 def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
     """Returns the width of bins that suits a feature on grids of a shape.
 
-    Shares are cut into equal bins. Bins of the cyclomatic number are one wide at 12 x 12 and grow with the area; bins
-    of other metrics cover the range that networks reach, half as many as there are cells.
+    The range of a share is divided into equal bins. Bins of the cyclomatic number have width 1 at 12 x 12 and grow with
+    the area. Bins of any other metric cover the range that networks reach: 0 to half the number of cells.
     """
     area = shape[0] * shape[1]
     if is_share(name) or name in _USUAL:
@@ -144,3 +137,16 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
         return max(1, int(np.rint(area / 144)))
     most = max(shape) * area // 2 if name == "straight_score" else area // 2
     return max(1, -(-most // bins))
+
+
+def largest_addend(weights: Iterable[tuple[str, int]], shape: tuple[int, int]) -> int:
+    """Returns an upper bound of what weighted features other than metrics add to the fitness, in size.
+
+    Args:
+      weights: pairs of a feature and its weight; metrics are ignored.
+      shape: (height, width) of the grids.
+    """
+    others = {name: abs(weight) for name, weight in weights if weight and name not in METRIC_NAMES}
+    towns = sum(weight * largest_town_feature(name, shape) for name, weight in others.items() if name in TOWN_FEATURES)
+    # Grids with a larger sum of the user's features are refused, see `road_problem`.
+    return towns + (LARGEST_FITNESS if set(others) - {*TOWN_FEATURES, "constant"} else 0)

@@ -1,80 +1,155 @@
-"""The problem that optimisers solve: the grids that may be made, and their fitness."""
+"""A problem: the grids that an optimiser may make, and how they are evaluated."""
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import prod
 from types import MappingProxyType
 from typing import NamedTuple
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.fitness import fitness, penalty_weights
+from elitelanes_jax.network.fitness import fitness as weighted_sum
+from elitelanes_jax.network.fitness import penalty_weights
 from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.materialize import materialize
-from elitelanes_jax.network.metrics import measure, stack_counts, unstack_counts
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.constraints import Bounds, violation
-from elitelanes_jax.problem.descriptor import Axis, paper_axes, resolve_axes
-from elitelanes_jax.problem.extras import Kernel, measure_extras
-from elitelanes_jax.problem.features import compute_features, extra_names
-from elitelanes_jax.problem.template import Template
+from elitelanes_jax.network.xla import materialize
+from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
+from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, columns_for
+from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.kernels import (
+    Fitness,
+    Kernel,
+    apply_fitness,
+    in_range,
+    is_finite,
+    measure_features,
+    uses_usual,
+)
+from elitelanes_jax.problem.ranges import range_penalty
 
 
 class Evaluation(NamedTuple):
-    """The evaluation of a population.
+    """The evaluation of P grids.
 
     Attributes:
-      fitness: int32 ``[P]``, lower is better.
-      counts: int32 ``[P, M]``, the metrics as `stack_counts` orders them, then the problem's extra features.
+      fitness: int32 or float32 ``[P]``, lower is better.
+      features: int32 ``[P, F]``, in the order of `Problem.feature_names`.
     """
 
-    fitness: Int32[Array, " P"]
-    counts: Int32[Array, "P M"]
+    fitness: Real[Array, " P"]
+    features: Int32[Array, "P F"]
 
 
-class Problem(NamedTuple):
-    """All that an optimiser knows of road networks: how to draw, repair and evaluate grids.
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """All that an optimiser knows of a task. See `road_problem` for the paper's; the first two fields make another.
 
     Attributes:
-      shape: (height, width).
-      alphabet: the codes that new tiles are drawn from.
-      axes: of the descriptor space.
-      fill: whether repair fills.
-      fixed: bool ``[H, W]``, the cells that are given and stay; None where none is.
-      random: (key, count) -> int8 ``[count, H, W]``, repaired: what a search begins with.
-      repair: (grid, dirty, raster) -> grid, as `repair`.
-      repair_raster: grid -> grid, repairs one of which all tiles are new: each decides over those after it, row by row.
-      evaluate: int8 ``[P, H, W]`` -> `Evaluation`.
-      penalties: int32 ``[P, M]``, counts -> int32 ``[P]``, the fitness without rewards.
-      extras: the names of the extra features, in the order of their columns: those of the axes first.
-      given: how many of the first random grids are given ones.
+      shape: (height, width) of the grids, each at least 2.
+      evaluate: grids int8 ``[P, H, W]`` -> `Evaluation`; pure. Integers of a fitness are less than 2**29 in size. A
+        float fitness that is not finite is refused: its grid becomes no elite.
+      feature_names: the names of the F columns of features.
+      axes: axes of the descriptor space; MAP-Elites needs at least one.
+      alphabet: the codes, among 0 to 15, that new tiles are drawn from.
+      repair: (grid, dirty, raster) -> grid, applied to every new grid; the last two are optional. See
+        `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K codes, the one at
+        index code mod K.
+      penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no reward lowers; by
+        default 0. The tuned MAP-Elites counts it alone in some cycles.
+      initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
+      fill: whether `repair` leaves nothing to fill, so that moves need not. Else moves may apply the repair of roads.
+      fixed: bool ``[H, W]``, the cells that `repair` never changes, or None.
     """
 
     shape: tuple[int, int]
-    alphabet: tuple[int, ...]
-    axes: tuple[Axis, ...]
-    fill: bool
-    fixed: Bool[np.ndarray, "H W"] | None
-    random: Callable[[Key[Array, ""], int], Int8[Array, "count H W"]]
-    repair: Callable[..., Int8[Array, "H W"]]
-    repair_raster: Callable[[Int8[Array, "H W"]], Int8[Array, "H W"]]
     evaluate: Callable[[Int8[Array, "P H W"]], Evaluation]
-    penalties: Callable[[Int32[Array, "P M"]], Int32[Array, " P"]]
-    extras: tuple[str, ...] = ()
-    given: int = 0
+    feature_names: tuple[str, ...] = ()
+    axes: tuple[Axis, ...] = ()
+    alphabet: tuple[int, ...] = tuple(range(16))
+    repair: Callable[..., Int8[Array, "H W"]] = None  # type: ignore[assignment]  # set when it is made
+    penalties: Callable[[Int32[Array, "... F"]], Int32[Array, "..."]] = None  # type: ignore[assignment]
+    initial: Int8[Array | np.ndarray, "N H W"] | None = None
+    fill: bool = True
+    fixed: Bool[np.ndarray, "H W"] | None = None
+
+    def __post_init__(self) -> None:
+        """Checks the fields and sets the defaults.
+
+        Raises:
+          InputError: for a bad shape or alphabet, or an axis whose feature is no column.
+        """
+        shape, alphabet, names = check_shape(self.shape, new=True), check_alphabet(self.alphabet), self.feature_names
+        axes = resolve_axes(self.axes, shape, names) if self.axes else ()
+        known = {*names, *(share for share, (part, whole) in SHARES.items() if {part, *whole} <= set(names))}
+        for axis in axes:
+            if axis.metric not in known:
+                raise InputError(f"axes: expected features of the problem, {', '.join(names)}, got {axis.metric}")
+        for field, value in (("shape", shape), ("alphabet", alphabet), ("axes", axes), ("feature_names", tuple(names))):
+            object.__setattr__(self, field, value)
+        if self.repair is None:
+            object.__setattr__(self, "repair", partial(_to_alphabet, alphabet))
+        if self.penalties is None:
+            object.__setattr__(self, "penalties", lambda features: jnp.zeros(features.shape[:-1], jnp.int32))
 
     @property
-    def columns(self) -> int:
-        """The number of columns of counts."""
-        return len(COUNT_NAMES) + len(self.extras)
+    def niches(self) -> int:
+        """The number of niches.
+
+        Raises:
+          InputError: if there are no axes.
+        """
+        if not self.axes:
+            raise InputError("axes: expected a problem with at least one axis, got none")
+        return prod(axis.bins for axis in self.axes)
+
+    def random(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
+        """Returns repaired grids for a run to start from: the initial ones, then random ones; the key is consumed.
+
+        Raises:
+          InputError: for more initial grids than `count`.
+        """
+        grids = jax.vmap(self.repair_raster)(random_grids(key, count, self.shape, alphabet=self.alphabet))
+        if self.initial is None:
+            return grids
+        if len(self.initial) > count:
+            raise InputError(
+                f"initial: expected at most {count} grids, the number a run starts from, got {len(self.initial)}"
+            )
+        return grids.at[: len(self.initial)].set(jax.vmap(self.repair)(jnp.asarray(self.initial)))
+
+    def repair_raster(self, grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
+        """Repairs a grid whose tiles are all new: each tile decides over those after it, row by row."""
+        return self.repair(grid, raster=True)
+
+    def descriptor(self, features: Int32[Array, "... F"]) -> Int32[Array, "... D"]:
+        """Returns the values of the axes' features."""
+        return compute_descriptor(features, self.feature_names, self.axes)
+
+    def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
+        """Returns the index of the niche."""
+        return niche_index(self.descriptor(features), self.axes)
+
+
+def _to_alphabet(
+    alphabet: tuple[int, ...],
+    grid: Int8[Array, "H W"],
+    dirty: Bool[Array, "H W"] | None = None,
+    raster: Bool[ArrayLike, ""] = False,
+) -> Int8[Array, "H W"]:
+    codes = [code if code in alphabet else alphabet[code % len(alphabet)] for code in range(16)]
+    return grid if codes == list(range(16)) else jnp.array(codes, jnp.int8)[grid]
 
 
 def road_problem(
@@ -84,36 +159,43 @@ def road_problem(
     alphabet: Iterable[int] | None = None,
     weights: Weights = Weights(),
     fill: bool = False,
-    bounds: Bounds | None = None,
-    extras: Iterable[str] = (),
-    extra_weights: Int[ArrayLike, " K"] | None = None,
+    limits: Int32[Array | np.ndarray, "2 C"] | None = None,
+    measured: Iterable[str] = (),
+    feature_weights: Int[ArrayLike, " K"] | None = None,
     features: Mapping[str, Kernel] = MappingProxyType({}),
-    fix: Template | None = None,
+    fitness: Fitness | None = None,
+    fix: FixedCells | None = None,
     initial: Int8[Array | np.ndarray, "N H W"] | None = None,
 ) -> Problem:
-    """Makes the paper's problem: road networks of a given size.
+    """Makes the paper's problem: road networks of one size.
+
+    A grid is refused if a feature of the user, their weighted sum or a fitness of the user is out of range (see
+    `Kernel` and `Fitness`; 2**29 for the sum) or not a number. It has the fitness of a vacant slot and becomes no elite.
 
     Args:
       shape: (height, width), each at least 2.
-      axes: of the descriptor space, as `resolve_axes` takes them; by default `paper_axes`.
+      axes: axes of the descriptor space, as `resolve_axes` takes them; by default `paper_axes`.
       alphabet: the codes to draw from, by default all tiles with two or more connections. A repaired grid may hold
         others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
-      weights: of the fitness; its numbers may be traced.
-      fill: whether repair also fills (see `repair`).
-      bounds: limits of features, with K extra ones; their violation adds to the fitness. Its numbers may be traced.
-      extras: the names of the K extra features that are measured; those of the axes, which come first, may be left out.
-      extra_weights: int ``[K]``, what a unit of each adds to the fitness; by default nothing.
-      features: kernels of one's own, by the name of their feature.
-      fix: cells that are given.
-      initial: int8 ``[N, H, W]``, repaired grids that stand first among the random ones.
+      weights: weights of the metrics in the fitness; may be traced.
+      fill: whether repair also fills (see `elitelanes_jax.network.repair`).
+      limits: limits of features, as `range_limits` returns them, whose violation adds to the fitness; may be traced.
+      measured: the names of K features to measure beside the metrics. Those of the axes come first and may be omitted.
+      feature_weights: int ``[K]``, weights of these features in the fitness; may be traced. By default 0.
+      features: kernels of the user's features, by name.
+      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of `limits` is added.
+      fix: cells that never change.
+      initial: int8 ``[N, H, W]``, grids that every run starts from.
 
     Raises:
-      InputError: for a bad shape, alphabet or axis; of `Problem.random`, for more initial grids than it is to return.
+      InputError: for a bad shape, alphabet or axis.
     """
     shape = check_shape(shape, new=True)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
-    extras = extra_names((axis.metric for axis in axes), extras)
+    feature_names = columns_for((axis.metric for axis in axes), measured)
+    others = feature_names[len(METRIC_NAMES) :]
+    users = np.array([feature_names.index(name) for name in others if name in features], int)
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
     fixed = None if fix is None else fix.fixed
 
@@ -122,41 +204,45 @@ def road_problem(
             grid = jnp.where(fix.fixed, fix.grid, grid)
         return repair(grid, dirty, raster=raster, fill=fill, fixed=fixed)
 
-    def repair_raster(grid: Array) -> Array:
-        return repair_grid(grid, raster=True)
-
-    def random(key: Array, count: int) -> Array:
-        grids = jax.vmap(repair_raster)(random_grids(key, count, shape, alphabet=alphabet))
-        if initial is None:
-            return grids
-        if len(initial) > count:
-            raise InputError(
-                f"initial: expected at most {count} grids, as many as there are at first, got {len(initial)}"
-            )
-        return grids.at[: len(initial)].set(jax.vmap(repair_grid)(jnp.asarray(initial)))
-
-    def violations(counts: Array) -> Array:
-        return jnp.int32(0) if bounds is None else violation(compute_features(counts), bounds, shape, extras)
-
-    def weigh(counts: Array, weights: Weights, extra: Numeric) -> Array:
-        total = fitness(unstack_counts(counts, shape[0] * shape[1]), weights) + violations(counts)
-        if extra is not None:
-            total += (counts[..., len(COUNT_NAMES) :] * extra).sum(axis=-1, dtype=jnp.int32)
+    def weigh(features: Array, weights: Weights, least: int | None = None) -> Array:
+        total = weighted_sum(unstack_metrics(features, shape[0] * shape[1]), weights)
+        if feature_weights is not None:
+            addends = features[..., len(METRIC_NAMES) :] * feature_weights
+            total += addends.clip(least).sum(axis=-1, dtype=jnp.int32)
         return total
 
+    def outside(features: Array) -> Array:
+        return jnp.int32(0) if limits is None else range_penalty(features, feature_names, limits, shape)
+
+    def refuse(features: Array, total: Array) -> Array:
+        refused = jnp.zeros(total.shape, bool)
+        if users.size:
+            refused |= ~in_range(features[..., users])
+        if users.size and feature_weights is not None:
+            weights = jnp.asarray(feature_weights)[users - len(METRIC_NAMES)].astype(jnp.float32)
+            refused |= jnp.abs(features[..., users] * weights).sum(axis=-1) > LARGEST_FITNESS
+        if fitness is not None:
+            refused |= ~is_finite(total)
+        return refused
+
     def evaluate(grids: Array) -> Evaluation:
-        chex.assert_shape(grids, (None, *shape))
-        chex.assert_type(grids, jnp.int8)
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
-        counts = materialize(stack_counts(metrics))
-        if extras:
-            counts = jnp.concatenate([counts, materialize(measure_extras(grids, extras, features))], axis=-1)
-        return Evaluation(materialize(weigh(counts, weights, extra_weights)), counts)
+        columns = materialize(stack_metrics(metrics))
+        if others:
+            columns = jnp.concatenate([columns, materialize(measure_features(grids, others, features))], axis=-1)
+        total = weigh(columns, weights)
+        if fitness is not None:
+            total = apply_fitness(fitness, feature_names, grids, columns, total)
+        refused, total = refuse(columns, total), materialize(total + outside(columns))
+        if users.size or fitness is not None:
+            total = jnp.where(refused, jnp.asarray(vacant_fitness(total.dtype), total.dtype), total)
+        return Evaluation(total, columns)
 
-    def penalties(counts: Array) -> Array:
-        return weigh(counts, penalty_weights(weights), None if extra_weights is None else jnp.maximum(extra_weights, 0))
+    def penalties(features: Array) -> Array:
+        if fitness is not None and not uses_usual(fitness):
+            return outside(features) + jnp.zeros(features.shape[:-1], jnp.int32)
+        return weigh(features, penalty_weights(weights), least=0) + outside(features)
 
-    given = 0 if initial is None else len(initial)
     return Problem(
-        shape, alphabet, axes, fill, fixed, random, repair_grid, repair_raster, evaluate, penalties, extras, given
+        shape, evaluate, feature_names, axes, alphabet, repair_grid, penalties, initial, fill=fill, fixed=fixed
     )

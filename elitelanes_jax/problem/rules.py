@@ -1,4 +1,4 @@
-"""Sets of rules that maps may have to keep."""
+"""The constraints that make a grid a map, and sets of rules that maps may have to keep."""
 
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ class Rules(NamedTuple):
     """A set of rules.
 
     Attributes:
-      forbidden: the metrics that have to be 0.
-      weights: of a fitness whose optima keep the rules.
+      forbidden: the metrics that must be 0.
+      weights: weights of a fitness whose optima keep the rules.
     """
 
     forbidden: tuple[str, ...]
@@ -29,11 +29,46 @@ RULES = {
 """Sets of rules, by name."""
 
 
+class Constraint(NamedTuple):
+    """A metric that has one value on every map.
+
+    Attributes:
+      metric: its name.
+      value: its value on maps.
+      violated: words for a grid on which it has another value.
+    """
+
+    metric: str
+    value: int
+    violated: str
+
+
+_ALWAYS = (
+    Constraint("components", 1, "not in one piece"),
+    Constraint("dead_ends", 0, "with dead ends"),
+    Constraint("boundary_violations", 0, "with roads that leave the grid"),
+    Constraint("mismatches", 0, "with roads that do not meet"),
+    Constraint("off_alphabet", 0, "with tiles that the tile set lacks"),
+)
+
+
+def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...]:
+    """Returns the constraints that every map satisfies; a grid is counted under the first one that it violates.
+
+    Args:
+      rules: the name of the set of rules that maps keep, or None.
+      filled: whether every cell of a map has a road, unless rules leave cells empty.
+    """
+    if rules is not None:
+        return (*_ALWAYS, *(Constraint(metric, 0, "against the rules") for metric in RULES[rules].forbidden))
+    return (*_ALWAYS, Constraint("empty_cells", 0, "with empty cells")) if filled else _ALWAYS
+
+
 def check_rules(name: UserValue) -> str:
     """Checks the name of a set of rules.
 
     Raises:
-      InputError: if there is no such set.
+      InputError: if no set has this name.
     """
     if not isinstance(name, str) or name not in RULES:
         raise InputError(f"rules: expected one of {', '.join(RULES)}, got {name!r}")

@@ -19,7 +19,7 @@ from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Elites, Optimizer
 from elitelanes_jax.optimizers.loop import advance, start
 from elitelanes_jax.problem.archive import Archive, keep_best
-from elitelanes_jax.problem.extras import Kernel
+from elitelanes_jax.problem.kernels import Kernel
 from elitelanes_jax.search.evolution import Program, as_measured, check_keys, prepare
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec

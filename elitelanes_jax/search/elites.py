@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32
 
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.network.counts import Metrics
-from elitelanes_jax.problem.constraints import Range, satisfies
+from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.problem.ranges import Range, satisfies
 
 
 class MeasuredElites(NamedTuple):

@@ -24,18 +24,18 @@ from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import unstack_counts
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
 from elitelanes_jax.optimizers.loop import advance, seed_keys, start
 from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
-from elitelanes_jax.problem.constraints import Bounds, bounds_of
+from elitelanes_jax.problem.bounds import FeatureBounds, check_ranges, find_bounds
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
-from elitelanes_jax.problem.extras import Kernel, check_kernels
-from elitelanes_jax.problem.limits import Limits, check_ranges, find_limits
+from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.kernels import Kernel, check_kernels
 from elitelanes_jax.problem.problem import Problem, road_problem
-from elitelanes_jax.problem.template import Template
+from elitelanes_jax.problem.ranges import Bounds, bounds_of
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side
 from elitelanes_jax.search.elites import MeasuredElites
@@ -200,7 +200,7 @@ class Program(NamedTuple):
     axes: tuple[Axis, ...]
     alphabet: tuple[int, ...]
     fill: bool
-    fix: Template | None
+    fix: FixedCells | None
     bounded: bool
     config: Pytree  # the tree of the configuration; None for an optimiser of the user's
     factory: Callable[[Problem], Optimizer] | None
@@ -336,10 +336,10 @@ def prepare(
 
 
 @lru_cache(maxsize=32)
-def _limits(shape: tuple[int, int], fills: bool, fix: Template | None) -> Limits:
+def _limits(shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> FeatureBounds:
     """Finds the limits of the metrics of a search's grids; kept, as many searches have the same ones."""
     full = ("dead_ends", "empty_cells") if fills and fix is None else ()
-    return find_limits(shape, certain=dict.fromkeys(full, 0), fix=fix)
+    return find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
 
 
 def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
@@ -491,6 +491,6 @@ def as_measured(program: Program, elites: Elites) -> MeasuredElites:
         fitness=elites.fitness,
         descriptor=compute_descriptor(elites.counts, program.axes),
         valid=elites.valid,
-        metrics=unstack_counts(elites.counts, program.shape[0] * program.shape[1]),
-        features={name: elites.counts[..., place] for place, name in enumerate(program.extras, start=len(COUNT_NAMES))},
+        metrics=unstack_metrics(elites.counts, program.shape[0] * program.shape[1]),
+        features={name: elites.counts[..., place] for place, name in enumerate(program.extras, start=len(METRIC_NAMES))},
     )

@@ -19,11 +19,11 @@ from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
-from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
-from elitelanes_jax.problem.extras import measure_missing
+from elitelanes_jax.problem.kernels import measure_missing
+from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites, in_short
 from elitelanes_jax.search.selection import LEAST_DIFFERENT, Choice, choose_maps
 from elitelanes_jax.search.spec import SearchSpec

@@ -11,7 +11,6 @@ from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.problem.constraints import bounds_of, violation
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import (
     FEATURES,
@@ -22,7 +21,8 @@ from elitelanes_jax.problem.features import (
     join_counts,
 )
 from elitelanes_jax.problem.flaws import find_flaws
-from elitelanes_jax.problem.targets import Pursuit, Target
+from elitelanes_jax.problem.ranges import bounds_of, violation
+from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -108,7 +108,7 @@ def choose_maps(
         if axis.target is not None:
             targeted &= bins[:, number] == axis.target
     targets = spec.targets
-    pursuit = Pursuit(_target_features(metrics, kept, targets), targets) if targets else None
+    pursuit = SupportPoints(_target_features(metrics, kept, targets), targets) if targets else None
     chosen: list[int] = []
     for group in (np.flatnonzero(targeted), np.flatnonzero(~targeted)):
         before = [*known, *(grids[tuple(kept[number])] for number in chosen)]
@@ -240,7 +240,7 @@ def _value(name: str, number: float) -> float:
 
 
 def _target_features(
-    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[Target]
+    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[ExampleValues]
 ) -> NDArray[np.float64]:
     """Returns the features of kept maps for which there are targets, in their order and units."""
     names = [target.name for target in targets]
@@ -286,7 +286,7 @@ def _spread(
 
 
 def _pursue(
-    pursuit: Pursuit,
+    pursuit: SupportPoints,
     group: NDArray[np.int_],
     grids: NDArray[np.int8],
     count: int,

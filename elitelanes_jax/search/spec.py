@@ -24,13 +24,13 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
 from elitelanes_jax.network.weights import Weights, check_weights, largest_side
-from elitelanes_jax.problem.constraints import Range, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
 from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, extra_names, largest_feature
+from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
+from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES, check_rules
-from elitelanes_jax.problem.targets import Target, parse_targets
-from elitelanes_jax.problem.template import Template, parse_template
+from elitelanes_jax.problem.targets import ExampleValues, parse_targets
 from elitelanes_jax.search.like import ranges_like, settings_like
 from elitelanes_jax.search.style import read_style
 
@@ -222,8 +222,8 @@ class SearchSpec(Settings):
     axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True, after="features")
     where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True, after="features")
     weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
-    targets: tuple[Target, ...] = option((), parse_targets, after="features")
-    fix: Template | None = option(None, none_or(parse_template), "FILE")
+    targets: tuple[ExampleValues, ...] = option((), parse_targets, after="features")
+    fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE")
     rules: str | None = option(None, none_or(check_rules), "NAME")
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)

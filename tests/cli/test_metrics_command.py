@@ -8,7 +8,7 @@ from oracle import measure as oracle
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.metrics import meanings, range_text
 from elitelanes_jax.formats.text import draw_text
-from elitelanes_jax.network.counts import largest_counts
+from elitelanes_jax.network.metric_names import largest_metrics
 from elitelanes_jax.problem.extremes import extreme_maps, feature_limits, feature_range, features_of
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 
@@ -35,7 +35,7 @@ def test_a_range_ends_with_maps_that_generate_could_write(name):
         assert features_of(grid)[name] == value
     least, most = feature_limits(name)
     assert float(least) <= low <= high <= float(most)
-    assert 0 <= low <= high <= (1 if name in SHARES else largest_counts((12, 12))[name])
+    assert 0 <= low <= high <= (1 if name in SHARES else largest_metrics((12, 12))[name])
 
 
 def test_ranges_that_are_known():

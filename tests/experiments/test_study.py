@@ -22,7 +22,7 @@ from significance import bootstrap_interval, compare_all, holm
 from throughput import main as throughput
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.weights import Weights, check_weights
 from elitelanes_jax.network.wfc import generate
 from elitelanes_jax.search.result import Result
@@ -151,7 +151,7 @@ def test_rows_agree_with_the_grids(compared):
         assert [int(row["seed"]) for row in best] == [0, 1, 2]
         for row, codes in zip(best, found["best"], strict=True):
             expected = oracle(np.array(codes))
-            assert {name: float(row[name]) for name in COUNT_NAMES} == {name: expected[name] for name in COUNT_NAMES}
+            assert {name: float(row[name]) for name in METRIC_NAMES} == {name: expected[name] for name in METRIC_NAMES}
             assert float(row["fitness"]) == oracle_fitness(expected)
             assert float(row["seconds"]) > 0
     archives = [row for row in rows if row["elite"] == "archive"]

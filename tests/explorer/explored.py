@@ -3,7 +3,7 @@
 import numpy as np
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.wfc import generate_batch
@@ -38,7 +38,7 @@ def own_result():
     values = {name: np.array([one[name] for one in measures]).reshape(2, 20) for name in measures[0]}
     features = {name: values[name].astype(np.int32) for name in ("symmetry", "corners", "box_length")}
     weights = spec.all_weights._asdict() | dict(spec.weights)
-    fitness = sum(weights[name] * values[name] for name in (*COUNT_NAMES, *dict(spec.weights))) - weights["components"]
+    fitness = sum(weights[name] * values[name] for name in (*METRIC_NAMES, *dict(spec.weights))) - weights["components"]
     metrics = Metrics(*[values[name] for name in Metrics._fields])
     descriptor = np.stack([features[axis.metric] for axis in spec.axes], axis=-1)
     elites = MeasuredElites(grids.reshape(2, 20, 6, 6), fitness, descriptor, np.ones((2, 20), bool), metrics, features)

@@ -22,11 +22,11 @@ from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.rides import RIDES
 from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
 from elitelanes_jax.tiles.tileset import load_tiles
@@ -213,12 +213,12 @@ def test_drawing(seen, place):
     written = read_map(place / "drawn.json")
     np.testing.assert_array_equal(written.codes, ring)
     metrics = plain_measure(ring)
-    assert {name: written.metrics[name] for name in COUNT_NAMES} == {name: metrics[name] for name in COUNT_NAMES}
+    assert {name: written.metrics[name] for name in METRIC_NAMES} == {name: metrics[name] for name in METRIC_NAMES}
     weights = Weights()._asdict()
-    total = sum(weights[name] * metrics[name] for name in COUNT_NAMES) - weights["components"]
+    total = sum(weights[name] * metrics[name] for name in METRIC_NAMES) - weights["components"]
     assert draw["ring"] == {"deadEnds": 0, "cyclomatic": 1, "fitness": str(total).replace("-", "−")}
     assert draw["undone"] == 2
-    template = parse_template(place / "fix.json")
+    template = parse_fixed_cells(place / "fix.json")
     assert template.fixed.sum() == 2 and template.grid[1, 1] == 6 and template.grid[2, 2] == 0
     assert draw["mended"] == 1
     assert draw["mismatches"] == 2

@@ -11,15 +11,15 @@ import pytest
 
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metrics import measure, stack_counts
+from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.town_features import TownFeatures
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.extras import measure_extras
+from elitelanes_jax.problem.kernels import measure_extras
 
 HERE = Path(__file__).parent
 MODULE = HERE.parents[1] / "elitelanes_jax" / "explorer" / "static" / "explorer.js"
@@ -60,7 +60,7 @@ def made(sample, tmp_path_factory):
 
 def test_metrics_and_fitness_are_equal_on_ten_thousand_grids(sample, made):
     metrics = jax.vmap(lambda grid: measure(grid, ALPHABET))(sample[0])
-    np.testing.assert_array_equal([one["counts"] for one in made], stack_counts(metrics))
+    np.testing.assert_array_equal([one["counts"] for one in made], stack_metrics(metrics))
     np.testing.assert_array_equal([one["fitness"] for one in made], fitness(metrics, WEIGHTS))
 
 
@@ -101,7 +101,7 @@ def test_grids_of_all_sizes_are_measured_alike(tmp_path):
     made = run_kernel([{"rows": grid.tolist()} for grid in grids], tmp_path)
     for grid, one in zip(grids, made, strict=True):
         expected = plain_measure(grid, ALPHABET)
-        assert dict(zip(COUNT_NAMES, one["counts"], strict=True)) == {name: expected[name] for name in COUNT_NAMES}
+        assert dict(zip(METRIC_NAMES, one["counts"], strict=True)) == {name: expected[name] for name in METRIC_NAMES}
 
 
 def test_map_files_are_those_of_python(sample, made, tmp_path):

@@ -8,9 +8,9 @@ from corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.counts import COUNT_NAMES, Metrics
+from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metrics import measure, stack_counts, unstack_counts
+from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.symmetry import mirror, rotate
@@ -158,10 +158,10 @@ def test_types_and_shapes():
 def test_metrics_side_by_side_and_back():
     grids = np.random.default_rng(2).integers(0, 16, (2, 3, 7, 9)).astype(np.int8)
     metrics = jax.vmap(jax.vmap(measure))(grids)
-    counts = stack_counts(metrics)
-    assert counts.shape == (2, 3, len(COUNT_NAMES))
+    counts = stack_metrics(metrics)
+    assert counts.shape == (2, 3, len(METRIC_NAMES))
     assert counts.dtype == jnp.int32
-    for back in (unstack_counts(counts, 63), jax.jit(unstack_counts, static_argnums=1)(counts, 63)):
+    for back in (unstack_metrics(counts, 63), jax.jit(unstack_metrics, static_argnums=1)(counts, 63)):
         for name in Metrics._fields:
             np.testing.assert_array_equal(getattr(back, name), getattr(metrics, name), err_msg=name)
 

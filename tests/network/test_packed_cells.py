@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network._packed_cells import PackedCells, in_all_cells
+from elitelanes_jax.network.xla import PackedCells, in_all_cells
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (12, 12), (5, 33)], ids=str)

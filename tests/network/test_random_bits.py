@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.network.bits import bernoulli, categorical, randint, random_bits, random_bits16
-from elitelanes_jax.network.fixed_point import UNIT
+from elitelanes_jax.network.xla import UNIT
 
 
 def test_below_is_the_upper_half_of_the_product():

@@ -17,7 +17,7 @@ from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
 from elitelanes_jax.optimizers._annealing import AnnealingConfig
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.constraints import bounds_of, parse_ranges
+from elitelanes_jax.problem.ranges import bounds_of, parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES

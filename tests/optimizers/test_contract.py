@@ -18,7 +18,7 @@ from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
@@ -163,7 +163,7 @@ def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
     for place in map(tuple, np.argwhere(elites.valid)[::3]):
         found = oracle(grids[place])
         assert fitness[place] == oracle_fitness(found)
-        assert counts[place].tolist() == [found[name] for name in COUNT_NAMES]
+        assert counts[place].tolist() == [found[name] for name in METRIC_NAMES]
 
 
 @every_optimizer

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import measure, stack_counts
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.problem.archive import empty_archive, insert, insert_at
 from elitelanes_jax.problem.descriptor import (
     Axis,
@@ -35,7 +35,7 @@ def one_by_one(batches, accept_equal=False):
     best, since = {}, {}
     for number, (grids, fitness, many_counts) in enumerate(batches):
         for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
-            cyclomatic, dead_ends = counts[COUNT_NAMES.index("cyclomatic")], counts[COUNT_NAMES.index("dead_ends")]
+            cyclomatic, dead_ends = counts[METRIC_NAMES.index("cyclomatic")], counts[METRIC_NAMES.index("dead_ends")]
             niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
             drift = accept_equal and niche in best and value == best[niche][1] and since[niche] < number
             if niche not in best or value < best[niche][1] or drift:
@@ -49,7 +49,7 @@ def some_batches(draw):
     batches = []
     for number in range(draw(st.integers(1, 3))):
         fitness = draw(hnp.arrays(np.int32, count, elements=st.integers(-2, 2)))  # ties abound
-        counts = draw(hnp.arrays(np.int32, (count, len(COUNT_NAMES)), elements=st.integers(0, 7)))
+        counts = draw(hnp.arrays(np.int32, (count, len(METRIC_NAMES)), elements=st.integers(0, 7)))
         grids = np.zeros((count, 2, 2), np.int8)
         grids[:, 0, 0], grids[:, 0, 1] = number, np.arange(count)  # each bears its own number
         batches.append((grids, fitness, counts))
@@ -78,7 +78,7 @@ def test_insertion_is_that_of_one_after_another(batches, accept_equal):
 def test_ties():
     """The elite that is there stays; of newcomers the first in the batch comes in."""
     grids = jnp.arange(3, dtype=jnp.int8)[:, None, None] * jnp.ones((3, 2, 2), jnp.int8)
-    same = jnp.zeros((3, len(COUNT_NAMES)), jnp.int32)
+    same = jnp.zeros((3, len(METRIC_NAMES)), jnp.int32)
     archive = insert(empty_archive(AXES, (2, 2)), AXES, grids, jnp.array([5, 4, 4]), same)
     assert (archive.grids[0] == 1).all()
     archive = insert(archive, AXES, grids + 10, jnp.array([4, 9, 4]), same)
@@ -132,7 +132,7 @@ def test_bins_grow_with_the_area(shape, width):
 def test_descriptors_are_the_metrics_of_the_axes():
     grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
     metrics = jax.vmap(measure)(grids)
-    descriptor = compute_descriptor(stack_counts(metrics), AXES)
+    descriptor = compute_descriptor(stack_metrics(metrics), AXES)
     np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
     np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
 

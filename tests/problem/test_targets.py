@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.problem.targets import Pursuit, Target, parse_targets
+from elitelanes_jax.problem.targets import SupportPoints, ExampleValues, parse_targets
 from elitelanes_jax.search.spec import SearchSpec
 
-TWO = (Target("turn_share", (0.25, 0.5)), Target("crossings", (0.0, 3.0)))
+TWO = (ExampleValues("turn_share", (0.25, 0.5)), ExampleValues("crossings", (0.0, 3.0)))
 
 
 def test_targets_are_read_from_mappings_and_pairs_alike():
     assert parse_targets({"turn_share": [0.25, 0.5], "crossings": (0, 3)}) == parse_targets(TWO) == TWO
-    assert parse_targets({"mine": [4]}, ["mine"]) == (Target("mine", (4.0,)),)
+    assert parse_targets({"mine": [4]}, ["mine"]) == (ExampleValues("mine", (4.0,)),)
     spec = SearchSpec(targets=TWO)
     assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.extras
     assert SearchSpec(targets={"symmetry": [1]}).extras == ("symmetry",)
@@ -63,8 +63,8 @@ def energy(chosen, wanted):
 def test_every_choice_leaves_the_least_energy_distance(seed):
     rng = np.random.default_rng(seed)
     wanted, points = rng.normal(size=(4, 3)) + 5, rng.normal(size=(12, 3)) + 5
-    targets = [Target(name, tuple(column)) for name, column in zip("abc", wanted.T, strict=True)]
-    pursuit, taken = Pursuit(points, targets), []
+    targets = [ExampleValues(name, tuple(column)) for name, column in zip("abc", wanted.T, strict=True)]
+    pursuit, taken = SupportPoints(points, targets), []
     points, wanted = points / wanted.std(axis=0), wanted / wanted.std(axis=0)
     for _ in range(8):
         number = int(np.argmin(pursuit.losses()))
@@ -75,8 +75,8 @@ def test_every_choice_leaves_the_least_energy_distance(seed):
 
 
 def test_features_with_equal_targets_are_measured_by_the_candidates():
-    targets = [Target("a", (2.0,)), Target("b", (7.0,))]
+    targets = [ExampleValues("a", (2.0,)), ExampleValues("b", (7.0,))]
     features = np.array([[2.0, 9.0], [2.5, 7.0], [2.0, 7.0], [4.0, 7.0]])
-    assert int(np.argmin(Pursuit(features, targets).losses())) == 2
-    assert Pursuit(np.full((3, 2), 5.0), targets).losses().tolist() == pytest.approx([np.hypot(3, 2)] * 3)
-    assert Pursuit(np.empty((0, 2)), targets).losses().size == 0
+    assert int(np.argmin(SupportPoints(features, targets).losses())) == 2
+    assert SupportPoints(np.full((3, 2), 5.0), targets).losses().tolist() == pytest.approx([np.hypot(3, 2)] * 3)
+    assert SupportPoints(np.empty((0, 2)), targets).losses().size == 0

@@ -1,4 +1,4 @@
-"""Templates: cells of a map that are given, such as a city's roads and buildings."""
+"""Fixed cells: cells that every map keeps, such as a city's roads and buildings."""
 
 import reprlib
 from pathlib import Path
@@ -16,12 +16,12 @@ from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
 
 
-class Template(NamedTuple):
-    """Given cells; hashable.
+class FixedCells(NamedTuple):
+    """The fixed cells of a grid; hashable.
 
     Attributes:
-      shape: (height, width).
-      codes: a code or None for each cell, row by row.
+      shape: (height, width) of the grid.
+      codes: the code of each fixed cell, None for each free cell, row by row.
     """
 
     shape: tuple[int, int]
@@ -29,34 +29,34 @@ class Template(NamedTuple):
 
     @property
     def fixed(self) -> NDArray[np.bool_]:
-        """Bool ``[H, W]``: whether each cell is given."""
+        """Bool ``[H, W]``: whether each cell is fixed."""
         return np.array([code is not None for code in self.codes]).reshape(self.shape)
 
     @property
     def grid(self) -> NDArray[np.int8]:
-        """int8 ``[H, W]``: the given codes, 0 where none is."""
+        """int8 ``[H, W]``: the codes of the fixed cells, 0 elsewhere."""
         return np.array([code or 0 for code in self.codes], np.int8).reshape(self.shape)
 
     @property
     def rows(self) -> list[list[int | None]]:
-        """The rows that `parse_template` reads."""
+        """The rows that `parse_fixed_cells` reads."""
         width = self.shape[1]
         return [list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)]
 
 
-def parse_template(cells: UserValue, name: str = "fix") -> Template:
-    """Reads a template from rows or a file.
+def parse_fixed_cells(cells: UserValue, name: str = "fix") -> FixedCells:
+    """Reads fixed cells from rows or a file.
 
     Args:
-      cells: rows ``[H][W]`` of codes and None, None for a cell that is free, 0 for one without roads; or a `Template`;
-        or the path of a JSON file with such rows, null for None, alone or under the key ``codes``.
-      name: the start of messages about rows; those about a file start with its path.
+      cells: rows ``[H][W]`` of codes, with None for a free cell and 0 for a cell without roads; or a `FixedCells`; or
+        the path of a JSON file with the rows, alone or under the key ``codes``, with null for None.
+      name: the start of messages about rows. Messages about a file start with its path.
 
     Raises:
-      InputError: if the file cannot be read, the rows are no such table, or a road leaves the grid or meets a given
-        neighbour that does not return it.
+      InputError: if the file cannot be read, the cells are no table of codes, or a fixed cell has a road that leaves
+        the grid or that a fixed neighbour does not return.
     """
-    if isinstance(cells, Template):
+    if isinstance(cells, FixedCells):
         return cells
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
@@ -83,7 +83,7 @@ def parse_template(cells: UserValue, name: str = "fix") -> Template:
     for row, column in np.ndindex(*shape):
         if rows[row][column] is not None:
             _check_sides(name, rows, row, column)
-    return Template(shape, tuple(None if code is None else int(code) for line in rows for code in line))
+    return FixedCells(shape, tuple(None if code is None else int(code) for line in rows for code in line))
 
 
 def _read_rows(file: str | Path) -> Plain:
@@ -103,19 +103,19 @@ def _read_rows(file: str | Path) -> Plain:
 
 
 def _check_sides(name: str, rows: list[list[UserValue]], row: int, column: int) -> None:
-    place = f"at row {row}, column {column}"
+    position = f"at row {row}, column {column}"
     for side in SIDES:
         other = (row + side.down, column + side.right)
         connects = bool(rows[row][column] & side.bit)
         if not (0 <= other[0] < len(rows) and 0 <= other[1] < len(rows[0])):
             if connects:
                 raise InputError(
-                    f"{name}: expected roads within the grid, got one that leaves it to the {side.name} {place}"
+                    f"{name}: expected roads within the grid, got one that leaves it to the {side.name} {position}"
                 )
             continue
         theirs = rows[other[0]][other[1]]
         if theirs is not None and connects and not theirs & side.opposite:
             raise InputError(
-                f"{name}: expected given neighbours to agree, got a road to the {side.name} {place} "
+                f"{name}: expected fixed neighbours to agree, got a road to the {side.name} {position} "
                 f"that row {other[0]}, column {other[1]} does not return"
             )

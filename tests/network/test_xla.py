@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.materialize import lookup, materialize
+from elitelanes_jax.network.xla import lookup, materialize
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int32, np.uint32])

@@ -59,11 +59,11 @@ class Metrics(NamedTuple):
     coverage: "Float32[Array, '...']"
 
 
-COUNT_NAMES = Metrics._fields[:-1]
+METRIC_NAMES = Metrics._fields[:-1]
 """The metrics that are whole numbers: all but the coverage, which follows from the tiles."""
 
 
-def largest_counts(shape: tuple[int, int]) -> dict[str, int]:
+def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
     """Returns an upper bound of each whole metric on grids ``(height, width)``, by name."""
     area = shape[0] * shape[1]
     # Two links and two pairs a tile, four connections a tile; a pair of crossings counts twice, and eight at most for
@@ -79,4 +79,4 @@ def largest_counts(shape: tuple[int, int]) -> dict[str, int]:
         "adjacent_crossing_score": 16 * area,
         "straight_score": max(shape) * area,
     }
-    return {name: others.get(name, area) for name in COUNT_NAMES}
+    return {name: others.get(name, area) for name in METRIC_NAMES}

@@ -1,8 +1,8 @@
-"""Limits: the values that metrics can have on maps of a size, from simple inequalities, before any search.
+"""Bounds that hold for the metrics of every map of a size, found from inequalities before any search.
 
-Each metric has an interval. An inequality between metrics narrows them until nothing changes: Euler's formula, the
-sides that tiles have to meet at, the number of cells and of pairs of cells. What the intervals leave out no map has;
-what they leave in need not exist.
+Each metric has an interval. Inequalities between metrics narrow the intervals until nothing changes: Euler's formula,
+the sides at which tiles meet, the number of cells and of pairs of cells. No map has a value outside its interval; a
+value inside need not occur.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
-from elitelanes_jax.network.counts import largest_counts
-from elitelanes_jax.problem.constraints import Range
+from elitelanes_jax.network.metric_names import largest_metrics
 from elitelanes_jax.problem.features import FEATURES, SHARES
-from elitelanes_jax.problem.template import Template
+from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.ranges import Range
 
 _MOST_ROUNDS = 200
 
-# The kinds of tiles that are counted one by one, and the codes of each.
+# The metrics, and further numbers, that count the tiles of one kind.
 _COUNTED = {
     "straights": "straight",
     "turns": "turn",
@@ -32,94 +32,94 @@ _COUNTED = {
 
 
 class _ContradictionError(Exception):
-    """No map has such metrics: one would be at least so much, and at most so much."""
+    """A lower bound of a metric is greater than its upper bound: no map exists."""
 
 
 class _Inequality(NamedTuple):
-    """The sum of metrics by factor is at least a number."""
+    """The sum of metrics times their factors is at least a number."""
 
     factors: Mapping[str, int]
     least: int
 
 
-class Limits(NamedTuple):
-    """The values that metrics can have.
+class FeatureBounds(NamedTuple):
+    """Bounds of the metrics and shares of a set of maps.
 
     Attributes:
-      intervals: the smallest and the largest value of each metric, by name.
-      inequalities: between them.
+      intervals: a lower and an upper bound of each metric, by name.
+      inequalities: that the metrics satisfy.
     """
 
     intervals: dict[str, tuple[int, int]]
     inequalities: tuple[_Inequality, ...]
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
-        """Returns the smallest and the largest value of a feature, of a share as a part of 1."""
+        """Returns a lower and an upper bound of a metric or share; of a share as a part of 1."""
         part, whole = SHARES.get(feature, (feature, ()))
         low, high = map(Fraction, self.intervals[part])
         if not whole:
             return low, high
-        least, most = (sum(self.intervals[name][end] for name in whole) for end in (0, 1))
-        return low / max(most, 1), min(Fraction(1), high / max(least, 1))
+        smallest, largest = (sum(self.intervals[name][end] for name in whole) for end in (0, 1))
+        return low / max(largest, 1), min(Fraction(1), high / max(smallest, 1))
 
 
-def find_limits(
+def find_bounds(
     shape: tuple[int, int],
     *,
     certain: Mapping[str, int],
     repaired: bool = True,
-    fix: Template | None = None,
+    fix: FixedCells | None = None,
     alphabet: Iterable[int] | None = None,
-) -> Limits:
-    """Finds the limits of all metrics of grids.
+) -> FeatureBounds:
+    """Finds bounds of the metrics of a set of grids.
 
     Args:
-      shape: (height, width), each at least 2.
-      certain: metrics that have one value on all of them.
+      shape: (height, width) of the grids, each at least 2.
+      certain: the metrics that have one value on all grids, with this value.
       repaired: whether all connections within a grid are returned, and none leaves it.
-      fix: cells that are given.
-      alphabet: the codes that their tiles have, dead ends and empty cells aside; by default any.
+      fix: fixed cells.
+      alphabet: the codes of the tiles, besides dead ends and empty cells; by default any.
 
     Raises:
-      InputError: if there is no such grid.
+      InputError: if the set is empty.
     """
-    limits = Limits(_first_intervals(shape), tuple(_inequalities(shape, repaired)))
+    bounds = FeatureBounds(_first_intervals(shape), tuple(_inequalities(shape, repaired)))
     for name, value in certain.items():
-        limits = _with(limits, _equal({name: 1}, value))
+        bounds = _with(bounds, _equal({name: 1}, value))
     if fix is not None:
-        limits = _with(limits, _given(fix))
+        bounds = _with(bounds, _fixed_counts(fix))
     if alphabet is not None:
         for name, kind in _COUNTED.items():
             if not set(alphabet) & set(KINDS[kind]):
-                limits = _with(limits, _equal({name: 1}, 0))
+                bounds = _with(bounds, _equal({name: 1}, 0))
     try:
-        return _narrowed(limits)
+        return _narrowed(bounds)
     except _ContradictionError as error:
-        given = " with the given cells" if fix is not None else ""
-        raise InputError(f"no map of {shape[0]} x {shape[1]} tiles{given} is one to keep: {error}") from None
+        fixed = " with the fixed cells" if fix is not None else ""
+        raise InputError(f"no map of {shape[0]} x {shape[1]} tiles{fixed} satisfies all constraints: {error}") from None
 
 
-def check_ranges(where: Iterable[Range], limits: Limits, maps: str) -> None:
-    """Checks that maps can be in all ranges, as far as limits tell.
+def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
+    """Checks that the bounds do not rule out a map in all ranges.
 
     Args:
       where: the ranges.
-      limits: of the maps.
-      maps: words for them, for the message.
+      bounds: of the maps.
+      maps: words for the maps, for the message.
 
     Raises:
-      InputError: for the first range that refutes itself or those before it; the message says the limit.
+      InputError: for the first range that no map with the ranges before it can be in; the message states the bound.
     """
     before = ""
     for item in where:
         if item.name not in FEATURES:
-            continue  # nothing is known of extra features
-        low, high = limits.of(item.name)
+            continue  # town features and the user's have no bounds
+        low, high = bounds.of(item.name)
         if (item.low or 0) > high or (item.high is not None and item.high < low):
             expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"
             raise InputError(f"where {str(item)!r}: expected a range with {expected}, which {maps}{before} have")
         try:
-            limits = _narrowed(_with(limits, _within(item)))
+            bounds = _narrowed(_with(bounds, _within(item)))
         except _ContradictionError as error:
             words = f"expected a range that {maps}{before} can be in, got one where {error}"
             raise InputError(f"where {str(item)!r}: {words}") from None
@@ -127,31 +127,31 @@ def check_ranges(where: Iterable[Range], limits: Limits, maps: str) -> None:
 
 
 def free_links(
-    shape: tuple[int, int], fix: Template | None, *, filled: bool
+    shape: tuple[int, int], fix: FixedCells | None, *, filled: bool
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
-    """Finds the pairs of neighbouring cells that are linked on all maps, and those that some maps may link.
+    """Finds the links that all maps have, and the links that maps may have or lack.
 
     Args:
       shape: (height, width) of the maps.
-      fix: cells that are given.
+      fix: fixed cells.
       filled: whether every cell has a road.
 
     Returns:
-      The certain links and the free ones, ints ``[N, 3]``: row and column of the one cell, and the place in `SIDES` of
-      its side, east or south.
+      The certain links and the free links, ints ``[N, 3]``: row and column of a cell, and the index in `SIDES` of the
+      side, east or south, to which it may be linked.
     """
     codes = np.full(shape, -1) if fix is None else np.where(fix.fixed, fix.grid, -1)
     corner = np.zeros(shape, bool)
     corner[:: shape[0] - 1, :: shape[1] - 1] = filled
     certain: list[NDArray[np.int_]] = []
     free: list[NDArray[np.int_]] = []
-    for place, (one, other) in ((1, (np.s_[:, :-1], np.s_[:, 1:])), (2, (np.s_[:-1], np.s_[1:]))):
-        ends = ((codes[one], SIDES[place].bit), (codes[other], SIDES[place].opposite))
-        given = np.any([(code >= 0) & (code & bit > 0) for code, bit in ends], axis=0)
+    for side, (one, other) in ((1, (np.s_[:, :-1], np.s_[:, 1:])), (2, (np.s_[:-1], np.s_[1:]))):
+        ends = ((codes[one], SIDES[side].bit), (codes[other], SIDES[side].opposite))
+        linked = np.any([(code >= 0) & (code & bit > 0) for code, bit in ends], axis=0)
         unknown = (codes[one] < 0) & (codes[other] < 0)
-        sure = given | unknown & (corner[one] | corner[other])
+        sure = linked | unknown & (corner[one] | corner[other])
         for links, found in ((sure, certain), (unknown & ~sure, free)):
-            found.append(np.insert(np.argwhere(links), 2, place, axis=1))
+            found.append(np.insert(np.argwhere(links), 2, side, axis=1))
     return np.concatenate(certain), np.concatenate(free)
 
 
@@ -159,11 +159,11 @@ def _first_intervals(shape: tuple[int, int]) -> dict[str, tuple[int, int]]:
     height, width = shape
     area, pairs = height * width, 2 * height * width - height - width
     border = area - (height - 2) * (width - 2)
-    most = largest_counts(shape) | dict.fromkeys(_COUNTED, area)
+    most = largest_metrics(shape) | dict.fromkeys(_COUNTED, area)
     most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
     most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
     most |= {"boundary_violations": border, "bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
-    return {name: (0, number) for name, number in most.items()}
+    return {name: (0, largest) for name, largest in most.items()}
 
 
 def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
@@ -173,27 +173,27 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         *_equal({"tiles": 1, "empty_cells": 1}, area),
         *_equal({"cyclomatic": 1, "edges": -1, "tiles": 1, "components": -1}, 0),  # Euler's formula
         *_equal({"crossings": 1, "three-way crossings": -1, "four-way crossings": -1}, 0),
-        # A tile or more a component, and a component or more where there is a tile.
+        # Each component has a tile, and there is a component if there is a tile.
         _Inequality({"tiles": 1, "components": -1}, 0),
         _Inequality({"components": area, "tiles": -1}, 0),
         _Inequality({"tiles": 1, "straights": -1, "turns": -1, "crossings": -1}, 0),
         _Inequality({"tiles": 1, "dead_ends": -1}, 0),
         _Inequality({"tiles": 1, "off_alphabet": -1}, 0),
         _Inequality({"tiles": 1, "boundary_violations": -1}, 0),
-        # Two ends of connections an edge.
+        # An edge joins two connections.
         _Inequality(
             {"tiles": 1, "straights": 1, "turns": 1, "three-way crossings": 2, "four-way crossings": 3, "edges": -2}, 0
         ),
-        # With Euler's formula: another cycle takes two three-way crossings, or a four-way one.
+        # With Euler's formula: each further cycle needs two three-way crossings or a four-way one.
         _Inequality({"three-way crossings": 1, "four-way crossings": 2, "components": 2, "cyclomatic": -2}, 0),
-        # Bridges are a forest; of other edges a face has four or more, and each is one of two faces.
+        # Bridges form a forest. Every other edge borders two faces, and a face has at least four of them.
         _Inequality({"tiles": 1, "components": -1, "bridges": -1}, 0),
         _Inequality({"edges": 1, "bridges": -1, "cyclomatic": -2}, 0),
-        # An empty cell is one of two to four pairs of neighbours, of which it may share all with other empty cells.
+        # An empty cell is in two to four pairs of neighbours; it may share each pair with another empty cell.
         _Inequality({"edges": -1, "unlinked_neighbours": -1, "empty_cells": -1}, -pairs),
         _Inequality({"edges": 1, "unlinked_neighbours": 1, "empty_cells": 4}, pairs),
         _Inequality({"edges": -1, "mismatches": -1}, -pairs),
-        # Pairs of crossings, counted from both sides; their scores, 6 to 8 a pair; pairs that a crossing or turn is in.
+        # Linked pairs of crossings count from both sides, with a score of 6 to 8 each; then pairs with a crossing or turn.
         _Inequality({"three-way crossings": 3, "four-way crossings": 4, "adjacent_crossings": -1}, 0),
         _Inequality({"edges": 2, "adjacent_crossings": -1}, 0),
         _Inequality({"adjacent_crossing_score": 1, "adjacent_crossings": -3}, 0),
@@ -202,7 +202,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         _Inequality({"crowded_crossings": -1, "crossings": 4}, 0),
         _Inequality({"adjacent_turns": -1, "turns": 2}, 0),
         _Inequality({"adjacent_turns": -1, "crowded_crossings": -1}, -pairs),
-        # A run of L straights adds L².
+        # A run of L straights scores L².
         _Inequality({"straight_score": 1, "straights": -1}, 0),
         _Inequality({"straight_score": -1, "straights": longest}, 0),
     ]
@@ -227,19 +227,19 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         *_equal(
             {"three-way crossings": 1, "four-way crossings": 2, "components": 2, "dead_ends": -1, "cyclomatic": -2}, 0
         ),
-        # Roads stay within the grid: no straight or crossing in a corner, no four-way crossing along the border.
+        # Roads do not leave the grid: no straight or crossing in a corner, no four-way crossing along the border.
         _Inequality({"straights": -1, "crossings": -1}, 4 - area),
         _Inequality({"four-way crossings": -1}, -(height - 2) * (width - 2)),
         _Inequality({"straight_score": -1, "straights": longest - 2}, 0),
-        # A component has a cycle or two dead ends; cycles also have a face outside.
+        # A component has a cycle or two dead ends; cycles also border the outer face.
         _Inequality({"cyclomatic": 2, "dead_ends": 1, "components": -2}, 0),
         _Inequality({"edges": 1, "bridges": -1, "cyclomatic": -2, "components": -2, "dead_ends": 1}, 0),
-        # A component is a loop of four tiles or more, or has two dead ends; and a tile has a neighbour.
+        # A component is a loop of at least four tiles or has two dead ends, and each tile has a neighbour.
         _Inequality({"tiles": 1, "dead_ends": 1, "components": -4}, 0),
         _Inequality({"tiles": 1, "components": -2}, 0),
-        # A component has a turn at each end of its first and of its last row, or a dead end there.
+        # A component has a turn or a dead end at each end of its first and of its last row.
         _Inequality({"turns": 1, "dead_ends": 2, "components": -4}, 0),
-        # What a crossing is linked to is a straight, a dead end, or in a crowded pair.
+        # A tile linked to a crossing is a straight, a dead end, or forms a crowded pair with it.
         _Inequality(
             {
                 "straights": 2,
@@ -253,13 +253,13 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
     ]
 
 
-def _given(fix: Template) -> tuple[_Inequality, ...]:
-    """Returns what given cells say: how many there are of each kind at least, and of each link."""
+def _fixed_counts(fix: FixedCells) -> tuple[_Inequality, ...]:
+    """Returns how many tiles of each kind, and how many links, fixed cells imply."""
     free = fix.codes.count(None)
     found = []
     for name, kind in {**_COUNTED, "empty_cells": "empty"}.items():
-        number = sum(code in KINDS[kind] for code in fix.codes if code is not None)
-        found += [_Inequality({name: 1}, number), _Inequality({name: -1}, -number - free)]
+        count = sum(code in KINDS[kind] for code in fix.codes if code is not None)
+        found += [_Inequality({name: 1}, count), _Inequality({name: -1}, -count - free)]
     certain, possible = free_links(fix.shape, fix, filled=False)
     found += [_Inequality({"edges": 1}, len(certain)), _Inequality({"edges": -1}, -len(certain) - len(possible))]
     return tuple(found)
@@ -281,32 +281,32 @@ def _equal(factors: Mapping[str, int], value: int) -> tuple[_Inequality, _Inequa
     return _Inequality(factors, value), _Inequality({name: -factor for name, factor in factors.items()}, -value)
 
 
-def _with(limits: Limits, more: tuple[_Inequality, ...]) -> Limits:
-    return limits._replace(inequalities=(*limits.inequalities, *more))
+def _with(bounds: FeatureBounds, more: tuple[_Inequality, ...]) -> FeatureBounds:
+    return bounds._replace(inequalities=(*bounds.inequalities, *more))
 
 
-def _narrowed(limits: Limits) -> Limits:
-    """Narrows the intervals until nothing changes, or for so many rounds; raises `_ContradictionError`."""
-    intervals = dict(limits.intervals)
+def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
+    """Narrows the intervals until nothing changes, in at most `_MOST_ROUNDS`; raises `_ContradictionError`."""
+    intervals = dict(bounds.intervals)
     for _ in range(_MOST_ROUNDS):
         before = dict(intervals)
-        for factors, least in limits.inequalities:
+        for factors, least in bounds.inequalities:
             ends = {name: max(factor * end for end in intervals[name]) for name, factor in factors.items()}
             spare = sum(ends.values()) - least
             for name, factor in factors.items():
-                limit = ends[name] - spare  # of the term, when all others are at their most
+                limit = ends[name] - spare  # of this term, when all other terms are largest
                 low, high = intervals[name]
                 if factor > 0:
                     _set(intervals, name, max(low, -(-limit // factor)), high)
                 elif factor < 0:
                     _set(intervals, name, low, min(high, limit // factor))
-        # Of so many cells at most so many pairs are neighbours, in a square (Harary and Harborth, 1976).
+        # The most pairs of neighbours among so many cells are in a square (Harary and Harborth, 1976).
         tiles = intervals["tiles"][1]
         low, high = intervals["edges"]
         _set(intervals, "edges", low, min(high, 2 * tiles - (isqrt(4 * tiles - 1) + 1 if tiles else 0)))
         if intervals == before:
             break
-    return limits._replace(intervals=intervals)
+    return bounds._replace(intervals=intervals)
 
 
 def _set(intervals: dict[str, tuple[int, int]], name: str, low: int, high: int) -> None:

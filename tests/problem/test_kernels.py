@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.counts import COUNT_NAMES
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import LARGEST_FEATURE
 from elitelanes_jax.search.evolution import evolve
@@ -129,7 +129,7 @@ def test_wrong_features_are_named(features, options, message, any_types):
 def test_own_features_come_after_the_metrics():
     spec = SearchSpec(features=["a", "b", "c"], axes=["turns:3", "c:4:1"], weights={"b": 1})
     assert spec.extras == ("c", "b", "a") and spec.extra_weights == (0, 1, 0)
-    assert not set(spec.extras) & set(COUNT_NAMES)
+    assert not set(spec.extras) & set(METRIC_NAMES)
 
 
 def test_features_of_a_town_are_measured_where_they_are_named():

@@ -13,23 +13,23 @@ from oracle import measure as oracle
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import CONNECTIONS
-from elitelanes_jax.network.counts import COUNT_NAMES
-from elitelanes_jax.network.metrics import measure, stack_counts
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.problem.constraints import Range, bounds_of, parse_ranges, satisfies, violation
+from elitelanes_jax.problem.ranges import Range, bounds_of, parse_ranges, satisfies, violation
 from elitelanes_jax.problem.descriptor import Axis, resolve_axes
 from elitelanes_jax.problem.features import FEATURES, SHARES, compute_features
-from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 
 
 @given(grids())
 def test_shares_are_parts_in_thousandths_rounded_down(grid):
     found = oracle(grid)
-    features = dict(zip(FEATURES, compute_features(stack_counts(measure(grid))).tolist(), strict=True))
+    features = dict(zip(FEATURES, compute_features(stack_metrics(measure(grid))).tolist(), strict=True))
     for name, (part, whole) in SHARES.items():
         total = sum(found[metric] for metric in whole)
         assert features[name] == (1000 * found[part] // total if total else 0)
-    assert {name: features[name] for name in COUNT_NAMES} == {name: found[name] for name in COUNT_NAMES}
+    assert {name: features[name] for name in METRIC_NAMES} == {name: found[name] for name in METRIC_NAMES}
 
 
 @given(grids(), st.sampled_from(FEATURES), st.integers(0, 20), st.integers(0, 20))
@@ -42,7 +42,7 @@ def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
     total = sum(metrics[metric] for metric in whole) if whole else 1
     inside = low * total <= unit * metrics[part] <= high * total
     assert satisfies(metrics, [item]) == inside
-    short = int(violation(compute_features(stack_counts(measure(grid))), bounds_of([item]), grid.shape))
+    short = int(violation(compute_features(stack_metrics(measure(grid))), bounds_of([item]), grid.shape))
     assert short >= 0
     assert not (inside and total and short), "what meets it costs nothing"
     if name not in SHARES:
@@ -123,13 +123,13 @@ def test_fixed_tiles_stay_and_decide(grid, seed, fill):
 def test_templates_are_read(tmp_path):
     file = tmp_path / "city.json"
     file.write_text("[[6, 5, null], [null, 0, null]]")
-    template = parse_template(file)
+    template = parse_fixed_cells(file)
     assert template.shape == (2, 3)
     assert template.rows == [[6, 5, None], [None, 0, None]]
     assert template.codes == (6, 5, None, None, 0, None)
-    assert parse_template([[6, 5, None], [None, 0, None]]) == template == parse_template(template)
+    assert parse_fixed_cells([[6, 5, None], [None, 0, None]]) == template == parse_fixed_cells(template)
     np.testing.assert_array_equal(template.fixed, [[1, 1, 0], [0, 1, 0]])
-    assert hash(template) == hash(parse_template(template.rows))
+    assert hash(template) == hash(parse_fixed_cells(template.rows))
     for text, message in (
         ("[[", "expected JSON"),
         (f"[[{'1' * 5000}]]", "expected JSON"),
@@ -153,23 +153,23 @@ def test_templates_are_read(tmp_path):
     ):
         file.write_text(text)
         with pytest.raises(InputError) as error:
-            parse_template(file)
+            parse_fixed_cells(file)
         assert str(error.value).startswith(str(file))
         assert message in str(error.value)
     with pytest.raises(InputError, match="no such file"):
-        parse_template(tmp_path / "none.json")
+        parse_fixed_cells(tmp_path / "none.json")
 
 
 def test_templates_are_of_lists_and_arrays():
     whole = [[6, 5, 3], [12, 5, 9]]
     array = np.array(whole, np.int8)
     for cells in (array, jnp.asarray(array), array.astype(object), [[np.int8(code) for code in row] for row in whole]):
-        assert parse_template(cells) == parse_template(whole)
+        assert parse_fixed_cells(cells) == parse_fixed_cells(whole)
     for cells in ([[6, 5, 0], [None] * 3], np.array([[6, 5, 0], [8, 0, 0]]), [list(np.int8([6, 5, 0])), [None] * 3]):
         with pytest.raises(InputError, match="to the east at row 0, column 1 that row 0, column 2 does not return"):
-            parse_template(cells)
+            parse_fixed_cells(cells)
     with pytest.raises(InputError, match="got 'x' at row 0, column 1"):
-        parse_template([[6, "x", None], [None] * 3])
+        parse_fixed_cells([[6, "x", None], [None] * 3])
 
 
 def test_violations_do_not_leave_32_bits():

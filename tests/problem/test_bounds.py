@@ -1,4 +1,4 @@
-"""Limits refuse nothing that there is: shown on all small grids, and on random larger ones."""
+"""FeatureBounds refuse nothing that there is: shown on all small grids, and on random larger ones."""
 
 from contextlib import nullcontext
 from fractions import Fraction
@@ -16,12 +16,12 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.problem.constraints import Range, parse_ranges
+from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
 from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.flaws import find_flaws
-from elitelanes_jax.problem.limits import check_ranges, find_limits, free_links
-from elitelanes_jax.problem.template import parse_template
+from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.search.spec import SearchSpec
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
@@ -75,7 +75,7 @@ def check(limits, metrics):
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_limits_hold_on_all_repaired_grids(shape):
-    limits = find_limits(shape, certain={})
+    limits = find_bounds(shape, certain={})
     for _, metrics in repaired_grids(shape):
         check(limits, metrics)
 
@@ -84,7 +84,7 @@ def test_limits_hold_on_all_repaired_grids(shape):
 @pytest.mark.parametrize(("rules", "filled"), [(None, True), (None, False), ("duckietown", False)])
 def test_limits_hold_on_all_maps(shape, rules, filled):
     certain = {name: right for name, right, _ in find_flaws(rules, filled=filled)}
-    limits = find_limits(shape, certain=certain)
+    limits = find_bounds(shape, certain=certain)
     kept = [metrics for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)]
     assert kept
     for metrics in kept:
@@ -93,7 +93,7 @@ def test_limits_hold_on_all_maps(shape, rules, filled):
 
 @given(grids())
 def test_limits_hold_on_grids_that_are_not_repaired(grid):
-    check(find_limits(grid.shape, certain={}, repaired=False), metrics_of(grid))
+    check(find_bounds(grid.shape, certain={}, repaired=False), metrics_of(grid))
 
 
 @st.composite
@@ -114,11 +114,11 @@ def networks(draw):
     networks(), st.sampled_from([0.1, 0.5, 1.0]), st.lists(st.sampled_from(FEATURES), unique=True), st.integers(0, 2)
 )
 def test_what_a_network_is_can_be_asked_for(grid, share, names, spread):
-    """Limits hold on it, with any of its cells given; and a search for its own values is not refused."""
+    """FeatureBounds hold on it, with any of its cells given; and a search for its own values is not refused."""
     metrics = metrics_of(grid)
     fixed = np.random.default_rng(0).random(grid.shape) < share
-    fix = parse_template(np.where(fixed, grid.astype(object), None))
-    limits = find_limits(grid.shape, certain={}, fix=fix)
+    fix = parse_fixed_cells(np.where(fixed, grid.astype(object), None))
+    limits = find_bounds(grid.shape, certain={}, fix=fix)
     check(limits, metrics)
     where = []
     for name in names:
@@ -150,20 +150,20 @@ def test_the_number_of_maps_is_exact_where_they_are_few(shape, rules, filled):
 
 def test_given_cells_leave_so_many_maps():
     loop = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
-    check_number(Requirements((3, 3), fix=parse_template(loop)))
+    check_number(Requirements((3, 3), fix=parse_fixed_cells(loop)))
     with pytest.raises(
         InputError, match="maps: expected at most 1, as many as 0 free links between cells allow, got 2"
     ):
-        check_feasible(Requirements((3, 3), fix=parse_template(loop), maps=2))
+        check_feasible(Requirements((3, 3), fix=parse_fixed_cells(loop), maps=2))
     half = [[6, 5, 3], [None] * 3, [None] * 3]
     # The second row: straight on, or the loop is closed there, or both sides meet in a crossing.
     forms = set()
     for grid, metrics in repaired_grids((3, 3)):
         if is_map(metrics, None, False) and grid[0].tolist() == half[0]:
             forms.add(canonical_form(grid))
-    check_number(Requirements((3, 3), fix=parse_template(half), maps=len(forms)))
+    check_number(Requirements((3, 3), fix=parse_fixed_cells(half), maps=len(forms)))
     with pytest.raises(InputError, match=f"expected at most {len(forms)}, all"):
-        check_number(Requirements((3, 3), fix=parse_template(half), maps=len(forms) + 1))
+        check_number(Requirements((3, 3), fix=parse_fixed_cells(half), maps=len(forms) + 1))
 
 
 def test_messages_say_the_limit():

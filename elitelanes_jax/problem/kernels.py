@@ -1,0 +1,238 @@
+"""Kernels of the user, functions of one grid: features of their own, and a fitness of their own."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from inspect import Parameter, signature
+from typing import TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import LARGEST
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.metrics import unstack_metrics
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.problem.features import FEATURES, LARGEST_FITNESS, TOWN_FEATURES, columns_for, with_shares
+
+Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Int[ArrayLike, ""]]
+"""A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
+
+Its size is less than 2**30; a grid with a larger value is refused, see `road_problem`.
+"""
+
+Fitness: TypeAlias = Callable[..., Real[ArrayLike, ""]]
+"""A fitness of the user: lower is better. Pure, for `jax.jit` and `jax.vmap`.
+
+It takes any of these arguments, by name:
+
+- ``metrics``: the `Metrics` of the grid.
+- ``features``: a dictionary of all features that the search measures, by name: metrics, shares in thousandths, the
+  user's, and the town features that the search names.
+- ``grid``: int8 ``[H, W]``.
+- ``usual``: int32, the weighted sum that the fitness would be otherwise.
+
+It returns an integer scalar, less than 2**29 in size, or a float scalar, taken as float32. A grid with any other
+value, such as NaN, is refused, see `road_problem`.
+"""
+
+
+def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
+    """Checks the user's features.
+
+    Args:
+      features: kernels by name; None for none.
+      shape: (height, width) of the grids that they take.
+
+    Raises:
+      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name that no other feature
+        has.
+    """
+    if features is None:
+        return {}
+    if not isinstance(features, Mapping):
+        raise InputError(f"features: expected kernels by name, got {short(repr(features))}")
+    for name, kernel in features.items():
+        if not isinstance(name, str) or not name.isidentifier():
+            raise InputError(f"features: expected names of letters, digits and _, got {short(repr(name), 40)}")
+        if name in (*FEATURES, *TOWN_FEATURES):
+            raise InputError(f"features: expected names that no other feature has, got {name!r}")
+        if not callable(kernel):
+            raise InputError(f"features: expected {name} to be a function of a grid, got {short(repr(kernel))}")
+        made = _traced(f"features: expected {name}", kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
+        kind = getattr(made, "dtype", None)
+        if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
+            raise InputError(f"features: expected {name} to return an integer scalar, got {_described(made)}")
+    return dict(features)
+
+
+def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
+    """Checks a fitness of the user.
+
+    Args:
+      fitness: to check.
+      shape: (height, width) of the grids.
+      feature_names: the columns of features that the search measures.
+
+    Raises:
+      InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
+    """
+    if not callable(fitness):
+        raise InputError(f"fitness: expected a function of metrics, features, grid or usual, got {short(repr(fitness))}")
+    for argument in _arguments(fitness):
+        if argument not in ("metrics", "features", "grid", "usual"):
+            raise InputError(f"fitness: expected arguments among metrics, features, grid, usual, got {argument!r}")
+    features = jax.ShapeDtypeStruct((1, len(feature_names)), jnp.int32)
+    grids, usual = jax.ShapeDtypeStruct((1, *shape), jnp.int8), jax.ShapeDtypeStruct((1,), jnp.int32)
+    made = _traced("fitness: expected", partial(apply_fitness, fitness, feature_names), grids, features, usual)
+    if getattr(made, "shape", None) != (1,) or not jnp.issubdtype(made.dtype, jnp.number) or made.dtype.kind == "c":
+        raise InputError(f"fitness: expected it to return an integer or float scalar, got {_described(made, batch=1)}")
+    return fitness
+
+
+def apply_fitness(
+    fitness: Fitness,
+    feature_names: Sequence[str],
+    grids: Int8[Array, "P H W"],
+    features: Int32[Array, "P F"],
+    usual: Int32[Array, " P"],
+) -> Real[Array, " P"]:
+    """Applies a fitness of the user to grids.
+
+    Args:
+      fitness: the kernel.
+      feature_names: the names of the F columns of features.
+      grids: int8 ``[P, H, W]``.
+      features: int32 ``[P, F]``.
+      usual: int32 ``[P]``, the weighted sum that the fitness would be otherwise.
+
+    Returns:
+      float32 ``[P]``, or int32, where an integer that is out of range has the size 2**30.
+    """
+    arguments = _arguments(fitness)
+
+    def one(grid: Array, row: Array, usual: Array) -> Array:
+        values, names = with_shares(row, feature_names)
+        known = {
+            "metrics": unstack_metrics(row, grid.size),
+            "features": dict(zip(names, values, strict=True)),
+            "grid": grid,
+            "usual": usual,
+        }
+        total = jnp.asarray(fitness(**{name: known[name] for name in arguments}))
+        return total.astype(jnp.float32) if jnp.issubdtype(total.dtype, jnp.floating) else _clipped(total)
+
+    return jax.vmap(one)(grids, features, usual)
+
+
+def uses_usual(fitness: Fitness) -> bool:
+    """Returns whether a fitness of the user takes the weighted sum that it would be otherwise."""
+    return "usual" in _arguments(fitness)
+
+
+def is_finite(fitness: Real[Array, " P"]) -> Bool[Array, " P"]:
+    """Returns which values of `apply_fitness` are in range: finite floats, or integers of at most 2**29 in size."""
+    return jnp.isfinite(fitness) if fitness.dtype == jnp.float32 else jnp.abs(fitness) <= LARGEST_FITNESS
+
+
+def measure_features(
+    grids: Int8[Array | np.ndarray, "P H W"], names: Sequence[str], kernels: Mapping[str, Kernel]
+) -> Int32[Array, "P K"]:
+    """Measures K features that are not metrics.
+
+    Args:
+      grids: to measure.
+      names: town features and features of the user.
+      kernels: the user's features by name.
+
+    Returns:
+      The features. A value of the user's that is out of range has the size 2**30.
+    """
+    users = [name for name in names if name not in TOWN_FEATURES]
+    units = np.eye(len(names), dtype=np.int32)
+
+    def measure_one(grid: Array) -> Array:
+        values = {name: _clipped(jnp.asarray(kernels[name](grid))) for name in users}
+        if len(users) < len(names):
+            values |= measure_town(grid, detour="mean_detour" in names)._asdict()
+        return sum((values[name] * unit for name, unit in zip(names, units, strict=True)), jnp.int32(0))
+
+    return jax.vmap(measure_one)(jnp.asarray(grids))
+
+
+def in_range(features: Int32[Array, "P K"]) -> Bool[Array, " P"]:
+    """Returns which grids have no value out of range among the user's features, as `measure_features` returns them."""
+    return (jnp.abs(features) < LARGEST).all(axis=-1)
+
+
+def with_town_features(
+    features: Mapping[str, AnyArray], names: Iterable[str], grids: AnyArray, source: str = "where"
+) -> dict[str, NDArray[np.int32]]:
+    """Returns features by name, and measures the town features among `names` that are missing.
+
+    Args:
+      features: int32 ``[...]`` by name, as a search measured them.
+      names: of the features that are needed.
+      grids: int8 ``[..., H, W]``.
+      source: the start of the message.
+
+    Raises:
+      InputError: for a feature of the user that is missing.
+    """
+    found = {name: np.asarray(values) for name, values in features.items()}
+    missing = [name for name in columns_for(names) if name not in (*METRIC_NAMES, *found)]
+    for name in missing:
+        if name not in TOWN_FEATURES:
+            raise InputError(f"{source}: expected features that the search has measured, got {name}")
+    if missing:
+        grids = np.asarray(grids)
+        flat = grids.reshape(-1, *grids.shape[-2:])
+        parts = [np.asarray(_measure(jnp.asarray(part), tuple(missing))) for part in _batches(flat)]
+        values = np.concatenate(parts)[: len(flat)].reshape(*grids.shape[:-2], len(missing))
+        found |= {name: values[..., column] for column, name in enumerate(missing)}
+    return found
+
+
+# Grids that are measured at once: few enough for the memory, and always the same number, for one compilation.
+_BATCH = 256
+
+
+def _batches(grids: NDArray[np.int8]) -> Iterator[NDArray[np.int8]]:
+    for first in range(0, max(len(grids), 1), _BATCH):
+        part = grids[first : first + _BATCH]
+        yield np.pad(part, [(0, _BATCH - len(part)), (0, 0), (0, 0)])
+
+
+@partial(jax.jit, static_argnames="names")
+def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array, "P K"]:
+    return measure_features(grids, names, {})
+
+
+def _clipped(value: Int[Array, ""]) -> Int32[Array, ""]:
+    kind = jnp.iinfo(value.dtype)
+    return jnp.clip(value, max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(jnp.int32)
+
+
+def _arguments(fitness: Fitness) -> tuple[str, ...]:
+    try:
+        parameters = signature(fitness).parameters.values()
+    except (TypeError, ValueError):
+        raise InputError(f"fitness: expected a function with named arguments, got {short(repr(fitness))}") from None
+    return tuple(one.name for one in parameters if one.default is Parameter.empty)
+
+
+def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.ShapeDtypeStruct) -> Pytree:
+    """Returns the shapes and dtypes that a user's function returns; errors of JAX become an `InputError`."""
+    try:
+        return jax.eval_shape(function, *arguments)
+    except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
+        raise InputError(f"{expected} to be a function that JAX can trace, got: {short(str(error), 160)}") from None
+
+
+def _described(made: Pytree, batch: int = 0) -> str:
+    kind = getattr(made, "dtype", None)
+    return short(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"

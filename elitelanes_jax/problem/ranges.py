@@ -1,0 +1,186 @@
+"""Ranges: the values of a feature that a user allows, and the penalty of a network outside them."""
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from fractions import Fraction
+from math import ceil, floor
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Int32
+
+from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
+from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.problem.features import (
+    FEATURES,
+    SHARE_UNIT,
+    SHARES,
+    TOWN_FEATURES,
+    check_feature,
+    feature_unit,
+    is_share,
+    with_shares,
+)
+
+# The penalty of one unit of distance: that of a dead end, so that the search does not exchange one for the other.
+_STEEPNESS = 480
+
+
+class Range(NamedTuple):
+    """The values that a feature may have, both limits included.
+
+    Attributes:
+      name: of the feature.
+      low: the lower limit, of a share as a part of 1; None for no limit.
+      high: the upper limit, of a share as a part of 1; None for no limit.
+    """
+
+    name: str
+    low: Fraction | None
+    high: Fraction | None
+
+    def __str__(self) -> str:
+        """Returns the text that `parse_ranges` reads."""
+        low, high = ("" if limit is None else _format(limit) for limit in self[1:])
+        return f"{self.name}={low}" if self.low == self.high else f"{self.name}={low}..{high}"
+
+
+def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tuple[Range, ...]:
+    """Reads ranges from texts such as ``crossings=6..10``, ``bridges=0``, ``straight_share=0.3..``, or a mapping.
+
+    Args:
+      where: texts, or one text with spaces between ranges; or a mapping of names to numbers, texts such as ``6..10``,
+        or pairs of numbers with None for no limit; or `Range` records.
+      features: the names of the user's features; None accepts any name.
+
+    Raises:
+      InputError: for anything else, an unknown feature, limits in the wrong order, or a repeated feature.
+    """
+    if isinstance(where, str):
+        where = split_settings(where)
+    elif isinstance(where, Range):
+        where = [where]
+    if isinstance(where, Mapping):
+        ranges = [_range(f"where: {name}", name, limits, features) for name, limits in where.items()]
+    elif isinstance(where, Iterable):
+        ranges = [
+            _range("where", item.name, item[1:], features) if isinstance(item, Range) else _parse(item, features)
+            for item in where
+        ]
+    else:
+        raise InputError(f"where: expected ranges such as ['crossings=6..10'], got {where!r}")
+    check_unique("where", "feature", [item.name for item in ranges])
+    return tuple(ranges)
+
+
+def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[np.ndarray, "2 C"]:
+    """Returns the lower and upper limits of all columns of `with_shares`, so that other ranges need no compilation.
+
+    Args:
+      where: the ranges; a feature without a range has no limit.
+      feature_names: the names of the columns of features.
+
+    Returns:
+      int32 ``[2, C]``, shares in thousandths.
+    """
+    names = (*feature_names, *SHARES)
+    limits = np.array([[-LARGEST], [LARGEST]], np.int32).repeat(len(names), axis=1)
+    for name, low, high in where:
+        if low is not None:
+            limits[0, names.index(name)] = ceil(low * feature_unit(name))
+        if high is not None:
+            limits[1, names.index(name)] = floor(high * feature_unit(name))
+    return limits
+
+
+def range_penalty(
+    features: AnyArray, feature_names: Sequence[str], limits: AnyArray, shape: tuple[int, int]
+) -> AnyArray:
+    """Returns the penalty for the distance from the ranges: 480 for each unit, 0 for a network in all ranges.
+
+    A unit is 1 of a whole number, the share of one cell, or the gain of one more tile in a long straight.
+
+    Args:
+      features: int32 ``[..., F]``, of NumPy or JAX.
+      feature_names: the F names.
+      limits: int32 ``[2, C]``, as `range_limits` returns them; may be traced.
+      shape: (height, width) of the grids.
+
+    Returns:
+      int32 ``[...]``, of the same library.
+    """
+    features, names = with_shares(features, feature_names)
+    units = {name: (shape[0] * shape[1], SHARE_UNIT) for name in names if feature_unit(name) != 1}
+    units |= {"straight_score": (1, 2 * max(shape)), "adjacent_crossing_score": (1, 8)}
+    factor, divisor = np.array([units.get(name, (1, 1)) for name in names], np.int32).T
+    distance = (limits[0] - features).clip(0, None) + (features - limits[1]).clip(0, None)
+    distance = distance.clip(None, LARGEST // factor)
+    steps = ((distance * factor + divisor - 1) // divisor).clip(None, LARGEST // (_STEEPNESS * len(names)))
+    return _STEEPNESS * steps.sum(axis=-1, dtype=np.int32)
+
+
+def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[np.ndarray, "..."]:
+    """Returns which networks are in all ranges, exactly.
+
+    Args:
+      features: whole numbers of one shape, by name: all metrics, and the other features that have a range.
+      where: the ranges.
+
+    Returns:
+      bool, of the same shape.
+    """
+    inside = np.ones(np.shape(features[METRIC_NAMES[0]]), bool)
+    for name, low, high in where:
+        part, whole = SHARES.get(name, (name, ()))
+        value = np.asarray(features[part], np.int64)
+        total: AnyArray = sum(np.asarray(features[one], np.int64) for one in whole) if whole else feature_unit(name)
+        for limit, sign in ((low, 1), (high, -1)):
+            if limit is not None:
+                inside &= sign * (value * limit.denominator - total * limit.numerator) >= 0
+    return inside
+
+
+def _parse(text: UserValue, features: Collection[str] | None) -> Range:
+    source = f"where {text!r}"
+    name, equals, limits = text.partition("=") if isinstance(text, str) else ("", "", "")
+    if not equals:
+        raise InputError(f"{source}: expected NAME=LOW..HIGH, such as crossings=6..10")
+    return _range(source, name.strip(), limits.strip(), features)
+
+
+def _range(source: str, name: UserValue, limits: UserValue, features: Collection[str] | None) -> Range:
+    check_feature(source, name, features)
+    if isinstance(limits, str) and ".." in limits:
+        limits = [limit.strip() or None for limit in limits.split("..", 1)]
+    pair = limits if isinstance(limits, tuple | list) else (limits, limits)
+    if len(pair) != 2:
+        raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")
+    if all(limit is None for limit in pair):
+        raise InputError(f"{source}: expected at least one limit, got none")
+    low, high = (None if limit is None else _limit(source, name, limit) for limit in pair)
+    if low is not None and high is not None and low > high:
+        raise InputError(f"{source}: expected the lower limit first, got {_format(low)} before {_format(high)}")
+    return Range(name, low, high)
+
+
+def _limit(source: str, name: str, limit: UserValue) -> Fraction:
+    text = str(limit)
+    try:
+        # Fraction("1e99999999") would fill the memory.
+        number = Fraction(float(text) if "e" in text.lower() else text)
+    except (ValueError, ZeroDivisionError, OverflowError):
+        raise InputError(f"{source}: expected a number, got {short(repr(limit))}") from None
+    least = 0 if name in (*FEATURES, *TOWN_FEATURES) else -LARGEST
+    most = 1 if is_share(name) else LARGEST
+    if not least <= number <= most:
+        unit = " (a part of 1)" if is_share(name) else ""
+        raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {short(text)}")
+    if feature_unit(name) == 1 and number.denominator != 1:
+        raise InputError(f"{source}: expected whole numbers, got {short(text)}")
+    # 0.333333333 stands for a third, and small denominators keep sums within 64 bits.
+    return number.limit_denominator(10**6)
+
+
+def _format(limit: Fraction) -> str:
+    return str(limit if limit.denominator == 1 else float(limit))
