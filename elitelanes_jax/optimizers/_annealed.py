@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Real
 
 from elitelanes_jax._util.checks import real, whole
-from elitelanes_jax._util.config import Config, nested, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.optimizers._annealing import (
     AnnealingConfig,
@@ -34,10 +35,10 @@ from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedPsoConfig(Config):
-    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may sweep the numbers.
+class AnnealedPsoConfig(Record):
+    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
       annealing: settings of the particles; each knows those of its island.
@@ -45,29 +46,29 @@ class AnnealedPsoConfig(Config):
       social: probability that it is pulled towards the best position of its island. Otherwise it moves by itself.
     """
 
-    annealing: AnnealingConfig = nested(AnnealingConfig)
-    cognitive: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
-    social: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
+    annealing: AnnealingConfig = nested(AnnealingConfig())
+    cognitive: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
+    social: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that the sum of the probabilities is at most 1."""
         one, other = self.cognitive, self.social
         if isinstance(one, float) and isinstance(other, float) and one + other > 1:
-            raise InputError(f"expected cognitive + social to be at most 1, got {one:g} + {other:g}")
+            raise InputError(f"social: expected cognitive + social to be at most 1, got {one:g} + {other:g}")
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedGwoConfig(Config):
-    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may sweep the numbers.
+class AnnealedGwoConfig(Record):
+    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
       annealing: settings of the wolves; each island is a pack.
       leaders: the number of a pack's best positions that lead it: alpha, beta and so on; limited to the whole pack.
     """
 
-    annealing: AnnealingConfig = nested(AnnealingConfig)
-    leaders: Int[ArrayLike, "..."] = swept(3, whole(1))
+    annealing: AnnealingConfig = nested(AnnealingConfig())
+    leaders: Int[ArrayLike, "..."] = traced(3, whole(1))
 
 
 class AnnealedState(NamedTuple):
@@ -95,11 +96,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
     Args:
       problem: the problem to solve.
       config: settings; the defaults are the preset `tuned`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         return island_mates(bits.mate, state.chains.grids, config.chains_on(problem.shape))
@@ -108,8 +105,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 
 
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
-    """Makes the tuned PSO; its elites are the particles' best grids. Arguments and errors are as in `annealed_ea`."""
-    config = config.checked()
+    """Makes the tuned PSO; its elites are the particles' best grids. Arguments are as in `annealed_ea`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
@@ -124,8 +120,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
 
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
-    """Makes the tuned GWO; its elites are the wolves' best grids. Arguments and errors are as in `annealed_ea`."""
-    config = config.checked()
+    """Makes the tuned GWO; its elites are the wolves' best grids. Arguments are as in `annealed_ea`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:

@@ -20,7 +20,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import flag, none_or, real, whole
-from elitelanes_jax._util.config import Config, nested, static, swept
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record, nested
+from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.xla import run_if
@@ -58,10 +60,10 @@ _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedMapElitesConfig(Config):
-    """Settings; the defaults are the preset `tuned`. A pytree: `jax.vmap` may sweep the numbers that are not static.
+class AnnealedMapElitesConfig(Record):
+    """Settings; the defaults are the preset `tuned`. A pytree: `jax.vmap` may map over the numbers that are not static.
 
     Attributes:
       annealing: settings of the chains; each is an island of its own. Cycles do not grow; their default length is a
@@ -84,13 +86,13 @@ class AnnealedMapElitesConfig(Config):
         seldom pursue niches that hold infeasible elites.
     """
 
-    annealing: AnnealingConfig = nested(lambda: AnnealingConfig(chains=1, hottest=40, coldest=12))
-    bin_penalty: Int[ArrayLike, "..."] = swept(400, whole(1, 10_000))
-    restart: Real[ArrayLike, "..."] = swept(0.1, real(0, 1))
-    restart_length: Int[ArrayLike, "..."] = swept(16, whole(1))
-    vacant_probability: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    elite_mate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    symmetric_probability: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
+    annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
+    bin_penalty: Int[ArrayLike, "..."] = traced(400, whole(1, 10_000))
+    restart: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
+    restart_length: Int[ArrayLike, "..."] = traced(16, whole(1))
+    vacant_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    symmetric_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     diagonal: bool | None = static(None, none_or(flag))
     initial_towns_from: int | None = static(None, none_or(whole(1)))
     accept_equal: bool = static(False, flag)
@@ -154,9 +156,8 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
       config: settings; the defaults are the preset `tuned`.
 
     Raises:
-      InputError: for a setting out of its range, or a problem without axes.
+      InputError: for a problem without axes.
     """
-    config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     cells = shape[0] * shape[1]
     starts_from_towns = cells >= (config.initial_towns_from or np.inf) and min(shape) >= SMALLEST_GROWN

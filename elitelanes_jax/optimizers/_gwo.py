@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import symmetric_uniform
 from elitelanes_jax.network.xla import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import concatenate, evaluate, truncate
@@ -25,10 +26,10 @@ from elitelanes_jax.problem.problem import Problem
 _LONGEST_HORIZON = 2**15 - 1
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class GwoConfig(Config):
-    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may sweep `perturbation` and `horizon`.
+class GwoConfig(Record):
+    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
 
     Attributes:
       wolves: the number of wolves, and of grids that a step evaluates; static, a size of arrays.
@@ -40,8 +41,8 @@ class GwoConfig(Config):
     """
 
     wolves: int = static(40, whole(1))
-    perturbation: Real[ArrayLike, "..."] = swept(0.35, real(0, 16))
-    horizon: Int[ArrayLike, "..."] = swept(200, whole(1, _LONGEST_HORIZON))
+    perturbation: Real[ArrayLike, "..."] = traced(0.35, real(0, 16))
+    horizon: Int[ArrayLike, "..."] = traced(200, whole(1, _LONGEST_HORIZON))
     omega: Literal["own", "worst"] = static("own", one_of("own", "worst"))
 
 
@@ -65,11 +66,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     Args:
       problem: the problem to solve.
       config: settings; the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)
     largest = to_fixed(config.perturbation)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int8, UInt32
 
 from elitelanes_jax._util.checks import one_of
-from elitelanes_jax._util.config import Config, nested, static
+from elitelanes_jax._util.pytrees import pytree, static
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (
@@ -24,9 +24,9 @@ from elitelanes_jax.problem.archive import Population, empty_archive, insert
 from elitelanes_jax.problem.problem import Problem
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class MapElitesConfig(Config):
+class MapElitesConfig(Record):
     """Settings; the defaults are the preset `paper`, with parents from the archive the preset `standard`. A pytree.
 
     Attributes:
@@ -36,7 +36,7 @@ class MapElitesConfig(Config):
         program.
     """
 
-    loop: EvolutionConfig = nested(EvolutionConfig)
+    loop: EvolutionConfig = nested(EvolutionConfig())
     parents: Literal["population", "archive"] = static("population", one_of("population", "archive"))
 
 
@@ -60,9 +60,8 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
       config: settings; the defaults are the preset `paper`.
 
     Raises:
-      InputError: for a setting out of its range, or a problem without axes.
+      InputError: for a problem without axes.
     """
-    config = config.checked()
     loop, niches = config.loop, problem.niches
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 

@@ -6,7 +6,7 @@ or to another one, rotated or mirrored, from the grid itself or from a mate.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
@@ -18,8 +18,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import none_or, real, whole
-from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
@@ -32,7 +33,7 @@ from elitelanes_jax.optimizers._windows import valid_windows
 def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
     checked = {}
-    for name, value in sorted(moves.items()):
+    for name, value in sorted(dict(moves).items()):
         if not name.isidentifier() or name in KNOWN_MOVES:
             raise InputError(f"expected names of letters, digits and _ that no other move has, got {short(repr(name))}")
         if len(value) != 2 or not isinstance(value[1], Move):
@@ -42,10 +43,10 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     return checked
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class MoveWeights(Config):
-    """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may sweep.
+class MoveWeights(Record):
+    """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may map over.
 
     A weight is a whole number; a move is drawn with probability weight / sum of all weights. The defaults were measured
     (experiments/moves.md).
@@ -67,27 +68,25 @@ class MoveWeights(Config):
       user_moves: moves of the user by name, each with its weight: ``{"zigzag": (4, zigzag)}``.
     """
 
-    link: Int[ArrayLike, "..."] = swept(1, whole(0))
-    corner: Int[ArrayLike, "..."] = swept(4, whole(0))
-    outline: Int[ArrayLike, "..."] = swept(1, whole(0))
-    street: Int[ArrayLike, "..."] = swept(1, whole(0))
-    straight: Int[ArrayLike, "..."] = swept(8, whole(0))
-    clear: Int[ArrayLike, "..."] = swept(1, whole(0))
-    mirror: Int[ArrayLike, "..."] = swept(1, whole(0))
-    slide: Int[ArrayLike, "..."] = swept(1, whole(0))
-    transplant: Int[ArrayLike, "..."] = swept(16, whole(0))
-    displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
-    refit: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(0)))
-    fill_probability: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
-    user_moves: dict[str, tuple[Int[ArrayLike, "..."], Move]] = field(
-        default_factory=dict, metadata={"check": _check_user_moves}
-    )
+    link: Int[ArrayLike, "..."] = traced(1, whole(0))
+    corner: Int[ArrayLike, "..."] = traced(4, whole(0))
+    outline: Int[ArrayLike, "..."] = traced(1, whole(0))
+    street: Int[ArrayLike, "..."] = traced(1, whole(0))
+    straight: Int[ArrayLike, "..."] = traced(8, whole(0))
+    clear: Int[ArrayLike, "..."] = traced(1, whole(0))
+    mirror: Int[ArrayLike, "..."] = traced(1, whole(0))
+    slide: Int[ArrayLike, "..."] = traced(1, whole(0))
+    transplant: Int[ArrayLike, "..."] = traced(16, whole(0))
+    displaced: Int[ArrayLike, "..."] = traced(4, whole(0))
+    refit: Int[ArrayLike, "..."] | None = traced(None, none_or(whole(0)))
+    fill_probability: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
+    user_moves: dict[str, tuple[Int[ArrayLike, "..."], Move]] = option((), _check_user_moves)
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
         weights = [*(getattr(self, name) for name in KNOWN_MOVES), *(weight for weight, _ in self.user_moves.values())]
         if all(weight is None or (isinstance(weight, int) and weight == 0) for weight in weights):
-            raise InputError("expected a weight over 0 for at least one move, got none")
+            raise InputError("link: expected a weight over 0 for at least one move, got none")
 
     def with_moves(self, moves: UserValue) -> "MoveWeights":
         """Returns the weights with some changed, and with moves of the user.
@@ -107,10 +106,10 @@ class MoveWeights(Config):
             if not isinstance(value, tuple | list):
                 words = f"one of {', '.join(KNOWN_MOVES)} with a weight, or another name with a weight and a Move"
                 raise InputError(f"moves: expected {words}, got {name!r}{likely(name, KNOWN_MOVES)}")
-        return replace(self, **known, user_moves={**self.user_moves, **others}).checked("moves")
+        return self.replace(**known, user_moves={**self.user_moves, **others})
 
 
-KNOWN_MOVES = tuple(one.name for one in fields(MoveWeights) if one.name not in ("fill_probability", "user_moves"))
+KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill_probability", "user_moves"))
 """The names of the moves that `MoveWeights` has a weight for."""
 
 

@@ -81,9 +81,9 @@ def qdax_moves(
       function transplants blocks of the mates, the first blocks of the same grid. Keys are consumed.
 
     Raises:
-      InputError: for bad weights; the functions raise it for genotypes of another shape or type.
+      InputError: from the functions, for genotypes of another shape or type.
     """
-    move = random_move(weights.checked(), fill=problem.fill, fixed=problem.fixed)
+    move = random_move(weights, fill=problem.fill, fixed=problem.fixed)
 
     def varied(bits: Array, grid: Array, mate: Array) -> Array:
         return problem.repair(*move.apply(bits, grid, mate))
