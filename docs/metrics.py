@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
 from elitelanes_jax.cli.metrics import meanings, number, range_text
-from elitelanes_jax.network import METRIC_NAMES, CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, Weights, plain_measure
+from elitelanes_jax.network import CROSSINGS, EAST, KINDS, METRIC_NAMES, NORTH, SOUTH, WEST, Weights, plain_measure
 from elitelanes_jax.plots import road_map
 from elitelanes_jax.problem import EXTREMES, features_of
 

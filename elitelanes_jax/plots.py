@@ -102,7 +102,7 @@ def archive_map(
 
     Args:
       fitness: numbers ``[..., N]``, lower is better, in the order of `niche_index`: a result's ``elites.fitness``, an
-        `Archive`'s, or a QDax repertoire's with its sign changed and one axis. The largest int32 and numbers
+        `Population`'s, or a QDax repertoire's with its sign changed and one axis. The largest int32 and numbers
         that are not finite mean vacant.
       axes: of the descriptor space.
       across: the metric of an axis, by default the first of those with most bins.
@@ -119,7 +119,7 @@ def archive_map(
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
-    axes = parse_axes(axes, own=None)
+    axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
         raise InputError("axes: expected ones with a width, such as Result.axes, got one without")
     names = [axis.metric for axis in axes]

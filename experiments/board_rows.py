@@ -20,12 +20,10 @@ from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.optimizers import (
     PRESETS,
     AnnealedMapElitesConfig,
-    Elites,
     Info,
     MoveWeights,
     Niches,
     Optimizer,
-    Population,
     evaluate,
     make_optimizer,
     seed_keys,
@@ -37,7 +35,7 @@ from elitelanes_jax.optimizers.interop import (
     qdax_scoring_fn,
     ribs_archive_space,
 )
-from elitelanes_jax.problem import Archive, Problem, compute_descriptor, empty_archive, insert, road_problem, tuned_axes
+from elitelanes_jax.problem import Population, Problem, insert, road_problem, tuned_axes, vacant_fitness
 
 __all__ = ["ROWS", "Found", "Row"]
 
@@ -78,11 +76,11 @@ class Row(NamedTuple):
 def _found(task: Task, kept: Sequence[Any]) -> Found:
     """Takes from records ``[R, ...]`` of each budget the niches without flaws."""
     wanted = Niches.of(tuned_axes(task.shape)).targeted
-    valid, grids, fitness, counts = (
+    valid, grids, fitness, features = (
         np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
-        for name in ("valid", "grids", "fitness", "counts")
+        for name in ("valid", "grids", "fitness", "features")
     )
-    cyclomatic = counts[..., METRIC_NAMES.index("cyclomatic")]
+    cyclomatic = features[..., METRIC_NAMES.index("cyclomatic")]
     return Found(np.where(valid[..., None, None], grids, 0).astype(np.int8), fitness, cyclomatic)
 
 
@@ -106,16 +104,12 @@ def _in_jax(make: Callable[..., Optimizer]) -> Play:
             )
             state, done = result.state, budget // batch
             elites = result.elites
-            counts = np.zeros((*elites.fitness.shape, len(METRIC_NAMES)), np.int32)
-            counts[..., METRIC_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
-            kept.append(Elites(elites.grids, elites.fitness, jnp.asarray(counts), elites.valid))
+            features = np.zeros((*elites.fitness.shape, len(METRIC_NAMES)), np.int32)
+            features[..., METRIC_NAMES.index("cyclomatic")] = elites.metrics.cyclomatic
+            kept.append(Population(elites.grids, elites.fitness, jnp.asarray(features)))
         return _found(task, kept)
 
     return play
-
-
-def _record(archive: Archive) -> Elites:
-    return Elites(archive.grids, archive.fitness, archive.counts, archive.valid)
 
 
 def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
@@ -145,13 +139,13 @@ def _ea(problem: Problem) -> Optimizer:
 
     def init(key: Any) -> Any:
         state = ea.init(key)
-        return state, insert(empty_archive(problem.axes, problem.shape), problem.axes, *state.chains)
+        return state, insert(problem.empty_archive(), problem.niche(state.chains.features), state.chains)
 
     def step(key: Any, carried: Any) -> Any:
         state, info = ea.step(key, carried[0])
-        return (state, insert(carried[1], problem.axes, *state.chains)), info
+        return (state, insert(carried[1], problem.niche(state.chains.features), state.chains)), info
 
-    return Optimizer(init, step, lambda carried: _record(carried[1]), ea.evaluations_per_step)
+    return Optimizer(init, step, lambda carried: carried[1], ea.evaluations_per_step)
 
 
 def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: Any, batch: int, share: float) -> Any:
@@ -176,10 +170,11 @@ def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: 
         filled = (repertoire.fitnesses > -jnp.inf).sum(dtype=jnp.int32)
         return (repertoire, emitter_state), Info(-metrics["best"].astype(jnp.int32), filled)
 
-    def elites(state: Any) -> Elites:
+    def elites(state: Any) -> Population:
         repertoire = state[0]
         found = evaluate(problem, grids(repertoire.genotypes))
-        return Elites(*found, valid=repertoire.fitnesses.reshape(-1) > -jnp.inf)
+        filled = repertoire.fitnesses.reshape(-1) > -jnp.inf
+        return found._replace(fitness=jnp.where(filled, found.fitness, vacant_fitness(found.fitness.dtype)))
 
     return Optimizer(init, step, elites, batch)
 
@@ -219,7 +214,7 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
         return strategy.init(rest, task.sample(drawn), params)
 
     def init(key: Any) -> Any:
-        return begin(key), empty_archive(problem.axes, problem.shape)
+        return begin(key), problem.empty_archive()
 
     def step(key: Any, carried: Any) -> Any:
         state, record = carried
@@ -229,10 +224,10 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
         state, _ = strategy.tell(tell, solutions, found.fitness.astype(jnp.float32), state, params)
         ends = state.generation_counter >= restart
         state = jax.tree.map(lambda new, old: jnp.where(ends, new, old), begin(again), state)
-        record = insert(record, problem.axes, *found)
+        record = insert(record, problem.niche(found.features), found)
         return (state, record), Info(record.fitness.min(), record.valid.sum(dtype=jnp.int32))
 
-    return Optimizer(init, step, lambda carried: _record(carried[1]), population)
+    return Optimizer(init, step, lambda carried: carried[1], population)
 
 
 def _in_ribs(make: Callable[..., Any]) -> Play:
@@ -240,17 +235,17 @@ def _in_ribs(make: Callable[..., Any]) -> Play:
 
     def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Any]) -> Found:
         problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
-        axes, kept = problem.axes, []
+        kept: list[Any] = []
 
         @jax.jit
-        def score(grids: Any, record: Archive) -> Any:
+        def score(grids: Any, record: Population) -> Any:
             found: Population = evaluate(problem, grids)
-            record = insert(record, axes, *found)
-            return -found.fitness, compute_descriptor(found.counts, axes), record
+            record = insert(record, problem.niche(found.features), found)
+            return -found.fitness, problem.descriptor(found.features), record
 
         for seed in range(first, first + runs):
             scheduler, decode = make(problem, seed, **settings)
-            record, done, of_run = empty_archive(axes, task.shape), 0, []
+            record, done, of_run = problem.empty_archive(), 0, []
             solutions = scheduler.ask()
             for budget in budgets:
                 while done + len(solutions) <= budget:
@@ -258,7 +253,7 @@ def _in_ribs(make: Callable[..., Any]) -> Play:
                     scheduler.tell(np.asarray(objective, np.float64), np.asarray(measures, np.float64))
                     done += len(solutions)
                     solutions = scheduler.ask()
-                of_run.append(_record(record))
+                of_run.append(record)
             kept.append(of_run)
         together = [jax.tree.map(lambda *arrays: np.stack(arrays), *of_budget) for of_budget in zip(*kept, strict=True)]
         return _found(task, together)

@@ -35,7 +35,7 @@ def _main(options: argparse.Namespace) -> int:
     result = evolve(
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
-    filled, _ = without_flaws(result.satisfies(), result.elites.measures(), result.spec)
+    filled, _ = without_flaws(result.satisfies(), result.elites.by_name(), result.spec)
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()
     of_runs = np.bincount(filled.sum(axis=0))[1:]
     say(

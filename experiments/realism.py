@@ -40,7 +40,7 @@ from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.formats import read_map
 from elitelanes_jax.network import EAST, SOUTH, canonical_form, measure_town, plain_measure
-from elitelanes_jax.problem import measure_missing
+from elitelanes_jax.problem import with_town_features
 from elitelanes_jax.search import use_compile_cache
 
 __all__ = ["FEATURES", "TUNED", "apart", "coverage_and_co", "cut", "energy_distance", "features_of", "read_people"]
@@ -257,7 +257,7 @@ def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]
             continue
         targets[name] = values.tolist()
     spec = pool.spec.replace(targets=targets)
-    features: dict[str, Any] = dict(measure_missing(pool.elites.features, spec.extras, pool.elites.grids))
+    features: dict[str, Any] = dict(with_town_features(pool.elites.features, spec.measured, pool.elites.grids))
     return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
 
 

@@ -90,7 +90,9 @@ def run_method(
     for number in range(seeds):
         mine = jax.tree.map(lambda array, number=number: np.asarray(array[number]), result.elites)
         held = np.flatnonzero(mine.valid)
-        figures = {name: getattr(mine.metrics, name) for name in (*METRIC_NAMES, "coverage")} | {"fitness": mine.fitness}
+        figures = {name: getattr(mine.metrics, name) for name in (*METRIC_NAMES, "coverage")} | {
+            "fitness": mine.fitness
+        }
         first = held[np.argmin(mine.fitness[held])]
         chosen: dict[str, Any] = {"best": first}
         if method == "map-elites":

@@ -15,6 +15,7 @@ from oracle import measure as oracle
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.optimizers._moves import MoveWeights
 from elitelanes_jax.optimizers.interop import (
@@ -28,7 +29,6 @@ from elitelanes_jax.optimizers.interop import (
 )
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
-from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
@@ -41,7 +41,7 @@ AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis(
 @pytest.fixture(scope="module")
 def problem():
     park = [[0 if (row, column) == PARK else None for column in range(6)] for row in range(5)]
-    return road_problem(SHAPE, AXES, fix=parse_fixed_cells(park))
+    return road_problem(SHAPE, AXES, fix=park)
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +62,12 @@ def nearest(centroids, points):
 def test_qdax_scores_are_ours(problem, grids, evaluate):
     score = qdax_scoring_fn(problem)
     fitness, descriptor, extras = jax.jit(score)(grids, jax.random.key(0))
-    scored, counts = evaluate(grids)
+    scored, features = evaluate(grids)
     assert fitness.dtype == descriptor.dtype == jnp.float32
     assert descriptor.shape == (COUNT, 3)
     np.testing.assert_array_equal(-fitness, scored)
-    np.testing.assert_array_equal(extras["counts"], counts)
-    expected = niche_index(compute_descriptor(counts, AXES), AXES)
+    np.testing.assert_array_equal(extras["features"], features)
+    expected = niche_index(compute_descriptor(features, METRIC_NAMES, AXES), AXES)
     assert len(set(np.asarray(expected).tolist())) > 5
     np.testing.assert_array_equal(nearest(qdax_centroids(AXES), descriptor), expected)
     with pytest.raises(InputError, match=rf"genotypes: expected int8 grids \[B, 5, 6\], got int8 \({COUNT}, 6, 5\)"):
@@ -116,10 +116,10 @@ def test_evosax_decodes_the_largest_logit_and_minimises_ours(problem, evaluate):
     codes = largest(*np.moveaxis(np.asarray(solutions).reshape(COUNT, *SHAPE, 11), -1, 0)).astype(np.int8)
     grids = np.stack([task.decode(solution) for solution in solutions])
     np.testing.assert_array_equal(grids, jax.jit(jax.vmap(problem.repair_raster))(codes))
-    scored, counts = evaluate(grids)
+    scored, features = evaluate(grids)
     np.testing.assert_array_equal(fitness, scored)
-    np.testing.assert_array_equal(metrics["counts"], counts)
-    assert [row[0] for row in counts.tolist()] == [oracle(grid)["components"] for grid in grids]
+    np.testing.assert_array_equal(metrics["features"], features)
+    assert [row[0] for row in features.tolist()] == [oracle(grid)["components"] for grid in grids]
     np.testing.assert_array_equal(
         task.decode(np.zeros(330, np.float32)), problem.repair_raster(jnp.full(SHAPE, 3, jnp.int8))
     )
@@ -140,10 +140,10 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
     np.testing.assert_array_equal(decode(np.full((COUNT, 30), -7.5)), decode(np.full((COUNT, 30), alphabet[0])))
     np.testing.assert_array_equal(decode(np.full((COUNT, 30), 99.0)), decode(np.full((COUNT, 30), 15)))
     objective, measures = score(flat)
-    scored, counts = evaluate(grids)
+    scored, features = evaluate(grids)
     assert objective.dtype == measures.dtype == np.float64
     np.testing.assert_array_equal(-objective, scored)
-    np.testing.assert_array_equal(measures, compute_descriptor(counts, AXES))
+    np.testing.assert_array_equal(measures, compute_descriptor(features, METRIC_NAMES, AXES))
     for solutions, message in (
         (flat[:, 1:], rf"expected numbers \[B, 30\], got int8 \({COUNT}, 29\)"),
         (flat[0], r"got int8 \(30,\)"),
@@ -201,10 +201,10 @@ def test_qdax_map_elites_improves_and_keeps_our_niches():
     (repertoire, *_), _ = jax.lax.scan(search.scan_update, (repertoire, state, run), length=60)
     occupied = np.isfinite(np.asarray(repertoire.fitnesses[:, 0]))
     assert occupied.sum() > filled and repertoire.fitnesses.max() > best + 100
-    scored, counts = problem.evaluate(repertoire.genotypes)
+    scored, features = problem.evaluate(repertoire.genotypes)
     np.testing.assert_array_equal(-scored[occupied], repertoire.fitnesses[occupied, 0])
     np.testing.assert_array_equal(
-        niche_index(compute_descriptor(counts, axes), axes)[occupied], np.flatnonzero(occupied)
+        niche_index(compute_descriptor(features, METRIC_NAMES, axes), axes)[occupied], np.flatnonzero(occupied)
     )
 
 
@@ -252,9 +252,9 @@ def test_ribs_archive_improves_and_holds_our_niches():
         best.append(archive.stats.obj_max)
     assert best[-1] > best[0] + 100 and archive.stats.num_elites > 5
     found = archive.data(return_type="dict")
-    scored, counts = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
+    scored, features = problem.evaluate(jnp.asarray(ribs_grids(problem)(found["solution"])))
     np.testing.assert_array_equal(-scored, found["objective"])
-    np.testing.assert_array_equal(niche_index(compute_descriptor(counts, AXES), AXES), found["index"])
+    np.testing.assert_array_equal(niche_index(compute_descriptor(features, METRIC_NAMES, AXES), AXES), found["index"])
 
 
 @pytest.mark.parametrize(

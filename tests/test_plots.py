@@ -182,7 +182,14 @@ def test_a_heat_map_of_something_else_is_refused():
 def test_a_history_is_the_median_in_a_band():
     rng = np.random.default_rng(1)
     best = np.minimum.accumulate(rng.integers(0, 1000, (9, 30)), axis=1)
-    record = History(np.arange(1, 31), 40 * np.arange(1, 31), best, np.arange(270).reshape(9, 30), np.ones(30))
+    record = History(
+        np.arange(1, 31),
+        40 * np.arange(1, 31),
+        best,
+        np.arange(270).reshape(9, 30),
+        np.ones(30),
+        np.zeros((9, 30), np.int32),
+    )
     ax = history(record, label="ours", quantiles=(0.125, 0.875))
     (line,) = ax.lines
     np.testing.assert_array_equal(line.get_xdata(), record.evaluations)

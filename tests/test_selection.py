@@ -11,6 +11,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import ROAD_ALPHABET
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
@@ -34,9 +35,9 @@ def result(grids, fitness, alphabet=None):
     metrics = measured(grids, None if alphabet is None else tuple(alphabet))
     valid = jnp.ones(grids.shape[:2], bool)
     found = MeasuredElites(
-        grids, jnp.asarray(fitness), compute_descriptor(stack_metrics(metrics), AXES), valid, metrics, {}
+        grids, jnp.asarray(fitness), compute_descriptor(stack_metrics(metrics), METRIC_NAMES, AXES), valid, metrics, {}
     )
-    return Result(found, History(*[np.zeros(0)] * 5), RunState(0, None, 0), SearchSpec(), AXES)
+    return Result(found, History(*[np.zeros(0)] * 6), RunState(0, None, 0), SearchSpec(), AXES)
 
 
 @pytest.fixture(scope="module")

@@ -39,7 +39,7 @@ def range_text(name: str) -> str:
 
     Of a feature of a town the unit.
     """
-    from elitelanes_jax.problem.extremes import feature_limits, feature_range
+    from elitelanes_jax.problem.extremes import feature_bounds, feature_range
     from elitelanes_jax.problem.features import TOWN_FEATURES, feature_unit, is_share
 
     if name in TOWN_FEATURES:
@@ -47,7 +47,7 @@ def range_text(name: str) -> str:
     low, high = feature_range(name)
     if low == high:
         return number(low)
-    least, most = (number(type(low)(limit)) for limit in feature_limits(name))
+    least, most = (number(type(low)(limit)) for limit in feature_bounds(name))
     below, above = (f"({least}) " if least != number(low) else ""), (f" ({most})" if most != number(high) else "")
     return f"{below}{number(low)}..{number(high)}{above}"
 

@@ -53,7 +53,7 @@ class _Finds(NamedTuple):
       niche: int32 ``[E]``, of each the number of its niche, the last axis running fastest; None where metrics tell it.
       weights: of the fitness.
       alphabet: the codes that `off_alphabet` lets pass; None for all.
-      extra_weights: of features that the search measured beside the metrics.
+      feature_weights: of features that the search measured beside the metrics.
       extras: int ``[E]`` by name, the features that the search measured beside the metrics.
       labels: a name for each grid, or none.
       maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
@@ -71,7 +71,7 @@ class _Finds(NamedTuple):
     axes: tuple[Axis, ...]
     weights: Weights
     alphabet: tuple[int, ...] | None
-    extra_weights: Mapping[str, int] = {}
+    feature_weights: Mapping[str, int] = {}
     extras: Mapping[str, NDArray[np.int32]] = {}
     niche: NDArray[np.int32] | None = None
     labels: tuple[str, ...] | None = None
@@ -270,7 +270,7 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
         result.spec.all_weights,
         None if alphabet is None else (*alphabet, *KINDS["end"], *KINDS["empty"]),
         niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
-        extra_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
+        feature_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
         extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
         history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
         floors=_floors(result, (grids.shape[2], grids.shape[3])),
@@ -279,14 +279,16 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
 
 
 def _of_seeds(history: "History", seeds: int) -> "History":
-    return history._replace(best_fitness=history.best_fitness[:seeds], elite_count=history.elite_count[:seeds])
+    return history._replace(
+        **{name: getattr(history, name)[:seeds] for name in ("best_fitness", "elite_count", "refused")}
+    )
 
 
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
     spec = result.spec
     name = f"{shape[0]}x{shape[1]}{'A' if spec.fills else 'B'}"
-    if name not in SIZES or spec.all_weights != Weights() or spec.extra_weights or spec.rules is not None:
+    if name not in SIZES or spec.all_weights != Weights() or spec.feature_weights or spec.rules is not None:
         return None
     task = find_task(f"{name}-10000")
     return dict(zip(task.cyclomatic.tolist(), task.optimum.tolist(), strict=True))
@@ -382,7 +384,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "shape": list(run.grids.shape[1:]),
         "seeds": run.seeds,
         "axes": [axis._asdict() for axis in run.axes],
-        "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.extra_weights)).items()},
+        "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.feature_weights)).items()},
         "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
         "grids": blob.add_codes(run.grids),
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),

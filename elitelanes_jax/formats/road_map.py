@@ -44,7 +44,7 @@ class RoadMap(NamedTuple):
     Attributes:
       codes: int8 ``[H, W]``.
       metrics: by name.
-      fitness: of the run that found it; lower is better.
+      fitness: in the search that found it; lower is better.
       descriptor: the values of the niche's axes, by metric.
       niche: the bins on the axes.
       seed: of the run, and the number of the run's seed that found the map, from 0.
@@ -53,7 +53,7 @@ class RoadMap(NamedTuple):
 
     codes: NDArray[np.int8]
     metrics: Mapping[str, float] | None = None
-    fitness: int | None = None
+    fitness: float | None = None
     descriptor: Mapping[str, int] | None = None
     niche: list[int] | None = None
     seed: tuple[int, int] | None = None
@@ -214,7 +214,7 @@ def _numbers_by_name(value: Plain) -> bool:
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "shape": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers, rows and columns"),
     "metrics": (_numbers_by_name, "numbers by name"),
-    "fitness": (is_whole, "a whole number"),
+    "fitness": (lambda value: is_real(value) and isfinite(value), "a number"),
     "descriptor": (_numbers_by_name, "numbers by name"),
     "niche": (lambda value: _all(is_whole, value), "whole numbers"),
     "seed": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers"),

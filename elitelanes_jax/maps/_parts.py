@@ -133,6 +133,7 @@ def _join(results: Sequence[Result]) -> Result:
     history = histories[0]._replace(
         best_fitness=np.concatenate([one.best_fitness for one in histories]),
         elite_count=np.concatenate([one.elite_count for one in histories]),
+        refused=np.concatenate([one.refused for one in histories]),
     )
     first = results[0]
     return Result(elites, history, first.state, first.spec, first.axes)

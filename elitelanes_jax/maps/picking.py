@@ -19,8 +19,8 @@ from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
-from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
-from elitelanes_jax.problem.kernels import measure_missing
+from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
+from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import Result, load_with_seed
@@ -112,15 +112,15 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
 
 
 def _wanted(search: SearchSpec, axes: Sequence[Axis], found: Sequence[Result]) -> list[str]:
-    """Returns the extra features that maps are to have: those that are used, and those that all archives have."""
+    """Returns the features, beside metrics, that maps should have: those in use, and those that all archives have."""
     used = {*(axis.metric for axis in axes), *(item.name for item in search.where)}
     used |= {target.name for target in search.targets}
     everywhere = (
         set(TOWN_FEATURES)
-        .intersection(search.extras)
+        .intersection(search.measured)
         .union(name for name in search.features if all(name in one.spec.features for one in found))
     )
-    return [name for name in search.extras if name in used | everywhere]
+    return [name for name in search.measured if name in used | everywhere]
 
 
 def _together(
@@ -144,11 +144,13 @@ def _together(
     metrics = {name: join([getattr(one.elites.metrics, name) for one in found]) for name in Metrics._fields}
     allowed = (*tiles.alphabet, *KINDS["end"], *KINDS["empty"])
     metrics["off_alphabet"] = (~np.isin(grids, allowed)).sum(axis=(2, 3))
-    extras = extra_names((axis.metric for axis in axes), wanted)
+    columns = columns_for((axis.metric for axis in axes), wanted)
+    measured = [name for name in columns if name not in metrics]
     each = [
-        measure_missing(one.elites.features, extras, one.elites.grids, str(file))
+        with_town_features(one.elites.features, measured, one.elites.grids, str(file))
         for file, one in zip(archives, found, strict=True)
     ]
-    features = {name: join([values[name] for values in each]) for name in extras}
-    descriptor = compute_descriptor(join_counts(metrics | features, extras), axes)
+    features = {name: join([values[name] for values in each]) for name in measured}
+    stacked = np.stack([(metrics | features)[name] for name in columns], axis=-1).astype(np.int32)
+    descriptor = compute_descriptor(stacked, columns, axes)
     return MeasuredElites(grids, fitness, descriptor, valid, Metrics(**metrics), features)

@@ -1,4 +1,4 @@
-"""Road networks as grids of tile codes: kernels that measure, repair, turn and make them."""
+"""Road networks as grids of tile codes: kernels that measure, repair, transform and create them."""
 
 import lazy_loader
 

@@ -1,5 +1,7 @@
 from . import fitness as fitness
 from . import wfc as wfc
+from .bits import bernoulli as bernoulli
+from .bits import randint as randint
 from .bits import random_bits as random_bits
 from .checks import check_shape as check_shape
 from .codes import CROSSINGS as CROSSINGS

@@ -1,23 +1,23 @@
-"""The planar dual: the faces that a grid's roads cut the plane into, and what follows from them.
+"""The planar dual of a grid's road graph: the faces into which roads divide the plane, and their consequences.
 
 A grid's road graph is drawn in the plane, on the lattice of tiles. Its dual lives on the lattice of corner points
-between tiles: two neighbouring corners belong to the same face where no road runs between them, and all corners on the
+between tiles. Two neighbouring corners belong to the same face if no road runs between them, and all corners on the
 border belong to the outer face.
 
     tile --- tile     tile     tile       a road between two tiles separates the two corners beside it;
          .       .        .               without one, both corners belong to the same face
     tile     tile --- tile     tile
 
-Label the faces once, and by Euler's formula the counts follow exactly, with no spanning tree and no search:
+Once the faces are labelled, Euler's formula gives these counts exactly, without a spanning tree or a search:
 
     cyclomatic number = faces - 1 (the outer one)
     components        = tiles - roads + cyclomatic number
     a road is a bridge if and only if the same face lies on both its sides
 
-Corner (r, c) lies south-east of tile (r, c) and has its place in the padded layout. The inner corners are those of rows
-0..H-2 and columns 0..W-2; every other place belongs to the outer face. So the road east of a tile separates the tile's
-corner from the one to the north, the road south of it the corner from the one to the west: each neighbour is a shift of
-one vector.
+Corner (r, c) lies south-east of tile (r, c) and has the same index in the padded layout. The inner corners have rows
+0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile separates the tile's
+corner from the corner to the north, and the road south of it from the corner to the west, so that each neighbour is a
+shift of one vector.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Int, Shaped, UInt
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, batch_all
 
-# Sweeps after which long corridors get the costlier method. Random grids need fewer, 64 x 64 ones about 50.
+# Sweeps after which the costlier method for long corridors starts. Random grids need fewer, those of 64 x 64 about 50.
 _PATIENCE = 60
 
 _OUTER = 0
@@ -64,9 +64,9 @@ class Faces(NamedTuple):
     """The faces of a grid, as vectors ``[size]`` of its layout.
 
     Attributes:
-      first: bool, the corner is the first one of an inner face.
-      east_bridge: bool, the link to the east is a bridge.
-      south_bridge: bool, the link to the south is a bridge.
+      first: bool, whether the corner is the first one of an inner face.
+      east_bridge: bool, whether the link to the east is a bridge.
+      south_bridge: bool, whether the link to the south is a bridge.
     """
 
     first: Bool[Array, " size"]
@@ -78,37 +78,37 @@ def find_faces(layout: PaddedLayout, links: Links) -> Faces:
     """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
     labels = label_faces(layout, links)
     corner = layout.here(labels)
-    own = layout.here(jnp.asarray(_own_labels(layout)))
+    initial = layout.here(jnp.asarray(_initial_labels(layout)))
     return Faces(
-        first=(corner == own) & (own != _OUTER),
+        first=(corner == initial) & (initial != _OUTER),
         east_bridge=links.east & (corner == layout.north(labels)),
         south_bridge=links.south & (corner == layout.west(labels)),
     )
 
 
 def label_faces(layout: PaddedLayout, links: Links) -> UInt[Array, " padded"]:
-    """Labels the corners between one grid's tiles by their face: 0 for the outer one, else one number a face.
+    """Labels the corners between one grid's tiles by their face: 0 for the outer face, and one label for each other.
 
-    Numbers are below the length of the padded vector.
+    Labels are less than the length of the padded vector.
     """
     return _labeller(layout)(links.east, links.south)
 
 
 @cache
-def _own_labels(layout: PaddedLayout) -> np.ndarray:
-    """Returns the label that each corner starts with, on the padded layout: its own, rising, or the outer face's.
+def _initial_labels(layout: PaddedLayout) -> np.ndarray:
+    """Returns the label that each corner starts with, on the padded layout: unique and rising, or the outer face's.
 
-    Up to 254 inner corners (16 x 16 tiles) are numbered one by one, so that a label fits a byte and a sweep is
-    cheapest. In larger grids a corner's label is its place, so that a label can be followed to its corner.
+    Up to 254 inner corners (16 x 16 tiles) have labels 1, 2, 3 and so on, so that a label fits a byte and a sweep is
+    cheapest. In larger grids the label is the corner's index, so that a label leads to its corner.
     """
-    places = np.arange((layout.height + 2) * layout.stride)
-    rows, columns = places // layout.stride, places % layout.stride
+    indices = np.arange((layout.height + 2) * layout.stride)
+    rows, columns = indices // layout.stride, indices % layout.stride
     inner = (rows >= 1) & (rows < layout.height) & (columns < layout.width - 1)
     count = (layout.height - 1) * (layout.width - 1)
     if count < np.iinfo(np.uint8).max:
         return np.where(inner, np.cumsum(inner), _OUTER).astype(np.uint8)
-    wide = np.uint16 if places.size < np.iinfo(np.uint16).max else np.uint32
-    return np.where(inner, places, _OUTER).astype(wide)
+    wide = np.uint16 if indices.size < np.iinfo(np.uint16).max else np.uint32
+    return np.where(inner, indices, _OUTER).astype(wide)
 
 
 _Label = Callable[[Shaped[Array, "... size"], Shaped[Array, "... size"]], UInt[Array, "... padded"]]
@@ -118,19 +118,19 @@ _Label = Callable[[Shaped[Array, "... size"], Shaped[Array, "... size"]], UInt[A
 def _labeller(layout: PaddedLayout) -> _Label:
     """Makes the function from links, bool ``[..., size]``, to labels on the padded layout ``[..., padded]``.
 
-    A corner's label is the least own label of its face. The function takes leading axes itself and is its own batching
-    rule: the grids of a batch are laid end to end, as one long vector, and are done together.
+    A corner's label is the least initial label of its face. The function takes leading axes and is its own batching
+    rule: the grids of a batch are laid end to end, as one long vector, and labelled together.
     """
-    own = _own_labels(layout)
+    initial = _initial_labels(layout)
     stride = layout.stride
-    followable = own.dtype != np.uint8
-    closed = own.dtype.type(np.iinfo(own.dtype).max)  # or-ed onto a label it loses every comparison
+    followable = initial.dtype != np.uint8
+    closed = initial.dtype.type(np.iinfo(initial.dtype).max)  # or-ed onto a label it loses every comparison
 
     def sweep(labels: Array, walls: Links, into: Array) -> Array:
         """Gives each corner the least label among itself and its open neighbours.
 
         Writes to `into`, another vector than `labels`, so that XLA computes it in place and in one pass. Both ends of
-        the vector belong to the outer face and stay as they are.
+        the vector belong to the outer face and do not change.
         """
         length = labels.size - 2 * stride
 
@@ -148,14 +148,14 @@ def _labeller(layout: PaddedLayout) -> _Label:
         return lax.dynamic_update_slice(into, least, (stride,))
 
     def propagate(labels: Array, walls: Links) -> tuple[Array, Array]:
-        """Sweeps to and fro between two vectors until they are equal, or patience ends."""
-        patience = _PATIENCE if followable else own.size
+        """Sweeps to and fro between two vectors until they are equal, or for `_PATIENCE` sweeps."""
+        patience = _PATIENCE if followable else initial.size
 
         def sweep_twice(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
             here, there, _, done = carry
             there = sweep(here, walls, there)
             here = sweep(there, walls, here)
-            # The largest difference is found faster than whether there is any.
+            # XLA computes the largest difference faster than whether there is any.
             return here, there, jnp.max(here ^ there, initial=0) > 0, done + 2
 
         def unsettled(carry: tuple[Array, Array, Array, Array]) -> Array:
@@ -167,12 +167,12 @@ def _labeller(layout: PaddedLayout) -> _Label:
         return labels, changing
 
     def hook_and_jump(labels: Array, walls: Links, changing: Array) -> Array:
-        """Hands each better label on to the corner that the old one names, then follows every label once.
+        """Passes each better label to the corner that the old label names, then follows every label once.
 
         Each round shortens a corridor by a factor, so that the longest spiral takes about log(corners) rounds: the idea
         of Shiloach and Vishkin (1982), in the form of FastSV (Zhang, Azad and Hu, 2020).
         """
-        starts = jnp.repeat(jnp.arange(labels.size // own.size) * own.size, own.size)
+        starts = jnp.repeat(jnp.arange(labels.size // initial.size) * initial.size, initial.size)
 
         def once_more(carry: tuple[Array, Array]) -> tuple[Array, Array]:
             before, _ = carry
@@ -186,17 +186,17 @@ def _labeller(layout: PaddedLayout) -> _Label:
     def label(east: Array, south: Array) -> Array:
         batch = east.shape[:-1]
         if 0 in batch:
-            return jnp.zeros((*batch, own.size), own.dtype)
+            return jnp.zeros((*batch, initial.size), initial.dtype)
         ends = [(0, 0)] * len(batch) + [(stride, stride)]
         walls = Links(
-            *(jnp.pad(jnp.where(link, closed, own.dtype.type(0)), ends).reshape(-1) for link in (east, south))
+            *(jnp.pad(jnp.where(link, closed, initial.dtype.type(0)), ends).reshape(-1) for link in (east, south))
         )
-        # Or-ed with nothing, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
-        labels = jnp.broadcast_to(own, (*batch, own.size)).reshape(-1) | (walls.east & 0)
+        # Or-ed with 0, so that inside `jax.shard_map` the labels belong to the same devices as the walls.
+        labels = jnp.broadcast_to(initial, (*batch, initial.size)).reshape(-1) | (walls.east & 0)
         labels, changing = propagate(labels, walls)
         if followable:
             labels = hook_and_jump(labels, walls, changing)
-        return labels.reshape(*batch, own.size)
+        return labels.reshape(*batch, initial.size)
 
     @label.def_vmap
     def _(axis_size: int, batched: list[bool], east: Array, south: Array) -> tuple[Array, bool]:

@@ -1,4 +1,4 @@
-"""Random choices made from random bits: whole numbers and probabilities, exact and the same everywhere."""
+"""Random choices from random bits: whole numbers and probabilities, exact and the same on every machine."""
 
 from math import log, prod
 
@@ -12,13 +12,13 @@ from elitelanes_jax.network.xla import UNIT
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
-    """Draws uint32 of the given shape, all bits random; the key is consumed."""
-    # The same bits as `jax.random.bits` gives for the shape; drawn in one row they compile four times faster.
+    """Draws uint32 of a shape, all bits random; the key is consumed."""
+    # The same bits as `jax.random.bits` returns for the shape. Drawn as one vector they compile four times faster.
     return jax.random.bits(key, (prod(shape),), jnp.uint32).reshape(shape)
 
 
 def random_bits16(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
-    """Draws int32 in [0, 2**16) of the given shape, all 16 bits random; the key is consumed."""
+    """Draws int32 in [0, 2**16) of a shape, all 16 bits random; the key is consumed."""
     size = prod(shape)
     bits = random_bits(key, (-(-size // 2),))
     return jnp.concatenate([bits & 0xFFFF, bits >> 16])[:size].reshape(shape).astype(jnp.int32)
@@ -30,9 +30,9 @@ def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Arra
 
 
 def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[Array, "..."]:
-    """Makes a whole number in [0, count) of 32 random bits, each with probability 1 / count within 2**-32.
+    """Makes a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
 
-    It is the upper half of the 64-bit product of the two, in 32-bit arithmetic.
+    It is the upper half of the 64-bit product of the bits and the count, in 32-bit arithmetic.
 
     Args:
       bits: uint32, any shape.
@@ -50,15 +50,15 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 
 
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
-    """Makes True with the given probability of 32 random bits, of which it takes the upper 24.
+    """Makes True with a probability from 32 random bits, of which it uses the upper 24.
 
-    A probability of 0 is never, of 1 always.
+    With probability 0 it never makes True, with probability 1 always.
     """
     return (bits >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
 
 
 def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
-    """Makes an exponentially distributed number of mean 1 of 32 random bits, in units of 1 / `UNIT`, at most 8.4.
+    """Makes an exponentially distributed number of mean 1 from 32 random bits, in units of 1 / `UNIT`, at most 8.4.
 
     It is one of 2048 quantiles, each equally likely.
     """
@@ -66,7 +66,7 @@ def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
 
 
 def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> Int32[Array, "..."]:
-    """Makes a whole number in [0, K) of 32 random bits, with a softmax's probabilities, each within 1 / 10,000 of it.
+    """Makes a whole number in [0, K) from 32 random bits, with the probabilities of a softmax, within 1 / 10,000.
 
     Args:
       bits: uint32 ``[...]``.
@@ -77,16 +77,16 @@ def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> In
     """
     weights = _exponential_of(logits - logits.max(axis=0))
     drawn = randint(bits, weights.sum(axis=0, dtype=jnp.int32))
-    place, reached = jnp.zeros(bits.shape, jnp.int32), jnp.zeros(bits.shape, jnp.int32)
+    index, reached = jnp.zeros(bits.shape, jnp.int32), jnp.zeros(bits.shape, jnp.int32)
     for weight in weights:
         reached = reached + weight
-        place = place + (drawn >= reached)
-    return place
+        index = index + (drawn >= reached)
+    return index
 
 
 def _exponential_of(value: Int32[Array, "..."]) -> Int32[Array, "..."]:
-    """Returns the exponential of a number up to 0 in units, in units of 2**-26."""
-    # In powers of two, n + f with f in [0, 1), in units of 2**-26; over 20 the result is 0 anyway.
+    """Returns the exponential of a number of at most 0, in units of 2**-26."""
+    # As a power of two with exponent -(n + f), f in [0, 1), in units of 2**-26; from n = 20 on the result is 0.
     halvings = jnp.minimum(-value, 20 * UNIT) * round(2**14 / log(2))
     f = (halvings & 2**26 - 1) >> 11
     # 2**-f by the polynomial that is exact at the Chebyshev points, in units of 2**-15.

@@ -1,4 +1,4 @@
-"""Checks of shapes and grids, for arrays of NumPy and of JAX; JAX is not imported."""
+"""Checks of shapes and grids, for arrays of NumPy and JAX, without importing JAX."""
 
 import sys
 
@@ -16,7 +16,7 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
 
     Args:
       shape: to check.
-      new: whether maps of it are to be made: no road leads round to itself on a map one tile wide.
+      new: whether it is the shape of maps to create. No road forms a loop on a map one tile wide.
 
     Raises:
       InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
@@ -32,10 +32,10 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
 
 
 def check_sides(rows: list[list[UserValue]]) -> None:
-    """Checks that rows, of any contents and of lengths that may differ, are no more and no longer than a grid's.
+    """Checks the number of rows and their lengths, which may differ, against the longest side of a grid.
 
     Raises:
-      InputError: if they are.
+      InputError: if there are more rows, or a row is longer.
     """
     width = max(map(len, rows), default=0)
     if max(len(rows), width) > LONGEST_SIDE:
@@ -43,12 +43,12 @@ def check_sides(rows: list[list[UserValue]]) -> None:
 
 
 def check_grid(grid: AnyArray) -> AnyArray:
-    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is one of JAX, else of NumPy.
+    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is an array of JAX, else of NumPy.
 
-    A record with a grid in its field ``codes``, such as a `RoadMap`, is taken for that grid.
+    A record with a grid in its field ``codes``, such as a `RoadMap`, stands for that grid.
 
-    Codes are checked only where they are known. Under `jax.jit` and `jax.vmap` they are not, and a code outside 0..15
-    gives meaningless results there.
+    Under `jax.jit` and `jax.vmap` codes are not known and not checked, and a code outside 0..15 gives meaningless
+    results.
 
     Raises:
       InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds anything but integers,

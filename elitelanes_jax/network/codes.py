@@ -1,4 +1,4 @@
-"""Tile codes: one number a tile, with a bit for each side that it connects to (NumPy constants).
+"""Tile codes: one number per tile, with a bit for each side that the tile connects to (NumPy constants).
 
 A code is ``8·N + 4·E + 2·S + 1·W`` (paper, section "Tile-Based Road Network Representation").
 """
@@ -112,7 +112,7 @@ def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
     """Checks a set of tile codes; returns it as a sorted tuple without repeats.
 
     Raises:
-      InputError: if it is empty or holds anything but whole numbers 0..15.
+      InputError: if it is empty or contains anything but whole numbers 0..15.
     """
     expected = "alphabet: expected tile codes, whole numbers 0 to 15"
     try:

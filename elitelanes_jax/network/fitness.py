@@ -12,11 +12,11 @@ from elitelanes_jax.network.weights import Weights
 
 
 def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:
-    """Sums a network's metrics by weight; lower is better.
+    """Returns the weighted sum of a network's metrics; lower is better.
 
     Args:
       metrics: of one grid, or of many with the same leading axes.
-      weights: integers, or integer arrays that broadcast against the metrics; `check_weights` says how large.
+      weights: integers, or integer arrays that broadcast against the metrics; for their size see `check_weights`.
 
     Returns:
       int32, of the metrics' shape.

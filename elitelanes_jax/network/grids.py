@@ -17,11 +17,11 @@ from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
 def random_grids(
     key: Key[Array, ""], count: int, shape: tuple[int, int] = (12, 12), *, alphabet: Iterable[int] = ROAD_ALPHABET
 ) -> Int8[Array, "count H W"]:
-    """Draws every tile uniformly from an alphabet, without regard to its neighbours; `repair` links them.
+    """Draws every tile uniformly from an alphabet, independently of its neighbours; `repair` links them.
 
     Args:
       key: consumed. With JAX's default key type grid i depends on the key and i alone, not on `count`.
-      count: how many, at least 0.
+      count: the number of grids, at least 0.
       shape: (height, width), each at least 1.
       alphabet: the tile codes to draw from.
 

@@ -1,8 +1,8 @@
-"""Towns that grow: a ring of road, then streets across its blocks and bends in its streets, all by Duckietown's rules.
+"""Grows towns: a ring of road, then streets across its blocks and bends in its streets, all by Duckietown's rules.
 
-A street leads straight across a block, from one straight road to another; a bend moves a stretch of a straight road
-aside. Both leave cells without road between roads, and tiles between crossings and other crossings or turns: what grows
-is in one piece, has no dead end, and keeps the rules, however large it is.
+A street leads straight across a block, from one straight road to another. A bend moves a stretch of a straight road
+aside. Both leave empty cells between roads, and tiles between crossings and other crossings or turns. A grown town is
+therefore in one piece, has no dead ends, and keeps the rules, however large it is.
 """
 
 from typing import NamedTuple
@@ -20,11 +20,12 @@ from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, ex
 SMALLEST_GROWN = 3
 """The shortest side of a grid on which a town grows."""
 
-# Towns differ in how many blocks and bends they get: between one for so many cells and one for so many.
+# Towns differ in their number of blocks and bends: the fewest have one per first number of cells, the most one per
+# second number.
 _CELLS_A_BLOCK, _CELLS_A_BEND = (29, 16), (12, 4)
-# The widest stretch that a bend moves, and the farthest; one of 2 links is the narrowest.
+# The largest width of a stretch that a bend moves, in links (the smallest is 2), and the largest distance.
 _WIDEST, _FARTHEST = 4, 3
-# Cells for a step, and the most steps, however large the grid is.
+# Cells per step, and the largest number of steps, whatever the size of the grid.
 _CELLS_A_STEP, _MOST_STEPS = 4, 256
 
 _ALONG, _UPRIGHT = EAST | WEST, NORTH | SOUTH
@@ -34,9 +35,9 @@ class _Town(NamedTuple):
     """A town while it grows.
 
     Attributes:
-      codes: int8 ``[N, N]``; what is beside the grid is full of crossings, on which nothing is built.
-      streets: int32, how many it still gets.
-      bends: int32, as many.
+      codes: int8 ``[N, N]``; cells outside the grid are crossings, on which nothing is built.
+      streets: int32, the number of streets to add.
+      bends: int32, the number of bends to add.
     """
 
     codes: Int8[Array, "N N"]
@@ -52,7 +53,7 @@ def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]
       shape: (height, width), each at least `SMALLEST_GROWN`.
 
     Raises:
-      InputError: for a bad or smaller shape.
+      InputError: for a bad shape, or one with a shorter side.
     """
     height, width = check_shape(shape, new=True)
     if min(shape) < SMALLEST_GROWN:
@@ -61,8 +62,8 @@ def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]
     steps = min(-(-cells // _CELLS_A_STEP), _MOST_STEPS)
     bits = random_bits(key, (steps + 1, 5))
     streets, bends = (
-        cells // few + randint(bits[steps, number], cells // many - cells // few + 1)
-        for number, (few, many) in enumerate((_CELLS_A_BLOCK, _CELLS_A_BEND))
+        cells // few + randint(bits[steps, index], cells // many - cells // few + 1)
+        for index, (few, many) in enumerate((_CELLS_A_BLOCK, _CELLS_A_BEND))
     )
     ring = jnp.pad(_ring(height, width), [(0, max(shape) - side) for side in shape], constant_values=15)
     town = jax.lax.fori_loop(0, steps, lambda step, town: _grow(town, bits[step]), _Town(ring, streets, bends))
@@ -77,14 +78,14 @@ def _ring(height: int, width: int) -> Int8[np.ndarray, "H W"]:
 
 
 def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
-    """Adds a street or a bend, where one is wanted and has a place."""
+    """Adds a street or a bend, if one is still to be added and fits."""
     codes = _turn(town.codes, bits[0])
     is_street = bits[0] & 8 == 0
-    placed, changed = (
+    fits, changed = (
         jnp.where(is_street, street, bend)
         for street, bend in zip(_street(codes, bits), _bend(codes, bits), strict=True)
     )
-    happens = placed & jnp.where(is_street, town.streets > 0, town.bends > 0)
+    happens = fits & jnp.where(is_street, town.streets > 0, town.bends > 0)
     return _Town(
         jnp.where(happens, _turn_back(changed, bits[0]), town.codes),
         town.streets - (happens & is_street),
@@ -93,7 +94,7 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
 
 
 def _turn(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    """Turns or mirrors a square one of eight ways: streets then run south, and bends lead there."""
+    """Transforms a square by one of its eight symmetries. In the result streets run south and bends lead south."""
     return _mirror(_transpose(codes, bits), bits)
 
 
@@ -112,10 +113,10 @@ def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "
 
 
 def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
-    """Lays a street that runs south, anywhere that it can; tells whether it can."""
+    """Adds a street that runs south at a random position; returns whether there is one, and the codes."""
     along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
-    rows, columns = _places(codes)
-    # The first row from here on that is not free, doubled, and one more where no street can end there.
+    rows, columns = _indices(codes)
+    # The first row from here on that is not free, times two; plus one if no street can end there.
     end = _next(jnp.where(free, 2**20, 2 * rows + ~along), axis=0)
     after = jnp.pad(end[1:], ((0, 1), (0, 0)), constant_values=1)
     some, north, column = _draw(bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20))
@@ -127,11 +128,11 @@ def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[
 
 
 def _bend(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Array, ""], Int8[Array, "N N"]]:
-    """Moves a stretch of a road to the south, anywhere that it can be; tells whether it can."""
+    """Moves a stretch of a road south at a random position; returns whether there is one, and the codes."""
     side = len(codes)
     wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
-    rows, columns = _places(codes)
-    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first one from here on
+    rows, columns = _indices(codes)
+    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first row with a road from here on
     below = jnp.pad(road[1:], ((0, 1), (0, 0)), constant_values=side)
     free = (below > rows + far + 1) | (below == side) & (rows + far < side)
     # A stretch of straight tiles, and no crossing beside its ends.
@@ -151,29 +152,29 @@ def _bend(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Ar
     codes = jnp.where(across & (rows == row), 0, codes)
     codes = jnp.where(across & (rows == row + far), _ALONG, codes)
     codes = jnp.where(at_ends & within, _UPRIGHT, codes)
-    for place, column, code in turns:
-        codes = jnp.where((rows == place) & (columns == column), code, codes)
+    for turn_row, column, code in turns:
+        codes = jnp.where((rows == turn_row) & (columns == column), code, codes)
     return some, codes.astype(jnp.int8)
 
 
-def _places(codes: Int8[Array, "N N"]) -> tuple[np.ndarray, np.ndarray]:
-    places = np.arange(len(codes), dtype=np.int32)
-    return places[:, None], places[None]
+def _indices(codes: Int8[Array, "N N"]) -> tuple[np.ndarray, np.ndarray]:
+    indices = np.arange(len(codes), dtype=np.int32)
+    return indices[:, None], indices[None]
 
 
 def _with_sides(cells: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
-    """Tells where a cell and those east and west of it are all True."""
+    """Returns where a cell and its neighbours to the east and west are all True."""
     return cells & jnp.pad(cells, ((0, 0), (1, 0)))[:, :-1] & jnp.pad(cells, ((0, 0), (0, 1)))[:, 1:]
 
 
 def _next(numbers: Int32[Array, "N N"], axis: int) -> Int32[Array, "N N"]:
-    """Returns the least number from each place on, along an axis."""
+    """Returns the least number from each index on, along an axis."""
     return jax.lax.cummin(numbers, axis=axis, reverse=True)
 
 
 def _draw(bits: UInt32[Array, ""], where: Bool[Array, "N N"]) -> tuple[Bool[Array, ""], Array, Array]:
-    """Draws one of the places where it is True; returns whether there is one, and its row and column."""
+    """Draws a cell that is True; returns whether there is one, and its row and column."""
     reached = jnp.cumsum(where.reshape(-1), dtype=jnp.int32)
     count = reached[-1]
-    place = jnp.argmax(reached > randint(bits, jnp.maximum(count, 1))).astype(jnp.int32)
-    return count > 0, place // len(where), place % len(where)
+    index = jnp.argmax(reached > randint(bits, jnp.maximum(count, 1))).astype(jnp.int32)
+    return count > 0, index // len(where), index % len(where)

@@ -60,14 +60,14 @@ class Metrics(NamedTuple):
 
 
 METRIC_NAMES = Metrics._fields[:-1]
-"""The metrics that are whole numbers: all but the coverage, which follows from the tiles."""
+"""The metrics that are whole numbers: all except the coverage, which follows from the tiles."""
 
 
 def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
-    """Returns an upper bound of each whole metric on grids ``(height, width)``, by name."""
+    """Returns an upper bound of each metric that is a whole number on grids ``(height, width)``, by name."""
     area = shape[0] * shape[1]
-    # Two links and two pairs a tile, four connections a tile; a pair of crossings counts twice, and eight at most for
-    # its score; one run of L² in each row or column.
+    # Two links, two pairs and four connections per tile. A pair of crossings counts twice, and scores at most eight
+    # each time. One run in each row or column scores L².
     others = {
         "bridges": 2 * area,
         "edges": 2 * area,

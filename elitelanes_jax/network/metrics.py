@@ -1,4 +1,4 @@
-"""The metrics of a road network: one grid in, scalars out (paper, section "Evaluation Metrics")."""
+"""The metrics of a road network, from one grid to scalars (paper, section "Evaluation Metrics")."""
 
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -21,7 +21,7 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
-      alphabet: the codes that `off_alphabet` lets pass; all 16 by default.
+      alphabet: the codes that `off_alphabet` does not count; all 16 by default.
 
     Returns:
       `Metrics` of scalars.
@@ -33,21 +33,26 @@ def measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> Metrics:
 
 
 def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
-    """Puts the whole metrics side by side in the order of `METRIC_NAMES`: one array to carry about."""
-    # A sum of columns, as XLA joins short arrays on a CPU number by number: that was a sixth of a step of the tuned EA.
+    """Returns the metrics as columns, in the order of `METRIC_NAMES`."""
+    # A sum of columns: on a CPU XLA concatenates short arrays number by number, a sixth of a step of the tuned EA.
     units = np.eye(len(METRIC_NAMES), dtype=np.int32)
     columns = (getattr(metrics, name)[..., None] * unit for name, unit in zip(METRIC_NAMES, units, strict=True))
     return sum(columns, jnp.int32(0))
 
 
-def unstack_metrics(counts: Int32[Array, "... M"], cells: int) -> Metrics:
-    """Makes `Metrics` of arrays ``[...]`` from `stack_metrics`, of grids with so many cells; more columns may follow."""
-    columns = dict(zip(METRIC_NAMES, jnp.moveaxis(counts, -1, 0), strict=False))
+def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
+    """Returns `Metrics` of arrays ``[...]`` from the columns of `stack_metrics`, which others may follow.
+
+    Args:
+      features: the columns.
+      cells: the number of cells of a grid.
+    """
+    columns = dict(zip(METRIC_NAMES, jnp.moveaxis(features, -1, 0), strict=False))
     return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
 
 
 def _coverage(tiles: Int32[Array, "..."], cells: int) -> Float32[Array, "..."]:
-    # Always true: a divisor known to the compiler would become a product with its reciprocal, which rounds otherwise.
+    # The condition is always true. The compiler would replace a constant divisor by its reciprocal, which rounds.
     return tiles / jnp.where(tiles >= 0, cells, 1)
 
 
@@ -74,7 +79,7 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
         + (layout.here(west) & layout.west(east))
         + (layout.here(north) & layout.north(south))
     )
-    own = layout.here(connections)
+    degree = layout.here(connections)
     crossing = connections >= 3
     east_pair = links.east & layout.here(crossing) & layout.east(crossing)
     south_pair = links.south & layout.here(crossing) & layout.south(crossing)
@@ -97,14 +102,14 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
             "edges": (links.east.astype(jnp.int8) + links.south, 2),
             "cyclomatic": (faces.first, 1),
             "bridges": (faces.east_bridge.astype(jnp.int8) + faces.south_bridge, 2),
-            "mismatches": (own - returned - outward, 4),
-            "dead_ends": ((own == 1) | (own != returned), 1),
+            "mismatches": (degree - returned - outward, 4),
+            "dead_ends": ((degree == 1) | (degree != returned), 1),
             "boundary_violations": (outward > 0, 1),
             "crossings": (layout.here(crossing), 1),
             "adjacent_crossings": (east_pair.astype(jnp.int8) + south_pair, 2),
             "adjacent_crossing_score": (
-                jnp.where(east_pair, own + layout.east(connections), 0)
-                + jnp.where(south_pair, own + layout.south(connections), 0),
+                jnp.where(east_pair, degree + layout.east(connections), 0)
+                + jnp.where(south_pair, degree + layout.south(connections), 0),
                 16,
             ),
             "adjacent_turns": (pairs(turn), 2),
@@ -136,10 +141,10 @@ def _outside_alphabet(here: Int8[Array, " size"], alphabet: tuple[int, ...] | No
 
 
 def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int) -> Int[Array, " size"]:
-    """Writes 1, 3, 5, ... along each run of straight tiles, 0 elsewhere: over a run of L they add up to L².
+    """Returns 1, 3, 5, ... along each run of straight tiles and 0 elsewhere; the sum over a run of L is L².
 
-    The length of the run up to each tile doubles its reach a round: a tile that has found `reach` straight tiles adds
-    what the tile that many steps back has found.
+    The length of the run up to each tile is found in rounds that double its reach: a tile that has counted `reach`
+    straight tiles adds the count of the tile that many steps back.
     """
     length = straight.astype(jnp.int8 if longest <= 64 else jnp.int32)
     reach = 1
@@ -151,10 +156,10 @@ def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int) -> Int
 
 
 def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Array, ""]]:
-    """Sums each vector, given the most that one place can hold.
+    """Sums each vector, whose largest possible element is known.
 
-    As many counters as fit, the widest first, are laid side by side in the bits of one word and summed together:
-    reductions are what a small grid's metrics spend their time on.
+    Counters are packed into the bits of one word, the widest first, and summed together: sums are what a small grid's
+    metrics spend their time on.
     """
     words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
     widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}

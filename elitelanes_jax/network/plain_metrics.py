@@ -1,4 +1,4 @@
-"""The metrics of one grid with NumPy alone, for programs that would wait for JAX longer than for the result."""
+"""The metrics of one grid in NumPy alone, because importing JAX would take longer than measuring one grid."""
 
 from collections.abc import Iterable
 
@@ -17,7 +17,7 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
 
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
-      alphabet: the codes that `off_alphabet` lets pass; all 16 by default.
+      alphabet: the codes that `off_alphabet` does not count; all 16 by default.
 
     Returns:
       The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of `measure`.
@@ -79,7 +79,7 @@ _SIDE_BY_SIDE: list[tuple[tuple[slice, slice], tuple[slice, slice]]] = [
 
 
 def _pairs(cells: _Cells) -> int:
-    """Counts the pairs of such cells that share a side."""
+    """Counts the pairs of True cells that share a side."""
     return sum(int((cells[one] & cells[other]).sum()) for one, other in _SIDE_BY_SIDE)
 
 
@@ -90,19 +90,19 @@ def _squared_runs(straight: _Cells) -> int:
 
 
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
-    """Counts the inner faces and the bridges (see `elitelanes_jax.network._faces`), by filling face after face.
+    """Counts the inner faces and the bridges (see `elitelanes_jax.network._faces`), by flooding each face.
 
     Args:
       east_links: ``[H, W - 1]``, from each tile to the one to its east.
       south_links: ``[H - 1, W]``, from each tile to the one to its south.
     """
-    # Corners [H + 1, W + 1]; a link to the east parts the corners north and south of it, one to the south those west
-    # and east of it.
+    # Corners [H + 1, W + 1]. A link to the east separates the corners north and south of it, a link to the south the
+    # corners west and east of it.
     height, stride = east_links.shape[0] + 1, south_links.shape[1] + 1
     parts_down, parts_right = np.zeros((2, height, stride), bool)
     parts_down[:-1, 1:-1], parts_right[1:-1, :-1] = east_links, south_links
     down, right = parts_down.ravel().tolist(), parts_right.ravel().tolist()
-    face = [0] * len(down)  # from 1, the outer one; the corner before the first and after the last row are no corners
+    face = [0] * len(down)  # labels start at 1, the outer face
     count = 0
     last = len(face) - 1
     for first in range(len(face)):

@@ -1,4 +1,4 @@
-"""The simpler features of a town with NumPy alone, for settings that are made before JAX is loaded."""
+"""The simpler features of a town in NumPy alone, for settings that are read before JAX is loaded."""
 
 import numpy as np
 
@@ -8,13 +8,13 @@ from elitelanes_jax.network.plain_metrics import plain_measure
 
 
 def cut_to_roads(grid: AnyArray) -> AnyArray:
-    """Returns the smallest box of a grid of NumPy that has all its tiles; of a grid without tiles, all of it."""
+    """Returns the smallest box that contains all tiles of a NumPy grid; a grid without tiles is returned whole."""
     rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
     return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if rows.size else grid
 
 
 def plain_town(grid: AnyArray) -> dict[str, int]:
-    """Measures some features of one town as `measure_town` does: those of `TownFeatures` without blocks and streets.
+    """Measures the features of one town that need no blocks and streets, as `measure_town` does.
 
     Args:
       grid: integer codes ``[H, W]``.

@@ -1,4 +1,4 @@
-"""Repair: every connection returned by the neighbour, none across the border (paper, "Constraint Repair")."""
+"""Repair: makes neighbours return every connection, none across the border (paper, "Constraint Repair")."""
 
 from collections.abc import Callable
 from functools import cache, partial
@@ -23,26 +23,26 @@ def repair(
 ) -> Int8[Array, "H W"]:
     """Matches all connections of a grid and removes those across the border.
 
-    Where two neighbours disagree about the link between them, the dirty one decides and the other's bit is flipped;
-    where both are dirty, or neither, the link is made. All 16 codes are allowed, so flipping one side breaks no other
-    link: a single pass is exact, and the iterations of the paper's loop are not needed.
+    If two neighbours disagree about the link between them, the dirty one decides and the other's bit is flipped. If
+    both or neither are dirty, the link is made. All 16 codes are allowed, so flipping one side breaks no other link: a
+    single pass is exact, and the iterations of the paper's loop are not needed.
 
     Args:
       grid: integer codes ``[H, W]``.
       dirty: bool ``[H, W]``, the tiles that decide; none by default.
-      raster: bool, whether instead each tile decides over its neighbours to the east and south. That is what the
-        paper's loop gives when all tiles are dirty: it goes through them row by row.
-      fill: afterwards add connections to every tile with fewer than two, until all tiles are straights, turns or
-        crossings. A stub is continued straight ahead where the grid goes on. Every grid can be filled, but for those
-        one tile wide.
-      fixed: bool ``[H, W]``, tiles that stay as they are: they decide over all others, and filling adds no connection
-        to them. Tiles beside them may then be left with fewer than two. None by default.
+      raster: bool, whether each tile decides over its neighbours to the east and south instead. The paper's loop, which
+        goes row by row, does this if all tiles are dirty.
+      fill: whether to add connections to every tile with fewer than two, until all tiles are straights, turns or
+        crossings. A stub is continued straight ahead if the grid does not end there. Every grid can be filled, except
+        one that is one tile wide.
+      fixed: bool ``[H, W]``, tiles that do not change: they decide over all others, and filling adds no connection to
+        them. Their neighbours may then have fewer than two. None by default.
 
     Returns:
       int8 ``[H, W]``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), a mask of another shape or kind, or a grid to fill that is one
+      InputError: for a bad grid (see `check_grid`), a mask of another shape or dtype, or a grid to fill that is one
         tile wide.
     """
     grid = check_grid(grid)
@@ -89,14 +89,14 @@ def _mender(cells: PackedCells, fill: bool) -> _Mender:
 
     @jax.custom_batching.custom_vmap
     def mend(grid: Array, dirty: Array, fixed: Array, room: Array, raster: Array) -> Array:
-        # A cell's own bits, east and south, stand for its links there; these are the neighbours' bits for the same.
+        # A cell's east and south bits stand for its links there. These are the neighbours' bits for the same links.
         theirs = (cells.following(grid, 1) & _WEST) << 2 | (cells.following(grid, cells.width) & _NORTH) >> 2
         dirty_there, fixed_there = _at_other_end(cells, dirty), _at_other_end(cells, fixed)
         free = ~(fixed | fixed_there)
         wins = fixed & ~fixed_there | free & (raster | dirty & ~dirty_there)
         loses = fixed_there & ~fixed | free & ~raster & dirty_there & ~dirty
         links = (grid & ~loses | theirs & ~wins) & room
-        # Stored, else each of a word's eight cells would compute it.
+        # Stored, because otherwise each of a word's eight cells would compute it.
         return materialize(_both_ends(cells, _fill(cells, links, room & free) if fill else links))
 
     @mend.def_vmap
@@ -108,7 +108,7 @@ def _mender(cells: PackedCells, fill: bool) -> _Mender:
 
 
 def _at_other_end(cells: PackedCells, masks: UInt32[Array, " N"]) -> UInt32[Array, " N"]:
-    """Returns for the links to the east and south of each cell the mask of the neighbour there."""
+    """Returns, for the links to the east and south of each cell, the mask of the neighbour there."""
     return cells.following(masks, 1) & _EAST | cells.following(masks, cells.width) & _SOUTH
 
 
@@ -117,10 +117,10 @@ def _both_ends(cells: PackedCells, links: UInt32[Array, " N"]) -> UInt32[Array, 
     return links | (cells.preceding(links, 1) & _EAST) >> 2 | (cells.preceding(links, cells.width) & _SOUTH) << 2
 
 
-# What the needy cells get, stage after stage. A stub is first continued straight ahead: the roads found are better than
-# with any other first choice (measured). What is still missing is added in one direction after another: links of the
-# cell itself to the east and south, then links to the west and north, which its neighbours there hold. A cell that then
-# still lacked a connection would have fewer than two neighbours.
+# The links that filling adds to cells with fewer than two connections, stage by stage. First a stub is continued
+# straight ahead: the roads that searches find are better than with any other first stage (measured). Then each stage
+# adds links in one direction: to the east, to the south, then to the west and to the north, which the neighbours there
+# hold. A cell that still lacks a connection has fewer than two neighbours.
 _OWN = np.array([0, _EAST, _SOUTH, 0, 0], np.uint32)
 _NEIGHBOURS = np.array([_EAST | _SOUTH, 0, 0, _EAST, _SOUTH], np.uint32)
 

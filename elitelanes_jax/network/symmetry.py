@@ -1,6 +1,6 @@
-"""Rotating and mirroring a grid: places and codes together, so that links stay links.
+"""Rotates and mirrors grids: cells and codes together, so that links are preserved.
 
-NumPy arrays give NumPy arrays, those of JAX give those of JAX.
+A NumPy array gives a NumPy array, an array of JAX an array of JAX.
 """
 
 import numpy as np
@@ -46,7 +46,7 @@ def mirror(grid: AnyArray) -> AnyArray:
 
 
 def canonical_form(grid: AnyArray) -> bytes:
-    """Returns the same bytes for a grid and all its rotations and mirror images, other bytes for any other grid."""
+    """Returns bytes that are equal for a grid and its rotations and mirror images, and differ for any other grid."""
     grid = np.asarray(grid, np.int8)
     images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
     return min(bytes([image.shape[0] >> 8, image.shape[0] & 255]) + image.tobytes() for image in images)

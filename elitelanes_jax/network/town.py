@@ -1,4 +1,4 @@
-"""The features of a town: blocks, streets, outline, symmetry, repetition, detours; one grid in, whole numbers out."""
+"""The features of a town, from one grid to whole numbers: blocks, streets, outline, symmetry, repetition, detours."""
 
 from functools import partial
 
@@ -20,14 +20,14 @@ from elitelanes_jax.network.xla import PaddedLayout
 def measure_town(grid: AnyArray, *, detour: bool = True) -> TownFeatures:
     """Measures the features of one town; `jax.vmap` it for many.
 
-    Within `jax.jit` only those features cost time that are used.
+    Within `jax.jit` features that are not used cost no time.
 
     Args:
-      grid: integer codes ``[H, W]``, repaired or not; connections that the neighbour does not return are no links.
-      detour: whether to measure the mean detour too, which takes longest; else it is 0.
+      grid: integer codes ``[H, W]``, repaired or not. A connection that the neighbour does not return is no link.
+      detour: whether to measure the mean detour, which takes longest; without it, it is 0.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one with a side over 128, over 32 with detours.
+      InputError: for a bad grid (see `check_grid`), or one with a side over 128, or over 32 with detours.
     """
     grid = check_grid(grid)
     most = LONGEST_DETOUR if detour else LONGEST_TOWN
@@ -76,13 +76,13 @@ def _count(cells: Bool[Array | np.ndarray, "..."]) -> Int32[Array, ""]:
 
 
 def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:
-    """Returns the least number over 0, or 0."""
+    """Returns the least number over 0, or 0 if there is none."""
     least = jnp.where(numbers > 0, numbers, 2**30).min(initial=2**30)
     return jnp.where(least == 2**30, 0, least)
 
 
 def _thousandths(part: Int[Array, ""], whole: Int[Array, ""]) -> Int32[Array, ""]:
-    """Returns floor(1000 · part / whole), 0 of nothing: digit by digit, as the product might not fit 32 bits."""
+    """Returns floor(1000 · part / whole), 0 if the whole is 0; digit by digit, as the product may not fit int32."""
     rest, whole = part.astype(jnp.uint32), jnp.maximum(whole, 1).astype(jnp.uint32)
     result = rest // whole
     for _ in range(3):
@@ -97,7 +97,7 @@ def _lay_out(layout: PaddedLayout, cells: Bool[Array, "h w"]) -> Bool[Array, " s
 
 
 def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
-    """Returns the area of each inner face, 0 in places that are none, and how many there are."""
+    """Returns the area of each inner face, 0 for labels without a face, and the number of inner faces."""
     layout = PaddedLayout(east.shape[0], south.shape[1])
     labels = label_faces(layout, Links(_lay_out(layout, east), _lay_out(layout, south)))
     areas = jnp.zeros(labels.size, jnp.int32).at[labels].add(1)[1:]  # without the outer face
@@ -105,25 +105,25 @@ def _block_areas(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[I
 
 
 def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tuple[Int32[Array, " N"], Int32[Array, ""]]:
-    """Returns the links of each street, 0 in places that are none, and how many there are."""
+    """Returns the number of links of each street, 0 for labels without a street, and the number of streets."""
     height, width = east.shape[0], south.shape[1]
     links = jnp.zeros((height, width), jnp.int8).at[:, :-1].add(east).at[:, 1:].add(east)
     links = links.at[:-1].add(south).at[1:].add(south)
     passed = links == 2
-    # Tiles that a road passes through are corners of a larger grid, with walls where no road leads on: a street is a
-    # face of it.
+    # Tiles that a road passes through are the corners of a larger grid, with walls where no road continues. A street is
+    # a face of this grid.
     layout = PaddedLayout(height + 1, width + 1)
     across = jnp.pad(~(south & passed[:-1] & passed[1:]), ((1, 1), (0, 1)), constant_values=True)
     upright = jnp.pad(~(east & passed[:, :-1] & passed[:, 1:]), ((0, 1), (1, 1)), constant_values=True)
     labels = label_faces(layout, Links(_lay_out(layout, across), _lay_out(layout, upright)))
     street = layout.unpad(layout.here(labels))[:height, :width]
-    # Every link is counted at its two ends: halves of a link, in the street of a tile that it passes or in one of its
-    # own, where it joins two other tiles.
+    # Half of each link is counted at either end, in the street of the tile there. A link between two tiles that no road
+    # passes through is a street of its own.
     halves = jnp.zeros(labels.size, jnp.int32).at[street.reshape(-1)].add(jnp.where(passed, 2, 0).reshape(-1))
     for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:]))):
         first, second = passed[one], passed[other]
-        place = jnp.where(first, street[one], street[other]).reshape(-1)
-        halves = halves.at[place].add((link & (first ^ second)).astype(jnp.int32).reshape(-1))
+        label = jnp.where(first, street[one], street[other]).reshape(-1)
+        halves = halves.at[label].add((link & (first ^ second)).astype(jnp.int32).reshape(-1))
     direct = [
         (link & ~passed[one] & ~passed[other]).astype(jnp.int32).reshape(-1)
         for link, (one, other) in ((east, (np.s_[:, :-1], np.s_[:, 1:])), (south, (np.s_[:-1], np.s_[1:])))
@@ -133,7 +133,7 @@ def _street_lengths(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> tupl
 
 
 def _box(tile: Bool[Array, "H W"]) -> tuple[tuple[Array, Array, Array, Array], Int32[Array, ""], Int32[Array, ""]]:
-    """Returns the first and last row and column with tiles, and the box's height and width, 0 where there are none."""
+    """Returns the first and last row and column with tiles, and the box's height and width, 0 without tiles."""
     ends = []
     for cells in (tile.any(axis=1), tile.any(axis=0)):
         ends += [cells.argmax().astype(jnp.int32), (cells.size - 1 - cells[::-1].argmax()).astype(jnp.int32)]
@@ -143,7 +143,7 @@ def _box(tile: Bool[Array, "H W"]) -> tuple[tuple[Array, Array, Array, Array], I
 
 
 def _most_alike(tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]) -> Int32[Array, ""]:
-    """Returns how many cells of the box are as in its mirror image or half turn, whichever is most alike."""
+    """Returns the largest number of cells of the box that agree with a mirror image or half turn of it."""
     north, south, west, east = box
     rows, columns = np.arange(tile.shape[0]), np.arange(tile.shape[1])
     inside = ((rows >= north) & (rows <= south))[:, None] & (columns >= west) & (columns <= east)
@@ -156,18 +156,18 @@ def _most_alike(tile: Bool[Array, "H W"], box: tuple[Array, Array, Array, Array]
 
 
 def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
-    """Counts the tiles whose neighbourhood of 3 x 3 cells some other tile has too; beyond the grid cells are empty."""
+    """Counts the tiles whose neighbourhood of 3 x 3 cells equals that of another tile; outside, cells are empty."""
     height, width = grid.shape
     padded = jnp.pad(grid, 1).astype(jnp.uint32)
     around = [padded[row : row + height, column : column + width] for row in range(3) for column in range(3)]
-    first = sum(cells << 4 * place for place, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
+    first = sum(cells << 4 * index for index, cells in enumerate(around[:8])).reshape(-1)  # type: ignore[union-attr]
     last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
     same = (first[:, None] == first) & (last[:, None] == last) & tile
     return _count(tile & (same.sum(axis=1) > 1))
 
 
 def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
-    """Grows the tiles within reach of each tile link by link; the last round adds none."""
+    """Extends the tiles within reach of each tile link by link, until a round adds none."""
     height, width = east.shape[0], south.shape[1]
     cells = height * width
     start = jnp.eye(cells, dtype=bool).reshape(cells, height, width)

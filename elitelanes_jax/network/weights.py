@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 
 class Weights(NamedTuple):
-    """The amount that one unit of each metric adds to the fitness: integers, negative ones reward.
+    """The amount that one unit of each metric adds to the fitness: integers; negative ones reward.
 
-    The default is the paper's equation (section "Fitness Function"), a(x) read as adjacent crossings and b(x) as
-    bridges. Other readings are other records, and an array in place of a number sweeps it under `jax.vmap`.
+    The default is the paper's equation (section "Fitness Function"), with a(x) read as adjacent crossings and b(x) as
+    bridges. A number may be an array that `jax.vmap` maps over.
 
     Attributes:
       components: for each component beyond the first.
       constant: added once.
-      others: each for a unit of the metric of its name.
+      others: each for one unit of the metric with its name.
     """
 
     components: "Int[ArrayLike, '...']" = 300
@@ -52,11 +52,11 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
 
     Args:
       weights: `Weights` of concrete numbers.
-      shape: (height, width) of the grids they are meant for.
-      more: the most that weights of other features add.
+      shape: (height, width) of the grids.
+      more: an upper bound of what other features add to the fitness, in size.
 
     Raises:
-      InputError: if one is not a whole number, or the fitness of a grid of that shape could leave int32.
+      InputError: if one is not a whole number, or the fitness of a grid of that shape might not fit int32.
     """
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
@@ -74,7 +74,7 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
 
 
 def largest_side(weights: Weights) -> int:
-    """Returns the longest side of squares whose fitness cannot leave int32; 0 for weights too large for any."""
+    """Returns the longest side of squares whose fitness always fits int32; 0 if the weights are too large for any."""
     fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) < 2**31]
     return max(fits, default=0)
 

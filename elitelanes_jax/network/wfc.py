@@ -1,12 +1,12 @@
 """Wave Function Collapse (paper, section "Wave Function Collapse for Road Networks"), in NumPy alone.
 
-Each cell has a domain, the codes that it may still take, as the bits of a number. Again and again the cell with the
-smallest domain takes one of its codes at random; what its neighbours can no longer be is removed from their domains,
-and so on outwards. An empty domain is a contradiction: the grid starts again.
+Each cell has a domain: the codes that it may still take, as the bits of a number. Repeatedly, the cell with the
+smallest domain takes one of its codes at random. Codes that its neighbours can no longer take are removed from their
+domains, and so on outwards. An empty domain is a contradiction: the grid starts again.
 
-Many grids are collapsed in lockstep, their cells laid end to end in one vector. Each grid is framed by guard cells
-whose domain never changes, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry
-for each of the 2**(K + 1) domains says what a domain allows its neighbour.
+Many grids are collapsed in lockstep, with their cells laid end to end in one vector. Guard cells, whose domain never
+changes, surround each grid, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry
+for each of the 2**(K + 1) domains gives the codes that a domain allows its neighbour.
 """
 
 from functools import lru_cache
@@ -26,14 +26,14 @@ Domains = NDArray[np.int32]
 
 
 class Collapsed(NamedTuple):
-    """The outcome of one call; of `generate_batch` with n in front of each array.
+    """The result of one call; of `generate_batch`, arrays with a leading axis n.
 
     Attributes:
-      grid: int8 ``[H, W]``; zeros where it did not succeed.
+      grid: int8 ``[H, W]``; zeros without success.
       success: bool, whether all cells took a code without a contradiction.
-      attempts: int, how many were made, the successful one included.
-      solvable: bool, False if the constraints alone leave a cell without any code: then no attempt is made, and none
-        could succeed. True does not promise a solution.
+      attempts: int, the number of attempts, the successful one included.
+      solvable: bool, False if the constraints alone leave a cell without any code: then no attempt is made. True does
+        not guarantee a solution.
     """
 
     grid: AnyArray
@@ -59,10 +59,10 @@ def generate(
       alphabet: the codes that cells may take.
       border: "open" lets roads leave the grid, as in the paper; "closed" does not.
       crossing_ban: whether two crossings may not be linked, as in the paper.
-      attempts: the most attempts. A contradiction in the last one is a result, not an error.
+      attempts: the largest number of attempts. A contradiction in the last one is a result, not an error.
 
     Returns:
-      A `Collapsed`; in a grid that succeeded all connections inside are matched.
+      A `Collapsed`. After success all connections within the grid are matched.
 
     Raises:
       InputError: for an argument out of its range.
@@ -84,13 +84,13 @@ def generate_batch(
     """Collapses many grids in lockstep; see `generate`.
 
     Args:
-      rng: the source of all randomness; a grid depends on how many there are.
-      n: how many grids.
+      rng: the source of all randomness; each grid depends on n too.
+      n: the number of grids.
       shape: (height, width), each at least 2.
       alphabet: the codes that cells may take.
       border: "open" or "closed".
       crossing_ban: whether two crossings may not be linked.
-      attempts: the most attempts of each grid.
+      attempts: the largest number of attempts for each grid.
 
     Returns:
       A `Collapsed` of arrays, grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
@@ -111,26 +111,26 @@ def generate_batch(
         return Collapsed(grids, success, tries, solvable=False)
 
     tries += 1
-    alive = np.arange(n)  # the grids still at work, in the order of their cells
+    alive = np.arange(n)  # the grids that are not finished, in the order of their cells
     cells = np.tile(start, n)
     inside = _inside(shape)
     while alive.size:
         by_grid = cells.reshape(alive.size, -1)
-        # The smallest domain first; of equals the one that draws the lowest of 16 random bits.
+        # The smallest domain first; among equal ones the one with the smallest 16 random bits.
         lots = np.frombuffer(rng.bytes(2 * cells.size), np.uint16).reshape(by_grid.shape)
         cell = (rules.urgency[by_grid] | lots).argmin(axis=1)
-        place = cell + np.arange(0, cells.size, start.size)
-        options = rules.options[cells[place]]
+        index = cell + np.arange(0, cells.size, start.size)
+        options = rules.options[cells[index]]
         done = options <= 1
         if done.any():
             finished = alive[done]
             grids[finished] = rules.code[by_grid[done][:, inside]].reshape(-1, *shape)
             success[finished] = True
             alive, cells = alive[~done], by_grid[~done].reshape(-1)
-            place, options = cell[~done] + np.arange(0, cells.size, start.size), options[~done]
+            index, options = cell[~done] + np.arange(0, cells.size, start.size), options[~done]
         chosen = (rng.random(alive.size) * options).astype(int)
-        cells[place] = rules.option[cells[place], chosen]
-        contradicted = np.unique(_propagate(rules, cells, place, shape[1] + 1) // start.size)
+        cells[index] = rules.option[cells[index], chosen]
+        contradicted = np.unique(_propagate(rules, cells, index, shape[1] + 1) // start.size)
         if contradicted.size:
             by_grid = cells.reshape(alive.size, -1)
             given_up = contradicted[tries[alive[contradicted]] >= attempts]
@@ -142,15 +142,15 @@ def generate_batch(
 
 
 class _Rules(NamedTuple):
-    """Tables by domain: bit i stands for the alphabet's code i, the highest bit for a guard cell.
+    """Tables by domain. Bit i of a domain stands for the alphabet's code i, the highest bit for a guard cell.
 
     Attributes:
       guard: int, the domain of a guard cell.
-      allowed: int32 ``[4, domains]``, what the neighbour to the north, east, south, west may be.
-      options: int8 ``[domains]``, how many codes.
-      urgency: uint32 ``[domains]``, the number of codes above 16 bits; the largest where there is nothing to choose.
+      allowed: int32 ``[4, domains]``, the domain that is left to the neighbour to the north, east, south, west.
+      options: int8 ``[domains]``, the number of codes.
+      urgency: uint32 ``[domains]``, the number of codes times 2**16; the largest value if there is nothing to choose.
       option: int32 ``[domains, K]``, the domain of the first, second, ... code alone.
-      code: int8 ``[domains]``, of a domain of one code, that code.
+      code: int8 ``[domains]``, the code of a domain with one code.
     """
 
     guard: int
@@ -168,7 +168,7 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
     allowed = np.zeros((4, domains.size), np.int32)
     for direction, side in enumerate(SIDES):
         for bit, code in enumerate((*alphabet, None)):
-            may = guard  # what lies beyond the border is never removed
+            may = guard  # guard cells are never removed
             for other_bit, other in enumerate(alphabet):
                 if code is None:
                     fits = border == "open" or not other & side.opposite
@@ -178,7 +178,7 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
                     fits = linked == bool(other & side.opposite) and not banned
                 may |= fits << other_bit
             allowed[direction] |= np.where(domains >> bit & 1, may, 0).astype(np.int32)
-    allowed |= guard  # by a contradiction too: it must not pass to another grid
+    allowed |= guard  # also for an empty domain, so that a contradiction does not pass to another grid
     held = domains[:, None] >> np.arange(len(alphabet)) & 1
     options = held.sum(axis=1).astype(np.int8)
     options[guard:] = 0
@@ -195,7 +195,7 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
 
 @lru_cache(maxsize=8)
 def _inside(shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Tells cells of a framed grid from guards: a row above and one below, and a cell after each row."""
+    """Returns which cells of a framed grid are no guards. Guards are the rows above and below, and a cell per row."""
     frame = np.zeros((shape[0] + 2, shape[1] + 1), bool)
     frame[1:-1, :-1] = True
     return frame.reshape(-1)
@@ -203,7 +203,7 @@ def _inside(shape: tuple[int, int]) -> NDArray[np.bool_]:
 
 @lru_cache(maxsize=8)
 def _start(alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape: tuple[int, int]) -> Domains | None:
-    """Returns the domains of a framed grid before any cell is chosen, or None where one is empty."""
+    """Returns the domains of a framed grid before any cell is chosen, or None if one is empty."""
     rules, stride = _rules(alphabet, border, crossing_ban), shape[1] + 1
     frame = np.where(_inside(shape), rules.guard - 1, rules.guard).astype(np.int32)
     cells = np.pad(frame, stride, constant_values=rules.guard)
@@ -213,7 +213,7 @@ def _start(alphabet: tuple[int, ...], border: Border, crossing_ban: bool, shape:
 
 
 def _propagate(rules: _Rules, cells: Domains, changed: NDArray[np.int_], stride: int) -> NDArray[np.int_]:
-    """Removes in place what changed cells no longer allow around them; returns the cells with empty domains."""
+    """Removes, in place, the codes that changed cells no longer allow; returns the cells with empty domains."""
     steps = np.array([[-stride], [1], [stride], [-1]])
     empty = [changed[:0]]
     while changed.size:

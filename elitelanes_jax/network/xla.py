@@ -53,9 +53,7 @@ def _(axis_size: int, batched: list[bool], array: Array) -> tuple[Array, bool]:
     return materialize(array), True
 
 
-def run_if(
-    condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry
-) -> _Carry:
+def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry) -> _Carry:
     """Returns ``compute(True, carry)`` if a condition holds, else `carry`, and skips the computation if it does not.
 
     A loop of at most one round. `jax.lax.cond` would copy the carry, and under `jax.vmap` always compute. The first

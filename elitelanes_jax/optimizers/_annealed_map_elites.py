@@ -22,7 +22,6 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt3
 from elitelanes_jax._util.checks import flag, none_or, real, whole
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, nested
-from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
 from elitelanes_jax.network.xla import run_if
@@ -49,7 +48,7 @@ from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.optimizers._population import evaluate, select
 from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
-from elitelanes_jax.problem.archive import Population, empty_archive, insert
+from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
 
@@ -180,7 +179,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         chains = evaluate(
             problem, _initial_towns(problem, key, count) if starts_from_towns else problem.random(key, count)
         )
-        vacant = empty_archive((_GROUPS + 1) * problem.niches, chains)
+        vacant = problem.empty_archive(chains.fitness.dtype, copies=_GROUPS + 1)
         archives = groups.insert(vacant, problem.niche(chains.features), chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
         cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, no, zero)

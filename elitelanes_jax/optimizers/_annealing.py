@@ -37,7 +37,7 @@ LONGEST_CYCLE = 2**22
 """The longest cycle in steps: its product with the number of temperatures fits int32."""
 
 SMALL = 64
-"""The largest number of cells of a small grid. On small grids islands of one chain are better (experiments/moves.md)."""
+"""The largest number of cells of a small grid. There islands of one chain are better (experiments/moves.md)."""
 
 # Chains of an island on larger grids.
 _CHAINS = 4

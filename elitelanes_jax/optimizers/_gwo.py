@@ -1,8 +1,8 @@
 """Grey wolf optimisation over tiles (paper, section "Gray Wolf Optimization").
 
 A grid is a position: each tile is the corner of a simplex that its code names (one-hot). A wolf moves to the mean of
-alpha, beta and omega, plus a perturbation that shrinks over the run. Then each tile takes the nearest code, and the grid
-is repaired. The arithmetic is in whole numbers, so that results are the same on every machine and in every batch.
+alpha, beta and omega, plus a perturbation that shrinks over the run. Each tile then takes the nearest code, and repair
+follows. The arithmetic is in whole numbers, so that results are the same on every machine and in every batch.
 """
 
 from dataclasses import dataclass

@@ -20,7 +20,7 @@ from elitelanes_jax.optimizers._population import (
     tournament,
 )
 from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
-from elitelanes_jax.problem.archive import Population, empty_archive, insert
+from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.problem import Problem
 
 
@@ -62,12 +62,12 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     Raises:
       InputError: for a problem without axes.
     """
-    loop, niches = config.loop, problem.niches
+    loop = config.loop
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 
     def init(key: Array) -> MapElitesState:
         population = random_population(problem, key, loop.population)
-        vacant = empty_archive(niches, population)
+        vacant = problem.empty_archive(population.fitness.dtype)
         return MapElitesState(population, insert(vacant, problem.niche(population.features), population))
 
     def step(key: Array, state: MapElitesState) -> tuple[MapElitesState, Info]:

@@ -35,12 +35,16 @@ class Move(NamedTuple):
 
     Attributes:
       bits: int, the number of uint32 of random bits that it takes.
-      apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) -> `Variation`. A move may copy
-        a part of the mate; without a mate it copies from the grid.
+      apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) -> `Variation`. A move may
+        copy a part of the mate; without a mate it copies from the grid.
     """
 
     bits: int
     apply: Callable[..., Variation]
+
+    def __repr__(self) -> str:
+        """Returns the number of bits; an address of the function would differ in every process."""
+        return f"Move({self.bits} bits)"
 
 
 def change_tile(alphabet: tuple[int, ...]) -> Move:

@@ -17,7 +17,7 @@ class Info(NamedTuple):
     Attributes:
       best_fitness: the lowest fitness among the elites after the step.
       elite_count: int32, the number of elites: filled niches of an archive, or all grids that the method keeps.
-      refused: int32, how many grids of the step were refused, because their evaluation was out of range or not a number.
+      refused: int32, the number of grids of the step whose evaluation was out of range or not a number.
     """
 
     best_fitness: Real[Array, ""]

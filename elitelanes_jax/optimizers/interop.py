@@ -70,7 +70,7 @@ def qdax_moves(
     problem: Problem,
     weights: MoveWeights = MoveWeights(),
 ) -> tuple[Callable[[Array, Key[Array, ""]], Array], Callable[[Array, Array, Key[Array, ""]], Array]]:
-    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): each makes one random move and repairs.
+    """Makes the mutation and the variation of QDax's `MixingEmitter` (QDax 0.5): a random move, then repair.
 
     Args:
       problem: repairs.
@@ -117,7 +117,7 @@ class EvosaxTask(NamedTuple):
     Attributes:
       num_dims: H·W·K.
       init: key -> `EvosaxState`.
-      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics). The metrics are
+      eval: (key, solutions float ``[B, num_dims]``, state) -> (fitness float32 ``[B]``, state, metrics). Metrics are
         ``{"features": int32 [B, F]}``, in the order of `Problem.feature_names`. The key is not used, because the
         evaluation has no noise.
       sample: key -> a solution float32 ``[num_dims]``, standard normal; all codes are equally likely.

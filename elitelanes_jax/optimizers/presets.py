@@ -1,9 +1,11 @@
 """The configuration of each method and preset, and the optimiser of each kind of configuration."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
@@ -17,15 +19,16 @@ from elitelanes_jax.optimizers._ea import ea
 from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
 from elitelanes_jax.optimizers._map_elites import MapElitesConfig, map_elites
 from elitelanes_jax.optimizers._moves import MoveWeights
+from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.optimizers._population import EvolutionConfig
 from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.problem.problem import Problem
 
 # No mirrored blocks and few copied ones, so that the parts of a map differ. Outlines of rectangles lead from one sparse
-# network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual one 47. Towns have equal fitness,
-# and most infeasible ones violate one constraint: so elites are replaced by equal ones, windows are refitted, and a
-# niche is pursued until its elite is feasible.
+# network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual one 47. Towns have the same
+# fitness, and most infeasible ones violate one constraint: so elites are replaced by equal ones, windows are refitted,
+# and a niche is pursued until its elite is feasible.
 _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
@@ -69,6 +72,42 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 def make_optimizer(problem: Problem, config: Record) -> Optimizer:
     """Makes the optimiser that a configuration is for, on a problem."""
     return _FACTORIES[type(config)](problem, config)
+
+
+def with_moves(config: Record, moves: UserValue) -> Record:
+    """Returns a configuration with other weights of moves, and with moves of the user; see `MoveWeights.with_moves`.
+
+    Raises:
+      InputError: for a configuration of a method without moves, or bad moves.
+    """
+    annealing = _annealing(config)
+    if annealing is None:
+        raise InputError(f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}")
+    annealing = annealing.replace(moves=annealing.moves.with_moves(moves))
+    return annealing if isinstance(config, AnnealingConfig) else config.replace(annealing=annealing)
+
+
+def user_moves(config: Record) -> dict[str, Move]:
+    """Returns the moves of the user in a configuration, by name."""
+    annealing = _annealing(config)
+    return {} if annealing is None else {name: move for name, (_, move) in annealing.moves.user_moves.items()}
+
+
+def plain_config(config: Record) -> dict[str, Plain]:
+    """Returns the fields of a configuration as plain values for JSON; a move of the user is its weight."""
+
+    def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
+        values = dict(fields)
+        if "user_moves" in values:
+            values["user_moves"] = {name: weight for name, (weight, _) in values["user_moves"].items()}
+        return values
+
+    return asdict(config, dict_factory=plain)  # type: ignore[call-overload]
+
+
+def _annealing(config: Record) -> AnnealingConfig | None:
+    annealing = getattr(config, "annealing", config)
+    return annealing if isinstance(annealing, AnnealingConfig) else None
 
 
 def find_preset(config: Record) -> tuple[str, str]:

@@ -1,6 +1,6 @@
 from .archive import Population as Population
-from .archive import empty_archive as empty_archive
 from .archive import insert as insert
+from .archive import vacant_fitness as vacant_fitness
 from .descriptor import Axis as Axis
 from .descriptor import compute_descriptor as compute_descriptor
 from .descriptor import niche_bins as niche_bins
@@ -13,6 +13,8 @@ from .extremes import feature_range as feature_range
 from .extremes import features_of as features_of
 from .features import SHARE_UNIT as SHARE_UNIT
 from .features import SHARES as SHARES
+from .kernels import Fitness as Fitness
+from .kernels import Kernel as Kernel
 from .kernels import with_town_features as with_town_features
 from .problem import Evaluation as Evaluation
 from .problem import Problem as Problem

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Int8, Int32, Real
-from numpy.typing import DTypeLike
 
 VACANT = np.iinfo(np.int32).max
 """The fitness of a vacant slot, if fitness is int32."""
@@ -34,20 +33,9 @@ class Population(NamedTuple):
         return self.fitness < vacant_fitness(self.fitness.dtype)
 
 
-def vacant_fitness(dtype: DTypeLike) -> float:
+def vacant_fitness(dtype: np.dtype) -> float:
     """Returns the fitness of a vacant slot, and of a refused grid: infinity, or the largest int32."""
     return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
-
-
-def empty_archive(slots: int, like: Population) -> Population:
-    """Returns a population of vacant slots.
-
-    Args:
-      slots: how many, P.
-      like: any population; its shapes and dtypes are used.
-    """
-    vacant = jax.tree.map(lambda array: jnp.zeros((slots, *array.shape[1:]), array.dtype), like)
-    return vacant._replace(fitness=jnp.full_like(vacant.fitness, vacant_fitness(like.fitness.dtype)))
 
 
 def insert(

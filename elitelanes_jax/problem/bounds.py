@@ -193,7 +193,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         _Inequality({"edges": -1, "unlinked_neighbours": -1, "empty_cells": -1}, -pairs),
         _Inequality({"edges": 1, "unlinked_neighbours": 1, "empty_cells": 4}, pairs),
         _Inequality({"edges": -1, "mismatches": -1}, -pairs),
-        # Linked pairs of crossings count from both sides, with a score of 6 to 8 each; then pairs with a crossing or turn.
+        # Linked pairs of crossings count from both sides and score 6 to 8 each; then pairs with a crossing or turn.
         _Inequality({"three-way crossings": 3, "four-way crossings": 4, "adjacent_crossings": -1}, 0),
         _Inequality({"edges": 2, "adjacent_crossings": -1}, 0),
         _Inequality({"adjacent_crossing_score": 1, "adjacent_crossings": -3}, 0),

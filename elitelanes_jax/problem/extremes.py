@@ -17,7 +17,7 @@ EXTREMES = Path(__file__).with_name("extremes.txt")
 
 
 def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
-    """Returns the metrics and shares of one grid ``[H, W]`` by name, in the order of `FEATURES`; shares as parts of 1."""
+    """Returns the metrics and shares of one grid ``[H, W]``, in the order of `FEATURES`; shares are parts of 1."""
     metrics = plain_measure(grid)
     shares = {name: metrics[part] / max(1, sum(metrics[other] for other in of)) for name, (part, of) in SHARES.items()}
     return {name: (metrics | shares)[name] for name in FEATURES}

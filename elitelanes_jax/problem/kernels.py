@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
+from hashlib import sha256
 from inspect import Parameter, signature
 from typing import TypeAlias
 
@@ -82,7 +83,9 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
       InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
     """
     if not callable(fitness):
-        raise InputError(f"fitness: expected a function of metrics, features, grid or usual, got {short(repr(fitness))}")
+        raise InputError(
+            f"fitness: expected a function of metrics, features, grid or usual, got {short(repr(fitness))}"
+        )
     for argument in _arguments(fitness):
         if argument not in ("metrics", "features", "grid", "usual"):
             raise InputError(f"fitness: expected arguments among metrics, features, grid, usual, got {argument!r}")
@@ -210,6 +213,18 @@ def _batches(grids: NDArray[np.int8]) -> Iterator[NDArray[np.int8]]:
 @partial(jax.jit, static_argnames="names")
 def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array, "P K"]:
     return measure_features(grids, names, {})
+
+
+def content_of(function: Callable[..., Pytree], *arguments: Pytree) -> str:
+    """Returns text that is equal for functions that compute the same in the same way, constants included.
+
+    Args:
+      function: a pure function that JAX can trace.
+      *arguments: their shapes and dtypes.
+    """
+    traced = jax.make_jaxpr(function)(*arguments)
+    constants = [(str(np.asarray(one).dtype), np.asarray(one).tobytes()) for one in traced.consts]
+    return sha256(f"{traced.jaxpr} {constants}".encode()).hexdigest()
 
 
 def _clipped(value: Int[Array, ""]) -> Int32[Array, ""]:

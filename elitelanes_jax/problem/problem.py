@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real
+from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, UserValue
@@ -24,10 +25,10 @@ from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metri
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.network.xla import materialize
-from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.problem.archive import Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes
 from elitelanes_jax.problem.features import LARGEST_FITNESS, SHARES, columns_for
-from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.kernels import (
     Fitness,
     Kernel,
@@ -37,7 +38,7 @@ from elitelanes_jax.problem.kernels import (
     measure_features,
     uses_usual,
 )
-from elitelanes_jax.problem.ranges import range_penalty
+from elitelanes_jax.problem.ranges import parse_ranges, range_limits, range_penalty
 
 
 class Evaluation(NamedTuple):
@@ -114,6 +115,20 @@ class Problem:
             raise InputError("axes: expected a problem with at least one axis, got none")
         return prod(axis.bins for axis in self.axes)
 
+    def empty_archive(self, dtype: DTypeLike = jnp.int32, *, copies: int = 1) -> Population:
+        """Returns a population of vacant slots, one for each niche.
+
+        Args:
+          dtype: of the fitness.
+          copies: the number of archives, end to end.
+        """
+        slots, kind = copies * self.niches, jnp.dtype(dtype)
+        return Population(
+            grids=jnp.zeros((slots, *self.shape), jnp.int8),
+            fitness=jnp.full(slots, vacant_fitness(kind), kind),
+            features=jnp.zeros((slots, len(self.feature_names)), jnp.int32),
+        )
+
     def random(self, key: Key[Array, ""], count: int) -> Int8[Array, "count H W"]:
         """Returns repaired grids for a run to start from: the initial ones, then random ones; the key is consumed.
 
@@ -159,18 +174,20 @@ def road_problem(
     alphabet: Iterable[int] | None = None,
     weights: Weights = Weights(),
     fill: bool = False,
+    where: UserValue = (),
     limits: Int32[Array | np.ndarray, "2 C"] | None = None,
     measured: Iterable[str] = (),
     feature_weights: Int[ArrayLike, " K"] | None = None,
     features: Mapping[str, Kernel] = MappingProxyType({}),
     fitness: Fitness | None = None,
-    fix: FixedCells | None = None,
+    fix: UserValue = None,
     initial: Int8[Array | np.ndarray, "N H W"] | None = None,
 ) -> Problem:
     """Makes the paper's problem: road networks of one size.
 
-    A grid is refused if a feature of the user, their weighted sum or a fitness of the user is out of range (see
-    `Kernel` and `Fitness`; 2**29 for the sum) or not a number. It has the fitness of a vacant slot and becomes no elite.
+    A grid is refused if a feature of the user, their weighted sum or a fitness of the user is out of range or not a
+    number (see `Kernel` and `Fitness`; the sum is at most 2**29). It has the fitness of a vacant slot and becomes no
+    elite.
 
     Args:
       shape: (height, width), each at least 2.
@@ -179,21 +196,25 @@ def road_problem(
         others: `dead_ends` and `coverage` count stubs and empty cells, `off_alphabet` any other code.
       weights: weights of the metrics in the fitness; may be traced.
       fill: whether repair also fills (see `elitelanes_jax.network.repair`).
-      limits: limits of features, as `range_limits` returns them, whose violation adds to the fitness; may be traced.
-      measured: the names of K features to measure beside the metrics. Those of the axes come first and may be omitted.
+      where: ranges of features, as `parse_ranges` takes them; the distance from them adds to the fitness.
+      limits: the same as an array that may be traced, see `range_limits`; replaces `where`.
+      measured: the names of K features to measure beside the metrics; those of axes and ranges may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness; may be traced. By default 0.
       features: kernels of the user's features, by name.
-      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of `limits` is added.
-      fix: cells that never change.
+      fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.
+      fix: cells that never change, as `parse_fixed_cells` takes them.
       initial: int8 ``[N, H, W]``, grids that every run starts from.
 
     Raises:
-      InputError: for a bad shape, alphabet or axis.
+      InputError: for a bad shape, alphabet, axis, range or cell.
     """
     shape = check_shape(shape, new=True)
     alphabet = ROAD_ALPHABET if alphabet is None else check_alphabet(alphabet)
     axes = paper_axes(shape) if axes is None else resolve_axes(axes, shape, features)
-    feature_names = columns_for((axis.metric for axis in axes), measured)
+    ranges, fix = parse_ranges(where, features), None if fix is None else parse_fixed_cells(fix)
+    feature_names = columns_for((axis.metric for axis in axes), measured, (item.name for item in ranges))
+    if ranges and limits is None:
+        limits = range_limits(ranges, feature_names)
     others = feature_names[len(METRIC_NAMES) :]
     users = np.array([feature_names.index(name) for name in others if name in features], int)
     allowed = (*alphabet, *KINDS["end"], *KINDS["empty"])
@@ -226,6 +247,8 @@ def road_problem(
         return refused
 
     def evaluate(grids: Array) -> Evaluation:
+        if grids.shape[1:] != shape or grids.dtype != jnp.int8:
+            raise InputError(f"grids: expected int8 [P, {shape[0]}, {shape[1]}], got {grids.dtype} {grids.shape}")
         metrics = jax.vmap(lambda grid: measure(grid, allowed))(grids)
         columns = materialize(stack_metrics(metrics))
         if others:

@@ -16,11 +16,11 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.optimizers.base import Elites, Optimizer
+from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, start
-from elitelanes_jax.problem.archive import Archive, keep_best
-from elitelanes_jax.problem.kernels import Kernel
-from elitelanes_jax.search.evolution import Program, as_measured, check_keys, prepare
+from elitelanes_jax.problem.archive import Population, keep_best
+from elitelanes_jax.problem.kernels import Fitness, Kernel
+from elitelanes_jax.search.evolution import Program, Users, as_measured, check_keys, prepare
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -36,6 +36,8 @@ def evolve_islands(
     spec: SearchSpec = SearchSpec(),
     config: Record | None = None,
     features: Mapping[str, Kernel] | None = None,
+    fitness: Fitness | None = None,
+    moves: Mapping[str, UserValue] | None = None,
     progress: bool | None = None,
     **options: UserValue,
 ) -> Result:
@@ -56,7 +58,9 @@ def evolve_islands(
       every: generations from one exchange to the next.
       spec: the search; its budget is that of each island.
       config: settings of MAP-Elites in place of a preset's.
-      features: measures of your own, as in `evolve`.
+      features: features of your own, as in `evolve`.
+      fitness: a fitness of your own, as in `evolve`.
+      moves: weights of moves and moves of your own, as in `evolve`.
       progress: as in `evolve`; in the first process alone.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
@@ -72,7 +76,7 @@ def evolve_islands(
     if not single:
         raise InputError(f"key: expected one key for all islands, got {many(keys.size, 'key')}")
     shape = check_shape(shape, new=True)
-    spec, _, program, numbers = prepare(spec, shape, config, None, features, options)
+    spec, _, program, numbers = prepare(spec, shape, config, None, Users(features, fitness, moves), options)
     check_named("islands", whole(1), islands)
     check_named("every", whole(1), every)
     devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
@@ -104,12 +108,12 @@ def _evolve(
             states, found = first_states()
         while done < last:
             began, count = time.perf_counter(), min(every, last - done)
-            states, found = stretch(states, np.int32(done + 1), np.int32(done + count))
+            states, (found, refused) = stretch(states, np.int32(done + 1), np.int32(done + count))
             done += count
-            rows.append(_row(_local(found), done, per_step, per_step * count, began))
+            rows.append(_row(_local(found), _local(refused), done, per_step, per_step * count, began))
             bar.update(done, f"best {rows[-1].best_fitness[-1]:,}, {rows[-1].elite_count[-1]:,} elites")
-    history = History.joined([History.empty(), *rows])
     elites = as_measured(program, _local(found))
+    history = History.joined([History.empty(dtype=elites.fitness.dtype), *rows])
     return Result(elites, history, RunState(np.array(done, np.int32), (), np.zeros((), np.uint32)), spec, program.axes)
 
 
@@ -118,7 +122,8 @@ def _compiled(
 ) -> tuple[Callable[..., Pytree], Callable[..., Pytree]]:
     """Returns the two programs, of the first populations and of the generations up to an exchange.
 
-    Each returns the states of all islands, spread over the devices, and the elites that all have in common.
+    Each returns the states of all islands, spread over the devices, and the elites that all have in common. The second
+    program returns with these the number of grids that all islands refused.
     """
     mesh = jax.make_mesh((len(devices),), (_AXIS,), devices=devices, axis_types=(jax.sharding.AxisType.Auto,))
     split, same = PartitionSpec(_AXIS), PartitionSpec()
@@ -128,32 +133,37 @@ def _compiled(
         island = jax.lax.axis_index(_AXIS) * each + jnp.arange(each)
         return jax.vmap(partial(jax.random.fold_in, jax.random.wrap_key_data(key)))(island)
 
-    def exchange(states: Pytree) -> tuple[Pytree, Elites]:
+    def exchange(states: Pytree) -> tuple[Pytree, Population]:
         found = jax.vmap(optimizer.elites)(states)
-        everyone = jax.lax.all_gather(Archive(*found[:3]), _AXIS, tiled=True)
-        best = keep_best(everyone)
-        elites = Elites(*best, valid=best.valid)
+        elites = keep_best(jax.lax.all_gather(found, _AXIS, tiled=True))
         assert optimizer.migrate is not None
         return jax.vmap(optimizer.migrate, (0, None))(states, elites), elites
 
-    def begin() -> tuple[Pytree, Elites]:
+    def begin() -> tuple[Pytree, Population]:
         return exchange(start(optimizer, keys()))
 
-    def go_on(states: Pytree, first: Array, last: Array) -> tuple[Pytree, Elites]:
-        return exchange(advance(optimizer, keys(), states, first, last, most=every)[0])
+    def go_on(states: Pytree, first: Array, last: Array) -> tuple[Pytree, tuple[Population, Array]]:
+        states, info = advance(optimizer, keys(), states, first, last, most=every)
+        states, elites = exchange(states)
+        return states, (elites, jax.lax.psum(info.refused.sum(), _AXIS))
 
     spread = partial(jax.shard_map, mesh=mesh, out_specs=(split, same), check_vma=False)
     return jax.jit(spread(begin, in_specs=())), jax.jit(spread(go_on, in_specs=(split, same, same)))
 
 
-def _local(elites: Elites) -> Elites:
-    """Returns this process's copy of what all devices have."""
-    return jax.tree.map(lambda array: jnp.asarray(np.asarray(array.addressable_data(0))), elites)
+def _local(tree: Pytree) -> Pytree:
+    """Returns this process's copy of arrays that are equal on all devices."""
+    return jax.tree.map(lambda array: jnp.asarray(np.asarray(array.addressable_data(0))), tree)
 
 
-def _row(found: Elites, generation: int, per_step: int, evaluated: int, began: float) -> History:
+def _row(found: Population, refused: Array, generation: int, per_step: int, evaluated: int, began: float) -> History:
     best, count = np.asarray(found.fitness).min(keepdims=True), np.asarray(found.valid).sum(keepdims=True)
     speed = evaluated / (time.perf_counter() - began)
     return History(
-        np.array([generation]), np.array([generation * per_step]), best, count.astype(np.int32), np.array([speed])
+        np.array([generation]),
+        np.array([generation * per_step]),
+        best,
+        count.astype(np.int32),
+        np.array([speed]),
+        np.asarray(refused, np.int32).reshape(1),
     )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Bool, Int8, Int32
+from jaxtyping import Array, Bool, Int8, Int32, Real
 
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.metric_names import Metrics
@@ -12,19 +12,21 @@ from elitelanes_jax.problem.ranges import Range, satisfies
 
 
 class MeasuredElites(NamedTuple):
-    """The grids that a run has found, in N places, some of which may be vacant.
+    """The grids that a run has found, in N slots, some of which may be vacant.
 
     Attributes:
       grids: int8 ``[N, H, W]``.
-      fitness: int32 ``[N]``, lower is better; the largest int32 in a vacant place.
-      descriptor: int32 ``[N, D]``, the values of the axes' metrics.
-      valid: bool ``[N]``, which places hold a grid; the rest of a vacant place is meaningless.
-      metrics: `Metrics` of arrays ``[N]``, the ones that the fitness is made of.
-      features: int32 ``[N]`` by name, the extra features that the search measured, shares in thousandths.
+      fitness: int32 ``[N]``, or float32 for a float fitness of the user; lower is better. In a vacant slot the largest
+        int32, or infinity.
+      descriptor: int32 ``[N, D]``, the values of the axes' features.
+      valid: bool ``[N]``, which slots are not vacant. The other values of a vacant slot have no meaning.
+      metrics: `Metrics` of arrays ``[N]``.
+      features: int32 ``[N]`` by name: the other features that the search measured. Parts of 1 and ratios are in
+        thousandths.
     """
 
     grids: Int8[Array, "*S N H W"]
-    fitness: Int32[Array, "*S N"]
+    fitness: Real[Array, "*S N"]
     descriptor: Int32[Array, "*S N D"]
     valid: Bool[Array, "*S N"]
     metrics: Metrics
@@ -34,13 +36,13 @@ class MeasuredElites(NamedTuple):
         """Returns types and shapes in a line, as arrays would flood a notebook."""
         return in_short(self)
 
-    def measures(self) -> dict[str, np.ndarray]:
-        """Returns the metrics and the extra features by name, as arrays of NumPy."""
+    def by_name(self) -> dict[str, np.ndarray]:
+        """Returns the metrics and the other features by name, as arrays of NumPy."""
         return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
 
     def satisfies(self, where: Sequence[Range]) -> Bool[np.ndarray, "*S N"]:
         """Tells which elites are in all the ranges, exactly."""
-        return np.asarray(self.valid) & satisfies(self.measures(), where)
+        return np.asarray(self.valid) & satisfies(self.by_name(), where)
 
 
 def in_short(record: Pytree) -> str:

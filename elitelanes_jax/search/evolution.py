@@ -3,7 +3,6 @@
 import time
 import zlib
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import asdict
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
@@ -26,15 +25,23 @@ from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers.base import Elites, Info, Optimizer
+from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.loop import advance, seed_keys, start
-from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer
+from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer, plain_config, user_moves, with_moves
+from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.bounds import FeatureBounds, check_ranges, find_bounds
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
 from elitelanes_jax.problem.fixed_cells import FixedCells
-from elitelanes_jax.problem.kernels import Kernel, check_kernels
+from elitelanes_jax.problem.kernels import (
+    Fitness,
+    Kernel,
+    apply_fitness,
+    check_fitness,
+    check_kernels,
+    content_of,
+)
 from elitelanes_jax.problem.problem import Problem, road_problem
-from elitelanes_jax.problem.ranges import Bounds, bounds_of
+from elitelanes_jax.problem.ranges import range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side
 from elitelanes_jax.search.elites import MeasuredElites
@@ -52,7 +59,7 @@ _COMPILER = 200_000_000
 # What was compiled before: threads would take longer than JAX does to find it again.
 _KNOWN: set[tuple[Hashable, ...]] = set()
 
-_OF_SEEDS = ("best_fitness", "elite_count")  # of a history
+_OF_SEEDS = ("best_fitness", "elite_count", "refused")  # of a history
 
 
 def evolve(
@@ -69,6 +76,8 @@ def evolve(
     progress: bool | None = None,
     devices: int | Sequence[jax.Device] | None = None,
     features: Mapping[str, Kernel] | None = None,
+    fitness: Fitness | None = None,
+    moves: Mapping[str, UserValue] | None = None,
     **options: UserValue,
 ) -> Result:
     """Evolves road networks.
@@ -93,8 +102,15 @@ def evolve(
         notebook, when a run takes over a second.
       devices: that the seeds are spread over, any of them more than once, or how many: of the processor's cores, GPUs
         or TPU cores; by default all local ones. The result is the same, bit for bit.
-      features: measures of your own, by the name that `where`, `axes` and `weights` then take: functions from one grid,
-        int8 ``[H, W]``, to an integer of JAX, 0 to 1,000,000. Pure: they are compiled with the search.
+      features: features of your own, by the name that `where`, `axes` and `weights` then take: functions from one grid,
+        int8 ``[H, W]``, to an integer scalar, less than 2**30 in size. They are compiled with the search, so they must
+        be pure.
+      fitness: a fitness of your own: a function of any of the arguments ``metrics``, ``features``, ``grid`` and
+        ``usual``, to a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
+        fitness. Ranges in `where` add their penalty to it. A grid whose feature or fitness is out of range, or not a
+        number, is refused: it becomes no elite, and the history counts it.
+      moves: other weights of moves, such as ``{"mirror": 0}``, and moves of your own with their weights, such as
+        ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
       **options: fields of `SearchSpec`, in place of those of `spec`.
 
     Raises:
@@ -107,7 +123,7 @@ def evolve(
     keys, single = check_keys(key, seeds)
     chosen = choose_devices(devices)
     shape = check_shape(shape, new=True)
-    spec, config, program, numbers = prepare(spec, shape, config, optimizer, features, options)
+    spec, config, program, numbers = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
     if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
         chosen = chosen[:1]
     search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
@@ -182,14 +198,22 @@ def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
     )
 
 
+class Users(NamedTuple):
+    """The functions that a user adds to a search, see `evolve`."""
+
+    features: Mapping[str, Kernel] | None = None
+    fitness: Fitness | None = None
+    moves: Mapping[str, UserValue] | None = None
+
+
 class Numbers(NamedTuple):
     """The settings that may change without a second compilation."""
 
     weights: Weights
-    bounds: Bounds
+    limits: Int32[np.ndarray, "2 C"]
     config: tuple[Pytree, ...]  # the leaves that are traced
     initial: Int8[np.ndarray, "N H W"] | None
-    extra_weights: Int32[np.ndarray, " K"] | None
+    feature_weights: Int32[np.ndarray, " K"] | None
 
 
 class Program(NamedTuple):
@@ -203,8 +227,9 @@ class Program(NamedTuple):
     bounded: bool
     config: Pytree  # the tree of the configuration; None for an optimiser of the user's
     factory: Callable[[Problem], Optimizer] | None
-    extras: tuple[str, ...]
-    kernels: tuple[tuple[str, Kernel], ...]  # those of the user's that are needed
+    measured: tuple[str, ...]
+    kernels: tuple[tuple[str, Kernel], ...]  # of the user's features
+    fitness: Fitness | None
 
     def optimizer(self, numbers: Numbers) -> Optimizer:
         problem = road_problem(
@@ -213,10 +238,11 @@ class Program(NamedTuple):
             alphabet=self.alphabet,
             weights=numbers.weights,
             fill=self.fill,
-            bounds=numbers.bounds if self.bounded else None,
-            extras=self.extras,
-            extra_weights=numbers.extra_weights,
+            limits=numbers.limits if self.bounded else None,
+            measured=self.measured,
+            feature_weights=numbers.feature_weights,
             features=dict(self.kernels),
+            fitness=self.fitness,
             fix=self.fix,
             initial=numbers.initial,
         )
@@ -243,7 +269,7 @@ class _Search(NamedTuple):
     def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
-        history = History.joined([History.empty(self.keys.size), *parts])
+        history = History.joined([History.empty(self.keys.size, dtype=elites.fitness.dtype), *parts])
         generation = np.array(first + history.generation.size, np.int32)
         if self.single:
             history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
@@ -287,7 +313,7 @@ def prepare(
     shape: tuple[int, int],
     config: Record | None,
     factory: Callable[[Problem], Optimizer] | None,
-    features: Mapping[str, Kernel] | None,
+    users: Users,
     options: Mapping[str, UserValue],
 ) -> tuple[SearchSpec, Record, Program, Numbers]:
     """Checks a search's settings, and parts them into those that a program is compiled for and those that it takes.
@@ -299,8 +325,8 @@ def prepare(
     for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
         if option in options:
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
-    kernels = check_kernels(features, shape)
-    given = dict(options) if features is None else {**options, "features": tuple(kernels)}
+    kernels = check_kernels(users.features, shape)
+    given = dict(options) if users.features is None else {**options, "features": tuple(kernels)}
     spec, config = _resolve_config(spec.replace(**given).on(shape), config, "method" in options)
     spec.check_on(shape, "shape")
     unknown = [name for name in spec.features if name not in kernels]
@@ -310,6 +336,10 @@ def prepare(
         )
     if factory is None:  # one of the user's may make any grids
         check_ranges(spec.where, _limits(shape, spec.fills, spec.fix), f"repaired grids of {shape[0]} x {shape[1]}")
+    if users.fitness is not None:
+        check_fitness(users.fitness, shape, (*METRIC_NAMES, *spec.measured))
+    if users.moves is not None:
+        config = with_moves(config, users.moves)
     leaves, tree = jax.tree.flatten(config)
     program = Program(
         shape=shape,
@@ -320,15 +350,16 @@ def prepare(
         bounded=bool(spec.where),
         config=tree if factory is None else None,
         factory=factory,
-        extras=spec.extras,
-        kernels=tuple((name, kernels[name]) for name in spec.extras if name in kernels),
+        measured=spec.measured,
+        kernels=tuple((name, kernels[name]) for name in spec.measured if name in kernels),
+        fitness=users.fitness,
     )
     numbers = Numbers(
         weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
-        bounds=bounds_of(spec.where, spec.extras),
+        limits=range_limits(spec.where, (*METRIC_NAMES, *spec.measured)),
         config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
         initial=np.array(spec.initial, np.int8) if spec.initial else None,
-        extra_weights=None if spec.extra_weights is None else np.array(spec.extra_weights, np.int32),
+        feature_weights=None if spec.feature_weights is None else np.array(spec.feature_weights, np.int32),
     )
     return spec, config, program, numbers
 
@@ -344,13 +375,30 @@ def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> 
     factory = getattr(program.factory, "__qualname__", type(program.factory).__name__)
     said = repr(
         (
-            program._replace(factory=None, kernels=()),
+            program._replace(factory=None, kernels=(), fitness=None),
             factory,
+            *_contents(program, numbers),
             [leaf.tolist() for leaf in jax.tree.leaves(numbers)],
             str(keys.dtype),
         )
     )
     return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
+
+
+def _contents(program: Program, numbers: Numbers) -> list[tuple[str, str]]:
+    """Returns what the functions of the user compute, by name, see `content_of`."""
+    grid = jax.ShapeDtypeStruct(program.shape, jnp.int8)
+    contents = [(name, content_of(kernel, grid)) for name, kernel in program.kernels]
+    if program.fitness is not None:
+        names = (*METRIC_NAMES, *program.measured)
+        kinds = [(program.shape, jnp.int8), ((len(names),), jnp.int32), ((), jnp.int32)]
+        arguments = [jax.ShapeDtypeStruct((1, *shape), dtype) for shape, dtype in kinds]
+        contents.append(("fitness", content_of(partial(apply_fitness, program.fitness, names), *arguments)))
+    if program.config is not None:
+        for name, move in user_moves(jax.tree.unflatten(program.config, numbers.config)).items():
+            bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
+            contents.append((name, content_of(move.apply, bits, grid, grid)))
+    return contents
 
 
 def _identity(search: _Search, config: Record, first: int) -> dict[str, Plain]:
@@ -360,7 +408,7 @@ def _identity(search: _Search, config: Record, first: int) -> dict[str, Plain]:
     return {
         "search": settings,
         "size": search.program.shape,
-        "config": asdict(config) if search.program.factory is None else None,  # type: ignore[call-overload]
+        "config": plain_config(config) if search.program.factory is None else None,
         "seeds": search.keys.size,
         "keys": sha256(np.asarray(jax.random.key_data(search.keys)).tobytes()).hexdigest()[:16],
         "fingerprint": int(search.fingerprint),
@@ -441,16 +489,16 @@ def _run(
         began = time.perf_counter()
         ran = side_by_side([partial(advance_part, part, done + 1, done + count) for part in range(len(states))])
         states, infos = [list(each) for each in zip(*ran, strict=True)]
-        best, elites = (
-            np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds]
-            for name in ("best_fitness", "elite_count")
+        best, elites, refused = (
+            np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _OF_SEEDS
         )
         seconds = time.perf_counter() - began
         generation = np.arange(done + 1, done + count + 1)
         speeds = np.full(count, count * per_step * seeds / seconds)
         done += count
-        bar.update(done, f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s")
-        yield states, History(generation, generation * per_step, best.T, elites.T, speeds)
+        words = f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s"
+        bar.update(done, words + (f", {refused[-1].sum():,} refused" if refused[-1].any() else ""))
+        yield states, History(generation, generation * per_step, best.T, elites.T, speeds, refused.T)
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
 
 
@@ -482,13 +530,14 @@ def _collect(program: Program, numbers: Numbers, states: Pytree, single: bool) -
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
 
 
-def as_measured(program: Program, elites: Elites) -> MeasuredElites:
+def as_measured(program: Program, elites: Population) -> MeasuredElites:
     """Returns elites with their descriptor, metrics and features."""
+    names = (*METRIC_NAMES, *program.measured)
     return MeasuredElites(
         grids=elites.grids,
         fitness=elites.fitness,
-        descriptor=compute_descriptor(elites.counts, program.axes),
+        descriptor=compute_descriptor(elites.features, names, program.axes),
         valid=elites.valid,
-        metrics=unstack_metrics(elites.counts, program.shape[0] * program.shape[1]),
-        features={name: elites.counts[..., place] for place, name in enumerate(program.extras, start=len(METRIC_NAMES))},
+        metrics=unstack_metrics(elites.features, program.shape[0] * program.shape[1]),
+        features={name: elites.features[..., names.index(name)] for name in program.measured},
     )

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
+from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
+from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, is_whole, whole
@@ -20,9 +21,9 @@ from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.metric_names import Metrics
-from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
-from elitelanes_jax.problem.kernels import measure_missing
+from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites, in_short
 from elitelanes_jax.search.selection import LEAST_DIFFERENT, Choice, choose_maps
@@ -30,19 +31,28 @@ from elitelanes_jax.search.spec import SearchSpec
 
 _FORMAT = "elitelanes result, version 1"
 
-# The arrays of a file: dtype, and axes: S for the seeds, which a search with one key alone has not, N for the places of
-# elites, H and W for rows and columns, D for the descriptor's axes, G for generations.
-_ELITES = {
+# The arrays of a file: the dtype (or dtypes that it may have) and the axes: S for seeds, which the result of one key
+# lacks, N for the slots of elites, H and W for rows and columns, D for the descriptor's axes, G for generations.
+_FITNESS = ("int32", "float32")
+_ELITES: dict[str, tuple[str | tuple[str, ...], str]] = {
     "grids": ("int8", "SNHW"),
-    "fitness": ("int32", "SN"),
+    "fitness": (_FITNESS, "SN"),
     "descriptor": ("int32", "SND"),
     "valid": ("bool", "SN"),
 }
-_HISTORY = {"generation": ("int64", "G"), "evaluations": ("int64", "G"), "best_fitness": ("int32", "SG")}
-_HISTORY |= {"elite_count": ("int32", "SG"), "evaluations_per_second": ("float64", "G")}
+_HISTORY: dict[str, tuple[str | tuple[str, ...], str]] = {
+    "generation": ("int64", "G"),
+    "evaluations": ("int64", "G"),
+    "best_fitness": (_FITNESS, "SG"),
+    "elite_count": ("int32", "SG"),
+    "evaluations_per_second": ("float64", "G"),
+    "refused": ("int32", "SG"),
+}
 _METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "SN") for name in Metrics._fields}
 _ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
-_SPEED, _STATE, _EXTRA = "history.evaluations_per_second", "state.", "features."
+# Not in every file: measured speeds, which equal searches do not share, and counts that are all 0.
+_SPEED, _REFUSED = "history.evaluations_per_second", "history.refused"
+_STATE, _EXTRA = "state.", "features."
 _OF_EXTRA = ("int32", "SN")
 
 
@@ -52,16 +62,18 @@ class History(NamedTuple):
     Attributes:
       generation: int ``[G]``, counted from 1.
       evaluations: int ``[G]``, grids that one seed's steps have evaluated so far.
-      best_fitness: int32 ``[G]``, the lowest among the elites.
+      best_fitness: int32 or float32 ``[G]``, the lowest among the elites.
       elite_count: int32 ``[G]``, the number of elites: filled niches, or the grids that the method keeps.
       evaluations_per_second: float ``[G]``, of all seeds together, measured.
+      refused: int32 ``[G]``, the number of grids of the generation that were refused, see `road_problem`.
     """
 
     generation: Int[np.ndarray, " G"]
     evaluations: Int[np.ndarray, " G"]
-    best_fitness: Int32[np.ndarray, "*S G"]
+    best_fitness: Real[np.ndarray, "*S G"]
     elite_count: Int32[np.ndarray, "*S G"]
     evaluations_per_second: Float[np.ndarray, " G"]
+    refused: Int32[np.ndarray, "*S G"]
 
     def __repr__(self) -> str:
         """Returns types and shapes in a line, as arrays would flood a notebook."""
@@ -74,10 +86,15 @@ class History(NamedTuple):
         return float((np.diff(self.evaluations, prepend=0) * seeds / self.evaluations_per_second).sum())
 
     @classmethod
-    def empty(cls, *seeds: int) -> "History":
-        """Makes the history of no generations; of several seeds where their number is given."""
-        numbers, values = np.arange(0), np.zeros((*seeds, 0), np.int32)
-        return cls(numbers, numbers, values, values, np.zeros(0))
+    def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":
+        """Makes the history of no generations; of several seeds if their number is given.
+
+        Args:
+          *seeds: the number of seeds.
+          dtype: of the fitness.
+        """
+        none, counts = np.arange(0), np.zeros((*seeds, 0), np.int32)
+        return cls(none, none, np.zeros((*seeds, 0), dtype), counts, np.zeros(0), counts)
 
     @classmethod
     def joined(cls, parts: "Sequence[History]") -> "History":
@@ -124,7 +141,7 @@ class Result:
 
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
-        ranked = jnp.where(self.elites.valid, self.elites.fitness, VACANT)
+        ranked = jnp.where(self.elites.valid, self.elites.fitness, vacant_fitness(self.elites.fitness.dtype))
         place = jnp.argmin(ranked, axis=-1)[..., None, None, None]
         return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
 
@@ -151,7 +168,7 @@ class Result:
         elites = self.elites
         if elites.valid.ndim == 1:
             elites = jax.tree.map(lambda array: array[None], elites)
-        features: dict[str, AnyArray] = dict(measure_missing(elites.features, ranges, elites.grids))
+        features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids))
         elites = elites._replace(features=features)
         result = replace(self, elites=elites, spec=self.spec.replace(where=tuple(ranges.values())))
         return result.choose(check_named("count", whole(1), count), seed).maps
@@ -205,7 +222,11 @@ class Result:
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
         arrays |= {f"history.{name}": values for name, values in self.history._asdict().items()}
-        arrays = {name: np.asarray(values, _ARRAYS.get(name, _OF_EXTRA)[0]) for name, values in arrays.items()}
+        for name, values in arrays.items():
+            kind = _ARRAYS.get(name, _OF_EXTRA)[0]
+            arrays[name] = np.asarray(values, kind if isinstance(kind, str) else None)
+        if not arrays[_REFUSED].any():
+            del arrays[_REFUSED]
         arrays["axes"] = np.array([axis.metric for axis in self.axes])
         if state:
             arrays |= {f"{_STATE}{name}": array for name, array in _state_arrays(self.state).items()}
@@ -238,11 +259,12 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
         spec, axes, seed = _read_settings(settings)
         state = _read_state(arrays)
         arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
-        _check_arrays(arrays, len(axes), spec.extras)
+        arrays.setdefault(_REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32))))
+        _check_arrays(arrays, len(axes), spec.measured)
     except InputError as error:
         raise InputError(f"{path}: expected a result, of generate or Result.save, got {error}") from None
     metrics = Metrics(*(jnp.asarray(arrays[f"metrics.{name}"]) for name in Metrics._fields))
-    features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.extras}
+    features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.measured}
     elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
     return Result(elites, history, state, spec, axes), seed
@@ -310,17 +332,17 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     return RunState(generation, inner, fingerprint)
 
 
-def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, extras: Sequence[str]) -> None:
+def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, measured: Sequence[str]) -> None:
     """Checks names, dtypes and shapes against each other; the errors' words follow "got"."""
     sizes = {"D": axes}
     seeds = arrays.get("grids", np.empty(0)).ndim == 4
-    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in extras}
+    kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in measured}
     for name, (dtype, letters) in kinds.items():
         letters = letters if seeds else letters.replace("S", "")
         array = arrays.get(name)
         if array is None:
             raise InputError(f"one without {name}")
-        fits = array.dtype == dtype and array.ndim == len(letters)
+        fits = array.dtype in ([dtype] if isinstance(dtype, str) else dtype) and array.ndim == len(letters)
         if not fits or any(
             sizes.setdefault(letter, size) != size for letter, size in zip(letters, array.shape, strict=True)
         ):

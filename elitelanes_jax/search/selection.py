@@ -12,16 +12,9 @@ from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
-from elitelanes_jax.problem.features import (
-    FEATURES,
-    compute_features,
-    extra_names,
-    feature_places,
-    feature_unit,
-    join_counts,
-)
-from elitelanes_jax.problem.flaws import find_flaws
-from elitelanes_jax.problem.ranges import bounds_of, violation
+from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
+from elitelanes_jax.problem.ranges import range_limits, range_penalty
+from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.spec import SearchSpec
@@ -87,7 +80,7 @@ def choose_maps(
     valid = np.asarray(elites.valid)
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
-    fitness, grids, metrics = np.asarray(elites.fitness), np.asarray(elites.grids), elites.measures()
+    fitness, grids, metrics = np.asarray(elites.fitness), np.asarray(elites.grids), elites.by_name()
     useful, rejected = without_flaws(valid, metrics, spec)
     satisfied = elites.satisfies(spec.where)
     nearest = None
@@ -123,7 +116,7 @@ def choose_maps(
         RoadMap(
             codes=grids[tuple(kept[number])],
             metrics={name: _value(name, values[tuple(kept[number])].item()) for name, values in metrics.items()},
-            fitness=int(fitness[tuple(kept[number])]),
+            fitness=fitness[tuple(kept[number])].item(),
             descriptor={axis.metric: int(v) for axis, v in zip(axes, descriptor[number], strict=True)},
             niche=bins[number].tolist(),
             seed=(seed, int(kept[number][0])),
@@ -174,7 +167,7 @@ def without_flaws(
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in find_flaws(spec.rules, filled=spec.fills and spec.fix is None):
+    for name, right, words in map_constraints(spec.rules, filled=spec.fills and spec.fix is None):
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed
@@ -227,11 +220,12 @@ def _nearest(
     """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
     if not among.any():
         return None
-    extras = extra_names(item.name for item in spec.where)
-    features = compute_features(join_counts(metrics, extras)[among])
-    place = int(np.argmin(violation(features, bounds_of(spec.where, extras), shape, extras)))
-    values = dict(zip((*FEATURES, *extras), features[place].tolist(), strict=True))
-    return {item.name: values[item.name] / feature_unit(item.name) for item in spec.where}
+    ranged = [item.name for item in spec.where]
+    names = columns_for(ranged)
+    features = np.stack([metrics[name] for name in names], axis=-1).astype(np.int32)[among]
+    index = int(np.argmin(range_penalty(features, names, range_limits(spec.where, names), shape)))
+    values = select_features(features[index], names, ranged).tolist()
+    return {name: value / feature_unit(name) for name, value in zip(ranged, values, strict=True)}
 
 
 def _value(name: str, number: float) -> float:
@@ -244,9 +238,9 @@ def _target_features(
 ) -> NDArray[np.float64]:
     """Returns the features of kept maps for which there are targets, in their order and units."""
     names = [target.name for target in targets]
-    extras = extra_names(names)
-    features = compute_features(join_counts({name: values[tuple(kept.T)] for name, values in metrics.items()}, extras))
-    return features[:, feature_places(names)] / np.array([feature_unit(name) for name in names])
+    columns = columns_for(names)
+    features = np.stack([metrics[name][tuple(kept.T)] for name in columns], axis=-1).astype(np.int32)
+    return select_features(features, columns, names) / np.array([feature_unit(name) for name in names])
 
 
 def _spread(

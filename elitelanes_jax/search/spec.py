@@ -22,11 +22,12 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import check_alphabet
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
 from elitelanes_jax.network.weights import Weights, check_weights, largest_side
 from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, resolve_axes, tuned_axes
-from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
-from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, extra_names, largest_feature
+from elitelanes_jax.problem.feasible import check_feasible
+from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES, check_rules
@@ -312,17 +313,15 @@ class SearchSpec(Record):
         if self.fix is not None and self.fix.shape != shape:
             rows, columns = self.fix.shape
             raise InputError(f"fix: expected cells of a map of {size}, got {rows} x {columns}")
-        most = LONGEST_DETOUR if "mean_detour" in self.extras else LONGEST_TOWN
-        if set(self.extras) & set(TOWN_FEATURES) and max(shape) > most:
+        most = LONGEST_DETOUR if "mean_detour" in self.measured else LONGEST_TOWN
+        if set(self.measured) & set(TOWN_FEATURES) and max(shape) > most:
             what = "the mean detour" if most == LONGEST_DETOUR else "the features of a town"
             raise InputError(f"{name}: expected sides of at most {most} for {what}, got {size}")
         for grid in self.initial:
             if (len(grid), len(grid[0])) != shape:
                 raise InputError(f"initial: expected maps of {size}, got one of {len(grid)} x {len(grid[0])}")
         try:
-            weighed = zip(self.extras, self.extra_weights or (), strict=False)
-            most = sum(abs(weight) * largest_feature(name, shape) for name, weight in weighed)
-            check_weights(self.all_weights, shape, most)
+            check_weights(self.all_weights, shape, largest_addend(self.weights, shape))
         except InputError:
             if self.weights:
                 raise
@@ -336,7 +335,7 @@ class SearchSpec(Record):
         Raises:
           InputError: for constraints that cannot be met; the message says the limit.
         """
-        check_feasible(self.on(shape)._requirements(shape, maps))
+        self.on(shape)._check_feasible(shape, maps, exhaustive=False)
 
     def count_maps(self, shape: tuple[int, int], maps: int) -> None:
         """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
@@ -344,11 +343,19 @@ class SearchSpec(Record):
         Raises:
           InputError: for constraints that cannot be met; the message says the limit.
         """
-        self.check_maps(shape, maps)
-        check_number(self.on(shape)._requirements(shape, maps))
+        self.on(shape)._check_feasible(shape, maps, exhaustive=True)
 
-    def _requirements(self, shape: tuple[int, int], maps: int) -> Requirements:
-        return Requirements(shape, self.where, self.fix, self.rules, self.fills, self.alphabet, maps)
+    def _check_feasible(self, shape: tuple[int, int], maps: int, *, exhaustive: bool) -> None:
+        check_feasible(
+            shape,
+            self.where,
+            fix=self.fix,
+            rules=self.rules,
+            filled=self.fills,
+            alphabet=self.alphabet,
+            maps=maps,
+            exhaustive=exhaustive,
+        )
 
     @property
     def fills(self) -> bool:
@@ -362,17 +369,17 @@ class SearchSpec(Record):
         return usual._replace(**{name: weight for name, weight in self.weights if name in Weights._fields})
 
     @property
-    def extras(self) -> tuple[str, ...]:
-        """The names of the extra features that are measured: those of axes, ranges, weights, targets, one's own."""
+    def measured(self) -> tuple[str, ...]:
+        """The features that are measured beside metrics: of axes, ranges, weights and targets, and the user's."""
         axes, ranges = [axis.metric for axis in self.axes or ()], [item.name for item in self.where]
         weights = [name for name, _ in self.weights if name not in Weights._fields]
         targets = [target.name for target in self.targets]
-        return extra_names(axes, ranges, weights, self.features, targets)
+        return columns_for(axes, ranges, weights, self.features, targets)[len(METRIC_NAMES) :]
 
     @property
-    def extra_weights(self) -> tuple[int, ...] | None:
-        """The weight of each extra feature; None where there is none but 0."""
-        weights = tuple(dict(self.weights).get(name, 0) for name in self.extras)
+    def feature_weights(self) -> tuple[int, ...] | None:
+        """The weights of the `measured` features; None if all are 0."""
+        weights = tuple(dict(self.weights).get(name, 0) for name in self.measured)
         return weights if any(weights) else None
 
     def steps(self, evaluations_per_step: int) -> int:

@@ -11,15 +11,15 @@ import pytest
 
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.town_features import TownFeatures
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.problem.kernels import measure_extras
+from elitelanes_jax.problem.kernels import measure_features
 
 HERE = Path(__file__).parent
 MODULE = HERE.parents[1] / "elitelanes_jax" / "explorer" / "static" / "explorer.js"
@@ -74,7 +74,7 @@ def test_repair_is_equal_on_ten_thousand_grids(sample, made, fill):
 def test_the_features_of_a_town_are_equal(sample, step, tmp_path):
     grids = sample[0][::step]
     made = run_kernel([{"rows": rows} for rows in grids.tolist()], tmp_path, town=True)
-    town = measure_extras(grids, TownFeatures._fields, {})
+    town = measure_features(grids, TownFeatures._fields, {})
     np.testing.assert_array_equal([[one["town"][name] for name in TownFeatures._fields] for one in made], town)
 
 
@@ -88,7 +88,7 @@ def test_the_features_of_towns_within_larger_grids_are_equal(tmp_path):
     for some, names in ((grids[:, :32], TownFeatures._fields), (grids, TownFeatures._fields[:-1])):
         made = run_kernel([{"rows": grid.tolist()} for grid in some], tmp_path, town=True)
         assert [list(one["town"]) for one in made] == [list(names)] * 60
-        town = measure_extras(some, names, {})
+        town = measure_features(some, names, {})
         np.testing.assert_array_equal([[one["town"][name] for name in names] for one in made], town)
 
 

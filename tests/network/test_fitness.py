@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.metric_names import Metrics
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.weights import Weights, check_weights
 

@@ -8,8 +8,8 @@ from corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.fitness import fitness
+from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair

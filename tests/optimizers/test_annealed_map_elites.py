@@ -16,8 +16,7 @@ from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
 from elitelanes_jax.optimizers._annealing import AnnealingConfig
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.ranges import bounds_of, parse_ranges
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, tuned_axes
+from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.evolution import evolve
@@ -67,7 +66,7 @@ def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():
     isolated = CHAINS // 2
     expected = np.full((groups, 400), VACANT)
     for state in states:  # a chain's grid is one of those evaluated; rejected ones may have entered the archive too
-        niche = niche_index(compute_descriptor(state.chains.counts, problem.axes), problem.axes)
+        niche = problem.niche(state.chains.features)
         for chain in range(isolated):
             group = chain * groups // isolated
             expected[group, niche[chain]] = min(expected[group, niche[chain]], state.chains.fitness[chain])
@@ -114,10 +113,10 @@ def test_directions_go_to_the_ends_and_count_penalties_alone():
         assert np.isin(after.cycles.goal[directed, 0], (0, 24)).all()
         goes_on = directed & (before.cooling.step > 0)
         pursued = []
-        for counts in (before.chains.counts, after.chains.counts):
-            cyclomatic = np.asarray(compute_descriptor(counts, problem.axes))[:, 0].clip(0, 24)
+        for features in (before.chains.features, after.chains.features):
+            cyclomatic = problem.descriptor(features)[:, 0].clip(0, 24)
             distance = abs(cyclomatic - after.cycles.goal[:, 0])
-            pursued.append(np.asarray(problem.penalties(jnp.asarray(counts))) + 200 * distance)
+            pursued.append(np.asarray(problem.penalties(jnp.asarray(features))) + 200 * distance)
         # At 5 x 5 temperatures start at 50 x 5 / 12; the largest step up is 8.4 temperatures.
         assert (pursued[1] - pursued[0] <= 8.4 * 50 * 5 / 12)[goes_on].all()
         same = goes_on & (pursued[0] == pursued[1])
@@ -136,8 +135,8 @@ def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
     )
     pursued = set()
     for before, after in pairwise(states):
-        fitness, counts = before.archives.fitness[-6:], before.archives.counts[-6:]
-        done = (fitness < VACANT) & (np.asarray(problem.penalties(jnp.asarray(counts))) == 0)
+        fitness, features = before.archives.fitness[-6:], before.archives.features[-6:]
+        done = (fitness < VACANT) & (np.asarray(problem.penalties(jnp.asarray(features))) == 0)
         beside = np.convolve(done, [1, 1, 1], "same") > 0
         for chain in np.arange(CHAINS // 2, CHAINS)[before.cooling.step[CHAINS // 2 :] == 0]:
             target = int(after.cycles.goal[chain, 0])
@@ -150,13 +149,12 @@ def test_niches_with_flawed_elites_are_pursued_as_vacant_ones():
 def test_penalties_are_the_fitness_without_rewards():
     grids = np.random.default_rng(5).integers(0, 16, (40, 5, 6)).astype(np.int8)
     weights = Weights(turns=-7, tiles=3, constant=11)
-    bounds = bounds_of(parse_ranges(["crossings=2..4"]))
-    problem = road_problem((5, 6), tuned_axes((5, 6)), weights=weights, bounds=bounds)
+    problem = road_problem((5, 6), tuned_axes((5, 6)), weights=weights, where="crossings=2..4")
     rewards = Weights(*(0 for _ in Weights._fields))
     rewards = rewards._replace(turns=-7, cyclomatic=-2, straight_score=-2, constant=11)
     evaluation = problem.evaluate(jnp.asarray(grids))
     expected = evaluation.fitness - fitness(jax.vmap(measure)(jnp.asarray(grids)), rewards)
-    np.testing.assert_array_equal(problem.penalties(evaluation.counts), expected)
+    np.testing.assert_array_equal(problem.penalties(evaluation.features), expected)
 
 
 @pytest.mark.slow
@@ -176,6 +174,6 @@ def test_larger_grids_begin_with_grown_towns_and_given_grids():
             jax.random.key(0)
         ).chains
         np.testing.assert_array_equal(chains.grids[0], ring[0])
-        return (np.asarray(problem.penalties(chains.counts)) > 0).sum()
+        return (np.asarray(problem.penalties(chains.features)) > 0).sum()
 
     assert flawed(16) == 0 and flawed(17) > 16

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax.network.bits import exponential, random_bits
-from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.xla import UNIT
 from elitelanes_jax.optimizers._annealing import AnnealingConfig, Cooling, metropolis_accepts, random_grid
 from elitelanes_jax.problem.descriptor import tuned_axes
 from elitelanes_jax.problem.problem import road_problem

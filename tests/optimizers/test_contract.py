@@ -157,7 +157,7 @@ def check_steps(name, *, fill):
 @every_optimizer
 def test_elites_have_the_fitness_and_the_metrics_of_their_grids(name):
     elites = jax.vmap(compiled(name).optimizer.elites)(whole_run(name)[0])
-    chex.assert_type([elites.grids, elites.fitness, elites.counts, elites.valid], [jnp.int8, int, int, bool])
+    chex.assert_type([elites.grids, elites.fitness, elites.features, elites.valid], [jnp.int8, int, int, bool])
     grids, fitness, counts = (np.asarray(array) for array in elites[:3])
     for place in map(tuple, np.argwhere(elites.valid)[::3]):
         found = oracle(grids[place])
@@ -244,7 +244,7 @@ def test_an_archive_holds_each_elite_in_its_niche():
     states, infos = whole_run("map-elites")
     elites = jax.vmap(compiled("map-elites").optimizer.elites)(states)
     niches = jnp.broadcast_to(jnp.arange(elites.valid.shape[1]), elites.valid.shape)
-    found = niche_index(compute_descriptor(elites.counts, AXES), AXES)
+    found = niche_index(compute_descriptor(elites.features, METRIC_NAMES, AXES), AXES)
     np.testing.assert_array_equal(found[elites.valid], niches[elites.valid])
     assert (jnp.diff(infos.elite_count, axis=0) >= 0).all()
 

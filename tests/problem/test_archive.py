@@ -1,6 +1,7 @@
 """The archive against a dictionary filled one grid at a time, and its ties."""
 
 from functools import partial
+from math import prod
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.problem.archive import empty_archive, insert, insert_at
+from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import (
     Axis,
     compute_descriptor,
@@ -22,24 +23,28 @@ from elitelanes_jax.problem.descriptor import (
     paper_axes,
     resolve_axes,
 )
+from elitelanes_jax.problem.problem import Problem
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 
 
-insert_jit = jax.jit(insert, static_argnums=1)
-insert_at_jit = jax.jit(insert_at, static_argnames="accept_equal")
+insert_jit = jax.jit(insert, static_argnames="accept_equal")
+PROBLEM = Problem((2, 2), lambda grids: None, METRIC_NAMES, AXES)
 
 
 def one_by_one(batches, accept_equal=False):
-    """Niche -> (grid, fitness, counts), the first of the best; if elites drift, of the last batch with one."""
+    """Niche -> (grid, fitness, features): the first of the best; if equal ones are accepted, of the last batch."""
     best, since = {}, {}
-    for number, (grids, fitness, many_counts) in enumerate(batches):
-        for grid, value, counts in zip(grids, fitness, many_counts, strict=True):
-            cyclomatic, dead_ends = counts[METRIC_NAMES.index("cyclomatic")], counts[METRIC_NAMES.index("dead_ends")]
+    for number, (grids, fitness, all_features) in enumerate(batches):
+        for grid, value, features in zip(grids, fitness, all_features, strict=True):
+            cyclomatic, dead_ends = (
+                features[METRIC_NAMES.index("cyclomatic")],
+                features[METRIC_NAMES.index("dead_ends")],
+            )
             niche = min(cyclomatic // 2, 2) * 2 + min(dead_ends, 1)
             drift = accept_equal and niche in best and value == best[niche][1] and since[niche] < number
             if niche not in best or value < best[niche][1] or drift:
-                best[niche], since[niche] = (grid, value, counts), number
+                best[niche], since[niche] = (grid, value, features), number
     return best
 
 
@@ -49,53 +54,51 @@ def some_batches(draw):
     batches = []
     for number in range(draw(st.integers(1, 3))):
         fitness = draw(hnp.arrays(np.int32, count, elements=st.integers(-2, 2)))  # ties abound
-        counts = draw(hnp.arrays(np.int32, (count, len(METRIC_NAMES)), elements=st.integers(0, 7)))
+        features = draw(hnp.arrays(np.int32, (count, len(METRIC_NAMES)), elements=st.integers(0, 7)))
         grids = np.zeros((count, 2, 2), np.int8)
         grids[:, 0, 0], grids[:, 0, 1] = number, np.arange(count)  # each bears its own number
-        batches.append((grids, fitness, counts))
+        batches.append((grids, fitness, features))
     return batches
 
 
 @pytest.mark.parametrize("accept_equal", [False, True])
 @given(batches=some_batches())
 def test_insertion_is_that_of_one_after_another(batches, accept_equal):
-    archive = empty_archive(AXES, (2, 2))
+    archive = PROBLEM.empty_archive()
     for batch in map(partial(map, jnp.asarray), batches):
-        if accept_equal:
-            grids, fitness, counts = batch
-            niche = niche_index(compute_descriptor(counts, AXES), AXES)
-            archive = insert_at_jit(archive, niche, grids, fitness, counts, accept_equal=True)
-        else:
-            archive = insert_jit(archive, AXES, *batch)
+        found = Population(*batch)
+        archive = insert_jit(archive, PROBLEM.niche(found.features), found, accept_equal=accept_equal)
     expected = one_by_one(batches, accept_equal)
     assert set(np.flatnonzero(archive.valid)) == set(expected)
-    for niche, (grid, value, counts) in expected.items():
+    for niche, (grid, value, features) in expected.items():
         np.testing.assert_array_equal(archive.grids[niche], grid)
         assert archive.fitness[niche] == value
-        np.testing.assert_array_equal(archive.counts[niche], counts)
+        np.testing.assert_array_equal(archive.features[niche], features)
 
 
 def test_ties():
     """The elite that is there stays; of newcomers the first in the batch comes in."""
     grids = jnp.arange(3, dtype=jnp.int8)[:, None, None] * jnp.ones((3, 2, 2), jnp.int8)
     same = jnp.zeros((3, len(METRIC_NAMES)), jnp.int32)
-    archive = insert(empty_archive(AXES, (2, 2)), AXES, grids, jnp.array([5, 4, 4]), same)
+    niche = jnp.zeros(3, jnp.int32)
+    archive = insert(PROBLEM.empty_archive(), niche, Population(grids, jnp.array([5, 4, 4]), same))
     assert (archive.grids[0] == 1).all()
-    archive = insert(archive, AXES, grids + 10, jnp.array([4, 9, 4]), same)
+    archive = insert(archive, niche, Population(grids + 10, jnp.array([4, 9, 4]), same))
     assert (archive.grids[0] == 1).all()
-    archive = insert(archive, AXES, grids + 10, jnp.array([9, 3, 3]), same)
+    archive = insert(archive, niche, Population(grids + 10, jnp.array([9, 3, 3]), same))
     assert (archive.grids[0] == 11).all()
     assert archive.valid.sum() == 1
 
 
 @given(some_batches(), st.data())
-def test_several_places_are_a_batch_joined_to_itself(batches, data):
+def test_several_niches_are_a_batch_joined_to_itself(batches, data):
     niches = st.lists(st.integers(0, 11), min_size=2, max_size=2)
-    one = two = empty_archive(AXES, (2, 2), copies=2)
+    one = two = PROBLEM.empty_archive(copies=2)
     for grids, *others in batches:
-        places = np.array(data.draw(st.lists(niches, min_size=len(grids), max_size=len(grids))), np.int32).T
-        one = insert_at_jit(one, places, grids, *others)
-        two = insert_at_jit(two, places.reshape(-1), *(np.concatenate([part, part]) for part in (grids, *others)))
+        slots = np.array(data.draw(st.lists(niches, min_size=len(grids), max_size=len(grids))), np.int32).T
+        one = insert_jit(one, slots, Population(grids, *others))
+        twice = (np.concatenate([part, part]) for part in (grids, *others))
+        two = insert_jit(two, slots.reshape(-1), Population(*twice))
     jax.tree.map(np.testing.assert_array_equal, one, two)
 
 
@@ -108,7 +111,7 @@ def test_the_papers_niches():
         "adjacent_crossings",
         "adjacent_turns",
     ]
-    assert empty_archive(axes, (12, 12)).fitness.shape == (400,)
+    assert prod(axis.bins for axis in axes) == 400
     cases = {
         (0, 0, 0, 0, 0): (0, 0, 0, 0, 0),
         (1, 1, 0, 0, 0): (0, 0, 0, 0, 0),
@@ -132,7 +135,7 @@ def test_bins_grow_with_the_area(shape, width):
 def test_descriptors_are_the_metrics_of_the_axes():
     grids = np.random.default_rng(1).integers(0, 16, (9, 4, 4)).astype(np.int8)
     metrics = jax.vmap(measure)(grids)
-    descriptor = compute_descriptor(stack_metrics(metrics), AXES)
+    descriptor = compute_descriptor(stack_metrics(metrics), METRIC_NAMES, AXES)
     np.testing.assert_array_equal(descriptor[:, 0], metrics.cyclomatic)
     np.testing.assert_array_equal(descriptor[:, 1], metrics.dead_ends)
 

@@ -1,4 +1,4 @@
-"""FeatureBounds refuse nothing that there is: shown on all small grids, and on random larger ones."""
+"""Bounds refuse nothing that there is: shown on all small grids, and on random larger ones."""
 
 from contextlib import nullcontext
 from fractions import Fraction
@@ -16,12 +16,12 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.problem.ranges import Range, parse_ranges
-from elitelanes_jax.problem.feasible import Requirements, check_feasible, check_number
-from elitelanes_jax.problem.features import FEATURES, SHARES
-from elitelanes_jax.problem.flaws import find_flaws
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
+from elitelanes_jax.problem.feasible import check_feasible
+from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
+from elitelanes_jax.problem.ranges import Range, parse_ranges
+from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.search.spec import SearchSpec
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
@@ -63,36 +63,36 @@ def metrics_of(grid):
 
 
 def is_map(metrics, rules, filled):
-    return all(metrics[name] == right for name, right, _ in find_flaws(rules, filled=filled))
+    return all(metrics[name] == right for name, right, _ in map_constraints(rules, filled=filled))
 
 
-def check(limits, metrics):
-    for name, (low, high) in limits.intervals.items():
+def check(bounds, metrics):
+    for name, (low, high) in bounds.intervals.items():
         assert low <= metrics[name] <= high, name
-    for factors, least in limits.inequalities:
+    for factors, least in bounds.inequalities:
         assert sum(factor * metrics[name] for name, factor in factors.items()) >= least, factors
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_limits_hold_on_all_repaired_grids(shape):
-    limits = find_bounds(shape, certain={})
+def test_bounds_hold_on_all_repaired_grids(shape):
+    bounds = find_bounds(shape, certain={})
     for _, metrics in repaired_grids(shape):
-        check(limits, metrics)
+        check(bounds, metrics)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize(("rules", "filled"), [(None, True), (None, False), ("duckietown", False)])
-def test_limits_hold_on_all_maps(shape, rules, filled):
-    certain = {name: right for name, right, _ in find_flaws(rules, filled=filled)}
-    limits = find_bounds(shape, certain=certain)
+def test_bounds_hold_on_all_maps(shape, rules, filled):
+    certain = {name: right for name, right, _ in map_constraints(rules, filled=filled)}
+    bounds = find_bounds(shape, certain=certain)
     kept = [metrics for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)]
     assert kept
     for metrics in kept:
-        check(limits, metrics)
+        check(bounds, metrics)
 
 
 @given(grids())
-def test_limits_hold_on_grids_that_are_not_repaired(grid):
+def test_bounds_hold_on_grids_that_are_not_repaired(grid):
     check(find_bounds(grid.shape, certain={}, repaired=False), metrics_of(grid))
 
 
@@ -114,19 +114,19 @@ def networks(draw):
     networks(), st.sampled_from([0.1, 0.5, 1.0]), st.lists(st.sampled_from(FEATURES), unique=True), st.integers(0, 2)
 )
 def test_what_a_network_is_can_be_asked_for(grid, share, names, spread):
-    """FeatureBounds hold on it, with any of its cells given; and a search for its own values is not refused."""
+    """Bounds hold on it, with any of its cells given; and a search for its own values is not refused."""
     metrics = metrics_of(grid)
     fixed = np.random.default_rng(0).random(grid.shape) < share
     fix = parse_fixed_cells(np.where(fixed, grid.astype(object), None))
-    limits = find_bounds(grid.shape, certain={}, fix=fix)
-    check(limits, metrics)
+    bounds = find_bounds(grid.shape, certain={}, fix=fix)
+    check(bounds, metrics)
     where = []
     for name in names:
         part, whole = SHARES.get(name, (name, ()))
         value = Fraction(metrics[part], max(sum(metrics[other] for other in whole), 1) if whole else 1)
         around = Fraction(spread, 10 if whole else 1)
         where.append(Range(name, max(value - around, Fraction(0)), value + around))
-    check_ranges(where, limits, "maps")
+    check_ranges(where, bounds, "maps")
     certain, free = (set(map(tuple, links.tolist())) for links in free_links(grid.shape, fix, filled=False))
     linked = {link for link in all_links(grid.shape) if (grid_of(grid.shape, [link]) & ~grid == 0).all()}
     assert certain <= linked <= certain | free
@@ -137,36 +137,35 @@ def test_what_a_network_is_can_be_asked_for(grid, share, names, spread):
 def test_the_number_of_maps_is_exact_where_they_are_few(shape, rules, filled):
     forms = {canonical_form(grid) for grid, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
     for maps in (1, len(forms)):
-        check_feasible(Requirements(shape, rules=rules, filled=filled, maps=maps))
-        check_number(Requirements(shape, rules=rules, filled=filled, maps=maps))
-    with pytest.raises(InputError, match=f"maps: expected at most {len(forms)}, all that there are"):
-        check_number(Requirements(shape, rules=rules, filled=filled, maps=len(forms) + 1))
+        check_feasible(shape, rules=rules, filled=filled, maps=maps, exhaustive=True)
+    with pytest.raises(InputError, match=f"maps: expected at most {len(forms)}, "):
+        check_feasible(shape, rules=rules, filled=filled, maps=len(forms) + 1, exhaustive=True)
     cyclomatic = {metrics["cyclomatic"] for _, metrics in repaired_grids(shape) if is_map(metrics, rules, filled)}
     for value in range(10):
         asked = [Range("cyclomatic", Fraction(value), Fraction(value))]
-        with nullcontext() if value in cyclomatic else pytest.raises(InputError, match="^no map of "):
-            check_number(Requirements(shape, asked, rules=rules, filled=filled))
+        with nullcontext() if value in cyclomatic else pytest.raises(InputError, match="^(no map of|where) "):
+            check_feasible(shape, asked, rules=rules, filled=filled, exhaustive=True)
 
 
-def test_given_cells_leave_so_many_maps():
+def test_fixed_cells_leave_so_many_maps():
     loop = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
-    check_number(Requirements((3, 3), fix=parse_fixed_cells(loop)))
+    check_feasible((3, 3), fix=parse_fixed_cells(loop), exhaustive=True)
     with pytest.raises(
         InputError, match="maps: expected at most 1, as many as 0 free links between cells allow, got 2"
     ):
-        check_feasible(Requirements((3, 3), fix=parse_fixed_cells(loop), maps=2))
+        check_feasible((3, 3), fix=parse_fixed_cells(loop), maps=2)
     half = [[6, 5, 3], [None] * 3, [None] * 3]
     # The second row: straight on, or the loop is closed there, or both sides meet in a crossing.
     forms = set()
     for grid, metrics in repaired_grids((3, 3)):
         if is_map(metrics, None, False) and grid[0].tolist() == half[0]:
             forms.add(canonical_form(grid))
-    check_number(Requirements((3, 3), fix=parse_fixed_cells(half), maps=len(forms)))
-    with pytest.raises(InputError, match=f"expected at most {len(forms)}, all"):
-        check_number(Requirements((3, 3), fix=parse_fixed_cells(half), maps=len(forms) + 1))
+    check_feasible((3, 3), fix=parse_fixed_cells(half), maps=len(forms), exhaustive=True)
+    with pytest.raises(InputError, match=f"expected at most {len(forms)}, "):
+        check_feasible((3, 3), fix=parse_fixed_cells(half), maps=len(forms) + 1, exhaustive=True)
 
 
-def test_messages_say_the_limit():
+def test_messages_say_the_bound():
     for options, message in (
         (
             {"where": "cyclomatic=100.."},
@@ -188,6 +187,6 @@ def test_messages_say_the_limit():
             GenerateSpec(size=(4, 4), search=SearchSpec(**options))
 
 
-def test_limits_of_large_grids_take_no_time():
+def test_bounds_of_large_grids_take_no_time():
     for shape in ((12, 12), (1024, 2), (1024, 1024)):
-        check_feasible(Requirements(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16))
+        check_feasible(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16)

@@ -1,6 +1,7 @@
-"""Features, ranges and templates."""
+"""Features, ranges and fixed cells."""
 
 from fractions import Fraction
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -16,16 +17,26 @@ from elitelanes_jax.network.codes import CONNECTIONS
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.problem.ranges import Range, bounds_of, parse_ranges, satisfies, violation
 from elitelanes_jax.problem.descriptor import Axis, resolve_axes
-from elitelanes_jax.problem.features import FEATURES, SHARES, compute_features
+from elitelanes_jax.problem.features import FEATURES, SHARES, with_shares
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
+from elitelanes_jax.problem.ranges import Range, parse_ranges, range_limits, range_penalty, satisfies
+
+
+@partial(jax.jit, static_argnums=2)
+def penalty_of(features, limits, shape):
+    return range_penalty(features, METRIC_NAMES, limits, shape)
+
+
+def penalty(features, where, shape):
+    return penalty_of(features, range_limits(where, METRIC_NAMES), shape)
 
 
 @given(grids())
 def test_shares_are_parts_in_thousandths_rounded_down(grid):
     found = oracle(grid)
-    features = dict(zip(FEATURES, compute_features(stack_metrics(measure(grid))).tolist(), strict=True))
+    values, names = with_shares(stack_metrics(measure(grid)), METRIC_NAMES)
+    features = dict(zip(names, values.tolist(), strict=True))
     for name, (part, whole) in SHARES.items():
         total = sum(found[metric] for metric in whole)
         assert features[name] == (1000 * found[part] // total if total else 0)
@@ -42,7 +53,7 @@ def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
     total = sum(metrics[metric] for metric in whole) if whole else 1
     inside = low * total <= unit * metrics[part] <= high * total
     assert satisfies(metrics, [item]) == inside
-    short = int(violation(compute_features(stack_metrics(measure(grid))), bounds_of([item]), grid.shape))
+    short = int(penalty(stack_metrics(measure(grid)), [item], grid.shape))
     assert short >= 0
     assert not (inside and total and short), "what meets it costs nothing"
     if name not in SHARES:
@@ -50,8 +61,8 @@ def test_a_range_is_met_exactly_where_nothing_is_short(grid, name, one, other):
 
 
 def test_the_farther_from_a_range_the_more_it_costs():
-    features = jnp.zeros((40, len(FEATURES)), jnp.int32).at[:, FEATURES.index("crossings")].set(jnp.arange(40))
-    cost = np.asarray(violation(features, bounds_of(parse_ranges(["crossings=10..20"])), (12, 12)))
+    features = jnp.zeros((40, len(METRIC_NAMES)), jnp.int32).at[:, METRIC_NAMES.index("crossings")].set(jnp.arange(40))
+    cost = np.asarray(penalty(features, parse_ranges(["crossings=10..20"]), (12, 12)))
     assert (np.diff(cost[:11]) < 0).all()
     assert (cost[10:21] == 0).all()
     assert (np.diff(cost[20:]) > 0).all()
@@ -173,6 +184,6 @@ def test_templates_are_of_lists_and_arrays():
 
 
 def test_violations_do_not_leave_32_bits():
-    features = jnp.full((1, len(FEATURES)), 2**20 * 1024, jnp.int32)
-    nothing = bounds_of([Range(name, Fraction(0), Fraction(0)) for name in FEATURES])
-    assert 0 < int(jax.jit(violation, static_argnums=2)(features, nothing, (1024, 1024))[0]) <= 2**30
+    features = jnp.full((1, len(METRIC_NAMES)), 2**20 * 1024, jnp.int32)
+    nothing = [Range(name, Fraction(0), Fraction(0)) for name in FEATURES]
+    assert 0 < int(penalty(features, nothing, (1024, 1024))[0]) <= 2**30

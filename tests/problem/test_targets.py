@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.problem.targets import SupportPoints, ExampleValues, parse_targets
+from elitelanes_jax.problem.targets import ExampleValues, SupportPoints, parse_targets
 from elitelanes_jax.search.spec import SearchSpec
 
 TWO = (ExampleValues("turn_share", (0.25, 0.5)), ExampleValues("crossings", (0.0, 3.0)))
@@ -17,8 +17,8 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
     assert parse_targets({"turn_share": [0.25, 0.5], "crossings": (0, 3)}) == parse_targets(TWO) == TWO
     assert parse_targets({"mine": [4]}, ["mine"]) == (ExampleValues("mine", (4.0,)),)
     spec = SearchSpec(targets=TWO)
-    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.extras
-    assert SearchSpec(targets={"symmetry": [1]}).extras == ("symmetry",)
+    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.measured
+    assert SearchSpec(targets={"symmetry": [1]}).measured == ("symmetry",)
 
 
 @pytest.mark.parametrize(
@@ -33,7 +33,10 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
         ({"turns": ["3"]}, "targets: turns: expected numbers, got '3'"),
         ({"turns": [float("nan")]}, "targets: turns: expected numbers, got nan"),
         ({"turn_share": [1.5]}, "targets: turn_share: expected 0 to 1, got 1.5"),
-        ({"turns": [1, 2], "tiles": [3]}, "targets: expected as many values of each feature, got turns 2, tiles 1"),
+        (
+            {"turns": [1, 2], "tiles": [3]},
+            "targets: expected the same number of values of each feature, got turns 2, tiles 1",
+        ),
         ([("turns", [1]), ("turns", [2])], "targets: expected each feature once, got turns 2 times"),
     ],
 )

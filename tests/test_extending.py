@@ -1,0 +1,315 @@
+"""What users add: a fitness, moves and problems of their own, in every method."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from oracle import measure as oracle
+
+from elitelanes_jax import InputError, Problem, Result, annealed_ea, evolve, evolve_islands, run
+from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.optimizers import PRESETS, Move, MoveWeights, make_optimizer, random_move, seed_keys
+from elitelanes_jax.optimizers._moves import KNOWN_MOVES
+from elitelanes_jax.problem import Axis, Evaluation
+
+SHAPE = (4, 4)
+METHODS = [*PRESETS]
+PAPER = {"method": "map-elites", "preset": "paper"}
+
+
+def roughness(metrics, grid):
+    """Neither whole numbers nor of one sign, and NaN for some grids."""
+    value = metrics.turns / 3 - metrics.straights + 300.5 * metrics.dead_ends
+    return jnp.where(grid[0, 0] == 14, jnp.nan, value)
+
+
+def slow_roughness(grid):
+    metrics = oracle(grid)
+    return np.nan if grid[0, 0] == 14 else metrics["turns"] / 3 - metrics["straights"] + 300.5 * metrics["dead_ends"]
+
+
+def elites(result):
+    return [np.asarray(array)[np.asarray(result.elites.valid)] for array in result.elites[:2]]
+
+
+@pytest.fixture(scope="module")
+def rough():
+    """A search by each method, with a range and alphabets in which NaN occurs."""
+    return {
+        which: evolve(jax.random.key(0), SHAPE, fitness=roughness, generations=30, method=which[0], preset=which[1])
+        for which in METHODS
+    }
+
+
+@pytest.mark.parametrize("which", METHODS)
+def test_a_float_fitness_is_that_of_the_kernel_in_every_method(rough, which):
+    result = rough[which]
+    grids, fitness = elites(result)
+    assert fitness.dtype == np.float32 and len(grids)
+    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6)
+    assert (grids[:, 0, 0] != 14).all(), "NaN wins nothing"
+    assert np.isposinf(np.asarray(result.elites.fitness)[~np.asarray(result.elites.valid)]).all()
+    assert result.history.best_fitness[-1] == fitness.min()
+    assert result.history.best_fitness.dtype == np.float32
+
+
+def test_refused_grids_are_counted(rough):
+    assert all(result.history.refused.dtype == np.int32 for result in rough.values())
+    assert sum(int(result.history.refused.sum()) for result in rough.values()) > 100
+
+
+@pytest.mark.parametrize("which", [which for which in METHODS if which[1] in ("paper", "standard")])
+def test_whole_numbers_give_the_same_search_as_floats(which):
+    plain, whole, real = (
+        evolve(jax.random.key(1), SHAPE, fitness=fitness, generations=10, method=which[0], preset=which[1])
+        for fitness in (None, lambda usual: usual, lambda usual: usual / 1)
+    )
+    for one in (whole, real):
+        np.testing.assert_array_equal(plain.elites.grids, one.elites.grids)
+        np.testing.assert_array_equal(plain.elites.valid, one.elites.valid)
+        np.testing.assert_array_equal(
+            *(np.asarray(result.elites.fitness)[result.elites.valid] for result in (plain, one))
+        )
+
+
+def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
+    def fitness(usual, features, metrics, grid):
+        both = features["corner"] == grid[0, 0], features["turns"] == metrics.turns
+        share = features["turn_share"] == 1000 * metrics.turns // metrics.tiles
+        return usual + 1000 * features["symmetry"] + jnp.where(both[0] & both[1] & share, 0, 10**6)
+
+    options = {"features": {"corner": lambda grid: grid[0, 0]}, "axes": "symmetry:4", "where": "turns=4..", **PAPER}
+    result = evolve(jax.random.key(2), SHAPE, fitness=fitness, generations=5, weights={"tiles": 3}, **options)
+    usual = evolve(jax.random.key(2), SHAPE, generations=0, weights={"tiles": 3}, **options | {"method": "ea"})
+    known = dict(zip(map(bytes, elites(usual)[0]), elites(usual)[1].tolist(), strict=True))
+    first = evolve(jax.random.key(2), SHAPE, fitness=fitness, generations=0, weights={"tiles": 3}, **options)
+    compared = 0
+    for one in (first, result):
+        symmetry = np.asarray(one.elites.features["symmetry"])[np.asarray(one.elites.valid)]
+        for grid, value, parts in zip(*elites(one), symmetry.tolist(), strict=True):
+            if bytes(grid) in known:
+                assert value == known[bytes(grid)] + 1000 * parts
+                compared += 1
+    assert compared > 3
+
+
+def test_values_out_of_range_are_refused():
+    large = {"large": lambda grid: jnp.where(grid[0, 0] == 6, 2**30, 7)}
+    weighed = {"weighed": lambda grid: jnp.where(grid[0, 0] == 6, -(10**6), 3)}
+    unsigned = {"unsigned": lambda grid: jnp.where(grid[0, 0] == 6, jnp.uint32(2**32 - 1), jnp.uint32(1))}
+    for options in (
+        {"features": large},
+        {"features": unsigned},
+        {"features": weighed, "weights": {"weighed": -1000}},
+        {"fitness": lambda metrics, grid: jnp.where(grid[0, 0] == 6, -(2**29) - 1, metrics.turns)},
+        {"fitness": lambda metrics, grid: jnp.where(grid[0, 0] == 6, -jnp.inf, 1.0 * metrics.turns)},
+    ):
+        result = evolve(jax.random.key(3), SHAPE, generations=5, **options, **PAPER)
+        grids, _ = elites(result)
+        assert len(grids) and (grids[:, 0, 0] != 6).all()
+        assert result.history.refused.sum() > 0
+    assert np.isin(result.elites.grids[:, 0, 0], (0, 2, 4)).sum() < len(result.elites.grids)
+
+
+def test_a_search_may_refuse_all_grids():
+    for which in METHODS:
+        result = evolve(
+            jax.random.key(4), SHAPE, fitness=lambda grid: jnp.nan, generations=3, method=which[0], preset=which[1]
+        )
+        assert not result.elites.valid.any() and result.maps() == []
+        assert (result.history.refused > 0).all() and (result.history.elite_count == 0).all() == (
+            which[0] == "map-elites"
+        )
+
+
+def test_a_run_in_parts_is_one_run_and_is_saved(rough, tmp_path):
+    for which in (("map-elites", "tuned"), ("ea", "tuned")):
+        options = {"fitness": roughness, "method": which[0], "preset": which[1]}
+        half = evolve(jax.random.key(0), SHAPE, generations=12, **options)
+        half.save(tmp_path / "half.npz")
+        read = Result.load(tmp_path / "half.npz")
+        jax.tree.map(np.testing.assert_array_equal, half.elites, read.elites)
+        np.testing.assert_array_equal(half.history.refused, read.history.refused)
+        whole = evolve(jax.random.key(0), SHAPE, generations=18, state=read.state, **options)
+        jax.tree.map(np.testing.assert_array_equal, whole.elites, rough[which].elites)
+        begun = evolve(jax.random.key(0), SHAPE, generations=12, checkpoint=tmp_path / which[0], every=0, **options)
+        ended = evolve(jax.random.key(0), SHAPE, generations=30, checkpoint=tmp_path / which[0], every=0, **options)
+        np.testing.assert_array_equal(begun.elites.fitness, half.elites.fitness)
+        np.testing.assert_array_equal(ended.elites.fitness, rough[which].elites.fitness)
+        assert ended.history.best_fitness.dtype == np.float32
+
+
+def test_another_function_of_the_same_name_does_not_continue_a_run(tmp_path):
+    def made(factor):
+        return {
+            "fitness": lambda metrics: factor * metrics.turns,
+            "features": {"mine": lambda grid: factor * grid[0, 0].astype(jnp.int32)},
+            "moves": {"mine": (1, Move(1, lambda bits, grid, mate=None: (grid * factor // factor, grid > factor)))},
+        }
+
+    for name in ("fitness", "features", "moves"):
+        one, same, other = ({name: made(factor)[name], "generations": 1} for factor in (2, 2, 3))
+        state = evolve(jax.random.key(0), SHAPE, checkpoint=tmp_path / name, **one).state
+        assert evolve(jax.random.key(0), SHAPE, state=state, **same).state.generation == 2
+        for options in ({"state": state}, {"checkpoint": tmp_path / name}):
+            with pytest.raises(InputError, match="another|expected"):
+                evolve(jax.random.key(0), SHAPE, **other, **options)
+
+
+def test_chosen_maps_have_a_float_fitness(rough):
+    maps = rough["map-elites", "tuned"].maps(5)
+    assert maps and all(isinstance(road_map.fitness, float) for road_map in maps)
+
+
+def test_islands_take_all_of_it():
+    result = evolve_islands(
+        0, SHAPE, islands=2, every=5, generations=10, fitness=roughness, moves={"mirror": 0}, evaluations=0
+    )
+    grids, fitness = elites(result)
+    np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6)
+    assert result.history.refused.sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"fitness": 3}, "fitness: expected a function of metrics, features, grid or usual, got 3"),
+        (
+            {"fitness": lambda turns: turns},
+            "fitness: expected arguments among metrics, features, grid, usual, got 'turns'",
+        ),
+        (
+            {"fitness": lambda grid: grid},
+            "fitness: expected it to return an integer or float scalar, got int8 of shape (4, 4)",
+        ),
+        ({"fitness": lambda grid: grid[0, 0] > 1}, "integer or float scalar, got bool of shape ()"),
+        ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
+        ({"moves": 3}, "moves: expected weights and moves by name, got 3"),
+        ({"moves": {"miror": 0}}, "got 'miror' (is it mirror?)"),
+        ({"moves": {"mirror": -1}}, "mirror: expected a whole number, 0 or more, got -1"),
+        ({"moves": {"mine": (1, lambda bits: bits)}}, "mine: expected a weight and a Move"),
+        ({"moves": {"mine": (-1, Move(1, None))}}, "expected a whole number, 0 or more, got -1"),
+        (
+            {"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}},
+            "expected mine to return int8 and bool",
+        ),
+        ({"moves": {"mirror": 0}, "preset": "paper"}, "moves: expected a method with moves, such as preset tuned"),
+    ],
+)
+def test_wrong_functions_are_named(options, message, any_types):
+    with pytest.raises(InputError) as caught:
+        evolve(jax.random.key(0), SHAPE, generations=1, **options)
+    assert message in str(caught.value)
+
+
+def mark(code):
+    """A move that writes a code into a corner that its bits name."""
+
+    def apply(bits, grid, mate=None):
+        dirty = jnp.zeros(grid.shape, bool).at[bits[0] % 2 * 3, bits[1] % 2 * 3].set(True)
+        return jnp.where(dirty, jnp.int8(code), grid), dirty
+
+    return Move(2, apply)
+
+
+def test_moves_of_the_user_are_made_in_proportion_to_their_weights():
+    grid, bits = jnp.full(SHAPE, 15, jnp.int8), random_bits(jax.random.key(0), (20_000, 10))
+    weights = MoveWeights(**dict.fromkeys(KNOWN_MOVES, 0), clear=0).with_moves({"a": (1, mark(1)), "b": (3, mark(2))})
+    varied = jax.vmap(lambda bits: random_move(weights, fill=True).apply(bits, grid).grid)(bits)
+    assert float((varied == 1).any(axis=(1, 2)).mean()) == pytest.approx(0.25, abs=0.02)
+    assert float((varied == 2).any(axis=(1, 2)).mean()) == pytest.approx(0.75, abs=0.02)
+    corners = varied[:, (0, 0, 3, 3), (0, 3, 0, 3)] != 15
+    np.testing.assert_allclose(corners.mean(axis=0), 0.25, atol=0.02)
+
+
+def test_a_move_of_weight_0_and_the_order_of_names_change_nothing():
+    grid, bits = jnp.full(SHAPE, 15, jnp.int8), random_bits(jax.random.key(1), (300, 10))
+    both = {"a": (2, mark(1)), "b": (3, mark(2))}
+
+    def made(moves):
+        move = random_move(MoveWeights().with_moves(moves), fill=True)
+        return jax.vmap(lambda bits: move.apply(bits, grid).grid)(bits)
+
+    np.testing.assert_array_equal(made(both), made(dict(reversed(both.items()))))
+    np.testing.assert_array_equal(made({"a": (0, mark(1))}), made({}))
+
+
+def test_a_search_makes_the_moves_of_the_user():
+    """Only a move that writes crossings into corners: these are the only crossings that a search without others has."""
+    moves = dict.fromkeys(KNOWN_MOVES, 0) | {"mine": (1, mark(3))}
+    for which in (("map-elites", "tuned"), ("ea", "tuned"), ("pso", "tuned"), ("gwo", "tuned")):
+        result = evolve(
+            jax.random.key(0),
+            SHAPE,
+            fitness=lambda grid: -(grid[0, 0] == 3).astype(jnp.int32),
+            moves=moves,
+            alphabet=[15],
+            fill=False,
+            generations=20,
+            method=which[0],
+        )
+        assert result.history.best_fitness[-1] in (0, -1)
+        assert result.spec.method == which[0]
+
+
+def evaluate(grids):
+    """Colours: neighbours that are alike, and how many cells have colour 1; nothing of roads."""
+    alike = (grids[:, 1:] == grids[:, :-1]).sum(axis=(1, 2)) + (grids[:, :, 1:] == grids[:, :, :-1]).sum(axis=(1, 2))
+    ones = (grids == 1).sum(axis=(1, 2))
+    return Evaluation(alike, jnp.stack([alike, ones], axis=1))
+
+
+def real(grids):
+    alike, features = evaluate(grids)
+    return Evaluation(jnp.where(features[:, 1] == 3, jnp.nan, alike / 7), features)
+
+
+COLOURS = (0, 1, 2, 3)
+
+
+@pytest.mark.parametrize("which", METHODS)
+@pytest.mark.parametrize("score", [evaluate, real])
+def test_a_problem_of_ones_own_runs_with_every_optimizer(which, score):
+    problem = Problem((5, 4), score, ("alike", "ones"), (Axis("ones", 6, 3),), COLOURS)
+    optimizer = make_optimizer(problem, PRESETS[which])
+    states, info = jax.jit(partial(run, optimizer), static_argnums=1)(seed_keys(0, 2), 40)
+    found = jax.vmap(optimizer.elites)(states)
+    valid = np.asarray(found.valid)
+    assert valid.any(axis=1).all()
+    grids = jnp.asarray(np.asarray(found.grids)[valid])
+    assert np.isin(grids, COLOURS).all()
+    again = score(grids)
+    np.testing.assert_array_equal(np.asarray(found.fitness)[valid], again.fitness)
+    np.testing.assert_array_equal(np.asarray(found.features)[valid], again.features)
+    assert not np.isnan(again.fitness).any()
+    assert (info.best_fitness[-1] <= info.best_fitness[0]).all()
+    chance = score(problem.random(jax.random.key(1), 200)).fitness
+    assert (info.best_fitness[-1] < jnp.nanmedian(chance)).all(), "better than by chance"
+    if which[0] == "map-elites":
+        np.testing.assert_array_equal(np.asarray(found.features)[..., 1].clip(max=17)[valid] // 3, np.nonzero(valid)[1])
+
+
+def test_what_is_wrong_with_a_problem_is_said(any_types):
+    for arguments, message in (
+        (((1, 4), evaluate), "shape: expected sides from 2"),
+        (
+            ((5, 4), evaluate, ("alike",), (Axis("turns", 3, 1),)),
+            "axes: expected features of the problem, alike, got turns",
+        ),
+        (((5, 4), evaluate, (), (), (0, 16)), "alphabet: expected tile codes"),
+    ):
+        with pytest.raises(InputError) as caught:
+            Problem(*arguments)
+        assert message in str(caught.value)
+    for method in ("paper", "tuned"):
+        with pytest.raises(InputError, match="axes: expected a problem with at least one axis, got none"):
+            make_optimizer(Problem((5, 4), evaluate, ("alike", "ones")), PRESETS["map-elites", method]).init(
+                jax.random.key(0)
+            )
+    with pytest.raises(InputError, match="evaluate: expected fitness and features of shapes"):
+        annealed_ea(Problem((5, 4), evaluate, ("alike",))).init(jax.random.key(0))
+    many = Problem((5, 4), evaluate, ("alike", "ones"), initial=np.zeros((40, 5, 4), np.int8))
+    with pytest.raises(InputError, match="initial: expected at most 32 grids"):
+        annealed_ea(many).init(jax.random.key(0))
