@@ -230,5 +230,5 @@ def test_the_settings_in_a_file_are_plain_json(result, tmp_path):
     with np.load(tmp_path / "result.npz") as stored:
         settings = json.loads(str(stored["settings"]))
         assert stored["grids"].shape == (3, 20, *SHAPE)
-    assert SearchSpec(**settings["search"]) == result.spec
+    assert SearchSpec.from_plain(settings["search"]) == result.spec
     assert settings["seed"] == 7
