@@ -3,17 +3,17 @@
 import itertools
 from concurrent.futures import ThreadPoolExecutor
 
-import certify
 import numpy as np
 import pytest
-from check_archive import rescore
-from frontier import BESIDE_TURN, CROSSING, STRAIGHT, TURN, sweep
-from half_patterns import find_patterns
-from half_sweep import UNIT, find_highest, find_rests, make_half
-from half_worths import across, choose_worths, first_worths
-from halves import find_most_crossings, find_optimum
 
 from elitelanes_jax.benchmark.tasks import find_task
+from experiments.search import certify
+from experiments.search.check_archive import rescore
+from experiments.search.exact.half_patterns import find_patterns
+from experiments.search.exact.half_sweep import UNIT, find_highest, find_rests, make_half
+from experiments.search.exact.half_worths import across, choose_worths, first_worths
+from experiments.search.exact.halves import find_most_crossings, find_optimum
+from experiments.search.exact.sweep import BESIDE_TURN, CROSSING, STRAIGHT, TURN, sweep
 
 
 def two_halves(height, width, fill=True):

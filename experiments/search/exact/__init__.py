@@ -1,0 +1,1 @@
+"""Exact programmes that prove optima."""
