@@ -1,50 +1,45 @@
-"""Certificates: the optimum of every cyclomatic number of flawless networks, each with a network.
+"""Proves certificates: the optimum of every cyclomatic number of flawless networks, each with a network.
 
-python -m experiments.search.certify [SIZE ...] [--out FILE] [--table FILE]
+    python -m experiments.search.certify [SIZE ...] [--out FILE] [--table FILE]
 
 A size is 8x8A, or 7x9B: in A every cell is filled, in B cells may be empty. Sizes that the file already has are kept.
-`frontier.py` has the programme, and `halves.py` that for more than 81 cells, or 64 if some may be empty, which does not
-count networks.
-`check_archive.py` measures their networks without them.
+Up to 81 cells in A and 64 in B, `exact/sweep.py` proves the optima and counts the networks. For larger grids
+`exact/proof.py` proves the optima by two halves, and does not count. `check_archive.py` then measures the networks with
+code of its own.
 """
 
 import argparse
 import json
 import multiprocessing
+import os
 import re
 import resource
-import sys
 import time
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax.cli.arguments import Parser, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say
+from experiments.common import Parser, leave, run, write
 from experiments.search.check_archive import check, rescore
-from experiments.search.exact.half_sweep import Half, make_half
-from experiments.search.exact.halves import find_most_crossings, find_optimum
+from experiments.search.exact.halves import Half, make_half
+from experiments.search.exact.proof import find_most_crossings, find_optimum
 from experiments.search.exact.sweep import sweep
 
-__all__ = ["SIZES", "Size", "certify", "certify_by_halves", "certify_niche", "main", "table"]
+__all__ = ["SIZES", "Certificate", "Cost", "Niche", "Size", "certify", "certify_by_halves", "main", "make_table"]
 
 Size = tuple[int, int, bool]
 """Height, width, and whether every cell is filled."""
 
-SQUARES = [(side, side, fill) for side in range(3, 9) for fill in (True, False)]
-RECTANGLES = [(low, high, fill) for low in range(3, 8) for high in range(low + 1, 10) for fill in (True, False)]
-LARGE = [(9, 9, True), (9, 9, False), (10, 10, True), (12, 12, True)]
-SIZES: list[Size] = sorted([*SQUARES, *RECTANGLES, *LARGE], key=lambda size: (not size[2], size[0] * size[1]))
-
-OUT = Path("results/certificates.json")
+_SQUARES = [(side, side, fill) for side in range(3, 9) for fill in (True, False)]
+_RECTANGLES = [(low, high, fill) for low in range(3, 8) for high in range(low + 1, 10) for fill in (True, False)]
+_LARGE = [(9, 9, True), (9, 9, False), (10, 10, True), (12, 12, True)]
+SIZES: list[Size] = sorted([*_SQUARES, *_RECTANGLES, *_LARGE], key=lambda size: (not size[2], size[0] * size[1]))
 
 # A bridge ends at a crossing, or goes on through a tile with two connections, whose other link is a bridge too. As
 # crossings are not linked to each other, a flawless network with a bridge has at least two, of a weight of 100 each.
@@ -54,7 +49,35 @@ _LEAST_COST_OF_BRIDGES = 200
 _MOST_SWEPT = {True: 81, False: 64}
 
 
-def certify(size: Size, *, thin: bool = True) -> dict[str, Any]:
+class Niche(TypedDict):
+    """What is proven about a cyclomatic number: the lowest fitness, the number of networks, and rows of codes."""
+
+    cyclomatic: int
+    optimum: int
+    networks: int | None
+    witness: list[str]
+
+
+class Cost(TypedDict):
+    """Processor time, the process's peak memory, the states that were kept, and the most after one cell."""
+
+    seconds: float
+    mebibytes: int
+    states: int
+    peak: int
+
+
+class Certificate(TypedDict):
+    """The record of one size: `niches` has the cyclomatic numbers that are feasible."""
+
+    height: int
+    width: int
+    fill: bool
+    niches: list[Niche]
+    cost: Cost
+
+
+def certify(size: Size, *, thin: bool = True) -> Certificate:
     """Certifies one size.
 
     Three sweeps: the first counts the networks of each cyclomatic number, the second finds the best network without a
@@ -63,10 +86,7 @@ def certify(size: Size, *, thin: bool = True) -> dict[str, Any]:
 
     Args:
       size: the smaller side first, so that the line is short.
-      thin: as `sweep` takes it.
-
-    Returns:
-      The record that the file has for a size.
+      thin: see `sweep`.
 
     Raises:
       ArithmeticError: if bridges might pay, or a witness is not what it should be.
@@ -90,22 +110,19 @@ def certify(size: Size, *, thin: bool = True) -> dict[str, Any]:
     return {"height": height, "width": width, "fill": fill, "niches": niches, "cost": cost}
 
 
-def certify_by_halves(size: Size, workers: Executor) -> dict[str, Any]:
+def certify_by_halves(size: Size, workers: Executor) -> Certificate:
     """Certifies one size by two halves, without the numbers of networks.
 
     Args:
       size: the upper half has half of the height, rounded down.
-      workers: they take the cyclomatic numbers.
-
-    Returns:
-      The record that the file has for a size.
+      workers: each takes a cyclomatic number at a time.
 
     Raises:
-      ArithmeticError: as `certify`.
+      ArithmeticError: see `certify`.
     """
     height, width, fill = size
     numbers = range(1, 2 + find_most_crossings(*_halves(size)) // 2)
-    results = list(workers.map(partial(certify_niche, size), numbers))
+    results = list(workers.map(partial(_certify_niche, size), numbers))
     best = {niche["cyclomatic"]: niche for niche, _ in results if niche}
     costs = [cost for _, cost in results]
     if not fill:  # networks that do not cross the cut
@@ -118,19 +135,18 @@ def certify_by_halves(size: Size, workers: Executor) -> dict[str, Any]:
             niche |= {"networks": None, "witness": rows}
             known = best.setdefault(niche["cyclomatic"], niche)
             best[niche["cyclomatic"]] = min(known, niche, key=lambda niche: niche["optimum"])
-    cost = {name: round(sum(cost[name] for cost in costs), 2) for name in ("seconds", "states")}
-    cost |= {name: max(cost[name] for cost in costs) for name in ("mebibytes", "peak")}
-    cost = {name: cost[name] for name in costs[0]}
+    cost = Cost(
+        seconds=round(sum(cost["seconds"] for cost in costs), 2),
+        mebibytes=max(cost["mebibytes"] for cost in costs),
+        states=sum(cost["states"] for cost in costs),
+        peak=max(cost["peak"] for cost in costs),
+    )
     niches = [best[number] for number in sorted(best)]
     return {"height": height, "width": width, "fill": fill, "niches": niches, "cost": cost}
 
 
-def certify_niche(size: Size, cyclomatic: int) -> tuple[dict[str, Any] | None, dict[str, Any]]:
-    """Certifies one cyclomatic number, of the networks that cross the cut.
-
-    Returns:
-      The record of the niche, None if there is no network, and the cost.
-    """
+def _certify_niche(size: Size, cyclomatic: int) -> tuple[Niche | None, Cost]:
+    """Certifies one cyclomatic number, of the networks that cross the cut; returns no niche if there is no network."""
     began = time.process_time()
     halves = _halves(size)
     best = find_optimum(*halves, cyclomatic)
@@ -158,8 +174,8 @@ def _niche(
     score: float,
     with_bridges: float,
     witness: NDArray[np.int8] | None,
-) -> dict[str, Any]:
-    """Makes the record of a niche of the highest straight score without bridges, and a bound of it with bridges.
+) -> Niche:
+    """Makes the record of a niche from the highest straight score without bridges, and a bound of it with bridges.
 
     Raises:
       ArithmeticError: if bridges might pay, or the witness is not what it should be.
@@ -175,38 +191,32 @@ def _niche(
     return {"cyclomatic": cyclomatic, "optimum": optimum, "networks": networks, "witness": rows}
 
 
-def _cost(began: float, states: int, peak: int) -> dict[str, Any]:
-    return {
-        "seconds": round(time.process_time() - began, 2),
-        "mebibytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-        "states": states,
-        "peak": peak,
-    }
+def _cost(began: float, states: int, peak: int) -> Cost:
+    seconds, memory = time.process_time() - began, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    return {"seconds": round(seconds, 2), "mebibytes": memory, "states": states, "peak": peak}
 
 
-# The code of each tile when rows become columns: north and west change places, and east and south.
+# The code of each tile when rows become columns: north becomes west, and east south.
 _TRANSPOSED = np.array([code >> 3 & 1 | code >> 1 & 2 | code << 1 & 4 | code << 3 & 8 for code in range(16)], np.int8)
 
 
-def table(records: list[dict[str, Any]]) -> str:
-    """Makes the tables of optima, of numbers of networks, and of what they took."""
-    lines = ["Optimum by cyclomatic number; what is vacant has no flawless network.", ""]
-    for name in ("optimum", "networks"):
-        if name == "networks":
+def make_table(records: Sequence[Certificate]) -> str:
+    """Makes the tables of optima, of numbers of networks, and of costs."""
+    lines = ["Optimum by cyclomatic number. A vacant cell has no flawless network.", ""]
+    for counts in (False, True):
+        if counts:
             lines += ["", "Number of flawless networks, where they were counted.", ""]
-        shown = [record for record in records if record["niches"][0][name] is not None]
-        most = max(niche["cyclomatic"] for record in shown for niche in record["niches"])
-        numbers = range(1, most + 1)
-        lines += [f"| grid | {' | '.join(map(str, numbers))} |", f"|---|{'---:|' * most}"]
+        shown = [record for record in records if not counts or record["niches"][0]["networks"] is not None]
+        numbers = range(1, 1 + max(niche["cyclomatic"] for record in shown for niche in record["niches"]))
+        lines += [f"| grid | {' | '.join(map(str, numbers))} |", f"|---|{'---:|' * len(numbers)}"]
         for record in shown:
-            values = {niche["cyclomatic"]: f"{niche[name]:,}" for niche in record["niches"]}
+            values = {
+                niche["cyclomatic"]: f"{niche['networks'] if counts else niche['optimum']:,}"
+                for niche in record["niches"]
+            }
             lines.append(f"| {_name(record)} | {' | '.join(values.get(number, '') for number in numbers)} |")
-    lines += [
-        "",
-        "Cost: seconds of one core, and the most memory, of a process for each size; its start and compilation apart.",
-        "",
-    ]
-    lines += ["| grid | seconds | MiB | states | most on one line |", "|---|---:|---:|---:|---:|"]
+    about = "Cost: seconds of one core, and the peak memory of a process for each size, without start and compilation."
+    lines += ["", about, "", "| grid | seconds | MiB | states | most after a cell |", "|---|---:|---:|---:|---:|"]
     for record in records:
         cost = record["cost"]
         row = f"{cost['seconds']:,.1f} | {cost['mebibytes']:,} | {cost['states']:,} | {cost['peak']:,}"
@@ -214,24 +224,28 @@ def table(records: list[dict[str, Any]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _name(record: dict[str, Any]) -> str:
+def _name(record: Certificate) -> str:
     return f"{record['height']} x {record['width']} {'A' if record['fill'] else 'B'}"
 
 
 def _size(text: str) -> Size:
     parts = re.fullmatch(r"(\d+)x(\d+)([AB])", text)
-    if not parts or not 2 <= min(int(parts[1]), int(parts[2])) <= max(int(parts[1]), int(parts[2])) <= 14:
-        raise InputError(f"expected a size such as 8x8A or 7x9B, sides of 2 to 14, got {text!r}")
-    low, high = sorted((int(parts[1]), int(parts[2])))
-    return low, high, parts[3] == "A"
+    sides = sorted(map(int, parts.groups()[:2])) if parts else [0]
+    if not parts or not 2 <= sides[0] <= sides[1] <= 14:
+        raise argparse.ArgumentTypeError(f"expected a size such as 8x8A or 7x9B, sides of 2 to 14, got {text!r}")
+    return sides[0], sides[1], parts[3] == "A"
 
 
-def _transpose(rows: list[str]) -> list[str]:
+def _transpose(rows: Sequence[str]) -> list[str]:
     """Makes rows of codes of columns of codes."""
     return ["".join(f"{code:x}" for code in row) for row in _TRANSPOSED[_grid(rows).T].tolist()]
 
 
-def _read(file: Path) -> dict[Size, dict[str, Any]]:
+def _grid(rows: Sequence[str]) -> NDArray[np.int_]:
+    return np.array([[int(code, 16) for code in row] for row in rows])
+
+
+def _read(file: Path) -> dict[Size, Certificate]:
     if not file.exists():
         return {}
     try:
@@ -241,50 +255,45 @@ def _read(file: Path) -> dict[Size, dict[str, Any]]:
         raise InputError(f"{file}: expected certificates, got {error!r}") from None
 
 
-def _write(file: Path, records: list[dict[str, Any]]) -> None:
+def _write(file: Path, records: Mapping[Size, Certificate]) -> None:
     # A line for each record: short, and what changes is seen.
-    lines = ",\n".join(json.dumps(record, separators=(",", ":")) for record in records)
-    write_atomic(file, f'{{"version":1,"certificates":[\n{lines}\n]}}\n'.encode())
+    ordered = [records[size] for size in sorted(records, key=lambda size: (not size[2], *size))]
+    lines = ",\n".join(json.dumps(record, separators=(",", ":")) for record in ordered)
+    write(file, f'{{"version":1,"certificates":[\n{lines}\n]}}\n')
 
 
-def main(arguments: list[str] | None = None) -> int:
-    parser = Parser(prog="certify.py", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("sizes", nargs="*", type=checked_by(_size), help="such as 8x8A 7x9B; by default all")
-    parser.add_argument(
-        "--out", type=checked_by(path), default=Path("results/certificates.json"), help="file to add to"
-    )
-    parser.add_argument("--table", type=checked_by(path), help="file for tables of all that the other file has")
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("certify", __doc__)
+    parser.add_argument("sizes", nargs="*", type=_size, metavar="SIZE", help="such as 8x8A 7x9B; by default all")
+    parser.add_argument("--out", type=Path, default=Path("results/certificates.json"), help="file to add to")
+    parser.add_argument("--table", type=Path, help="file for tables of all sizes in the other file")
     options = parser.parse_args(arguments)
-    return guarded("certify.py", lambda: _run(options), interrupted="sizes that were done are kept")
+    return run("certify", lambda: _run(options))
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     records = _read(options.out)
     for size in options.sizes or SIZES:
         if size not in records:
             # Processes of their own, so that the memory is that of this size alone.
             context = multiprocessing.get_context("spawn")
             large = size[0] * size[1] > _MOST_SWEPT[size[2]]
-            with ProcessPoolExecutor(count_cores() if large else 1, mp_context=context) as pool:
+            with ProcessPoolExecutor(len(os.sched_getaffinity(0)) if large else 1, mp_context=context) as pool:
                 if large:
                     records[size] = certify_by_halves(size, pool)
                 else:
                     pool.submit(certify, (3, 3, True)).result()  # compiles
                     records[size] = pool.submit(certify, size).result()
-            _write(options.out, [records[key] for key in sorted(records, key=lambda key: (not key[2], *key))])
+            _write(options.out, records)
         record = records[size]
         optima = {niche["cyclomatic"]: niche["optimum"] for niche in record["niches"]}
         faults = check(optima, [_grid(niche["witness"]) for niche in record["niches"]], fill=size[2])[1]
         assert not faults, faults
-        say(f"{_name(record)}: {optima}, {record['cost']['seconds']} s")
+        print(f"{_name(record)}: {optima}, {record['cost']['seconds']} s", flush=True)
     if options.table:
-        write_atomic(options.table, table(list(records.values())).encode())
-    return 0
-
-
-def _grid(rows: list[str]) -> np.ndarray:
-    return np.array([[int(code, 16) for code in row] for row in rows])
+        write(options.table, make_table(list(records.values())))
 
 
 if __name__ == "__main__":
-    leave(lambda: main(sys.argv[1:]))
+    leave(main())
