@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple, Unpack
+from typing import NamedTuple, TypeAlias, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -40,6 +40,8 @@ from elitelanes_jax.search._options import SearchOptions
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
+
+_KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
 # and the most generations that it has.
@@ -227,7 +229,7 @@ class Static(NamedTuple):
             return self.factory(problem)
         return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
 
-    def keys(self, data: UInt32[Array | np.ndarray, "*S B"]) -> Key[Array, "*S"]:
+    def keys(self, data: _KeyData) -> Key[Array, "*S"]:
         """Makes keys of their data."""
         return jax.random.wrap_key_data(jnp.asarray(data), impl=self.impl)
 
@@ -442,7 +444,7 @@ def _compile(search: _Search, *, starts: bool, runs: bool) -> None:
                 yield _advance.lower(static, traced, part, inputs, np.int32(0), np.int32(0)).compile
 
     # In threads, as an interruption does not wait for those.
-    side_by_side(compilers(), left=True)
+    side_by_side(compilers(), leave=True)
     _COMPILED.add(needed)
 
 
@@ -458,7 +460,7 @@ def _run(
     """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
     seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), _MOST // 2
 
-    def advance_part(keys: Array, states: Pytree, first: int, last: int) -> tuple[Pytree, Info]:
+    def advance_part(keys: _KeyData, states: Pytree, first: int, last: int) -> tuple[Pytree, Info]:
         arguments = search.static, search.traced, keys, states, np.int32(first), np.int32(last)
         return jax.block_until_ready(_advance(*arguments))
 
@@ -491,13 +493,13 @@ _ONCE = {"xla_backend_optimization_level": 0}
 
 
 @partial(jax.jit, static_argnames="static", compiler_options=_ONCE)
-def _start(static: Static, traced: Traced, keys: Array) -> Pytree:
+def _start(static: Static, traced: Traced, keys: _KeyData) -> Pytree:
     return start(static.optimizer(traced), static.keys(keys))
 
 
 @partial(jax.jit, static_argnames="static")
 def _advance(
-    static: Static, traced: Traced, keys: Array, states: Pytree, first: int | Array, last: int | Array
+    static: Static, traced: Traced, keys: _KeyData, states: Pytree, first: int | Array, last: int | Array
 ) -> tuple[Pytree, Info]:
     return advance(static.optimizer(traced), static.keys(keys), states, first, last, most=_MOST)
 
