@@ -153,7 +153,7 @@ def test_errors_and_interruptions_come_when_all_have_ended_or_are_left():
             side_by_side([work, interrupt, work])
         assert len(ended) == 3
         with pytest.raises(KeyboardInterrupt):
-            side_by_side([work, interrupt], left=True)
+            side_by_side([work, interrupt], leave=True)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(ended) == 3

@@ -101,7 +101,7 @@ class DatasetSpec(Record):
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
+    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")

@@ -285,7 +285,7 @@ def _of_seeds(history: "History", seeds: int) -> "History":
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
     spec = result.spec
-    name = f"{shape[0]}x{shape[1]}{'A' if spec.fills else 'B'}"
+    name = f"{shape[0]}x{shape[1]}{'A' if spec.repair_fills else 'B'}"
     if name not in SIZES or spec.all_weights != Weights() or spec.extra_weights or spec.rules is not None:
         return None
     task = find_task(f"{name}-10000")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -109,7 +110,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
 
 def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
     try:
-        return GenerateSpec(**settings | {"search": SearchSpec(**settings["search"])})
+        return GenerateSpec(**settings | {"search": SearchSpec.from_plain(settings["search"])})
     except (InputError, TypeError, KeyError) as error:
         raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
 
@@ -135,4 +136,4 @@ def _join(results: Sequence[Result]) -> Result:
         elite_count=np.concatenate([one.elite_count for one in histories]),
     )
     first = results[0]
-    return Result(elites, history, first.state, first.spec, first.axes)
+    return replace(first, elites=elites, history=history)

@@ -22,7 +22,7 @@ from elitelanes_jax.maps._parts import ARCHIVE, RECORD, Evolved, join_parts
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.optimizers.presets import PRESETS
+from elitelanes_jax.optimizers.presets import config_to_plain
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.like import difference_from
@@ -176,7 +176,7 @@ def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: di
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "settings": spec.to_plain(),
-        "config": _plain(PRESETS[search.method, search.preset]),
+        "config": run.result.config and config_to_plain(run.result.config),
         "weights": search.all_weights._asdict(),
         "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
         "axes": [axis._asdict() for axis in run.result.axes],
@@ -197,8 +197,3 @@ def _run_record(run: Evolved, tiles: TileSet, choice: Choice | None, seconds: di
 
 def _median(speeds: NDArray[np.float64]) -> int | None:
     return round(float(np.median(speeds))) if speeds.size else None
-
-
-def _plain(record: Plain) -> Plain:
-    """Returns records within records as tables within tables."""
-    return {name: _plain(value) for name, value in vars(record).items()} if hasattr(record, "__dict__") else record

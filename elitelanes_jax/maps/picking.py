@@ -19,6 +19,7 @@ from elitelanes_jax.maps.folder import foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.counts import Metrics
+from elitelanes_jax.optimizers.presets import config_to_plain
 from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.extras import measure_missing
@@ -90,6 +91,7 @@ def pick(
             "settings": spec.to_plain(),
             "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
             "search": search.to_plain(),
+            "config": result.config and config_to_plain(result.config),
             "tile_set": {name: getattr(tiles, name) for name in ("name", "licence", "alphabet", "layers", "blend")},
             "axes": [axis._asdict() for axis in axes],
             "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},

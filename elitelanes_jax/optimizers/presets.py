@@ -1,9 +1,12 @@
 """The optimisers by kind of configuration, and the configurations by method and preset."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from typing import TypeAlias, TypeVar
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.records import Record
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
@@ -22,6 +25,18 @@ from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.problem.problem import Problem
 
+Config: TypeAlias = (
+    AnnealedMapElitesConfig
+    | MapElitesConfig
+    | AnnealingConfig
+    | EvolutionConfig
+    | AnnealedPsoConfig
+    | PsoConfig
+    | AnnealedGwoConfig
+    | GwoConfig
+)
+"""The configuration of a method; its kind says which method."""
+
 # Moves without those that mirror parts of a map and with few that copy them, so that its parts differ. Outlines of
 # rectangles lead from one sparse network to the next: 67 towns of 12 x 12 with them, 47 with the usual share. Towns are
 # equally fit, and most flawed ones have a single flaw: elites drift, windows are refitted, and a niche is pursued until
@@ -33,7 +48,7 @@ _IRREGULAR = AnnealingConfig(
     moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, filling=0.0),
 )
 
-PRESETS: dict[tuple[str, str], Record] = {
+PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
@@ -61,19 +76,53 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 }
 
 
-def make_optimizer(problem: Problem, config: Record) -> Optimizer:
+R = TypeVar("R", bound=Record)
+
+
+def make_optimizer(problem: Problem, config: Config) -> Optimizer:
     """Makes the optimiser of a kind of configuration, on a problem."""
     return _FACTORIES[type(config)](problem, config)
 
 
-def find_preset(config: Record) -> tuple[str, str]:
-    """Returns the method and the preset of a configuration's kind.
+def find_preset(config: Config) -> tuple[str, str, bool]:
+    """Finds the preset of a configuration.
+
+    Returns:
+      The method, the preset, and whether the configuration is the preset's. If it is that of no preset, the preset is
+      the first one of its kind.
 
     Raises:
-      InputError: if it is none.
+      InputError: for anything else than a configuration.
     """
-    for place, known in PRESETS.items():
-        if type(known) is type(config):
-            return place
-    kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
-    raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")
+    alike = [(found, known == config) for found, known in PRESETS.items() if type(known) is type(config)]
+    if not alike:
+        kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
+        raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")
+    (method, preset), exact = max(alike, key=lambda one: one[1])
+    return method, preset, exact
+
+
+def config_to_plain(config: Config) -> dict[str, Plain]:
+    """Returns the kind and the fields of a configuration, plain values for JSON."""
+    return {"kind": type(config).__name__, **asdict(config)}
+
+
+def config_from_plain(plain: Plain) -> Config:
+    """Returns the configuration that `config_to_plain` described.
+
+    Raises:
+      InputError: for an unknown kind, a missing or unknown field, or a wrong value.
+    """
+    kinds = {kind.__name__: kind for kind in _FACTORIES}
+    if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
+        raise InputError(f"config: expected a kind, one of {', '.join(kinds)}, got {short(repr(plain))}")
+    return _from_plain(kinds[plain["kind"]](), {name: value for name, value in plain.items() if name != "kind"})
+
+
+def _from_plain(default: R, plain: Plain) -> R:
+    names = default.options()
+    if not isinstance(plain, Mapping) or set(plain) != set(names):
+        raise InputError(f"config: expected {', '.join(names)}, got {short(repr(plain))}")
+    parts = {name: getattr(default, name) for name in names}
+    nested = {name: _from_plain(part, plain[name]) for name, part in parts.items() if isinstance(part, Record)}
+    return default.replace(**{**plain, **nested})

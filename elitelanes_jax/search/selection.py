@@ -174,7 +174,7 @@ def without_flaws(
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in find_flaws(spec.rules, filled=spec.fills and spec.fix is None):
+    for name, right, words in find_flaws(spec.rules, filled=spec.repair_fills and spec.fix is None):
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed

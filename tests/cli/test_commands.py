@@ -82,7 +82,7 @@ def test_the_run_record_and_the_archive(generated):
     run = json.loads((generated / "run.json").read_text())
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
-    assert SearchSpec(**run["settings"]["search"]) == SearchSpec(method="ea", preset="paper", generations=5)
+    assert SearchSpec.from_plain(run["settings"]["search"]) == SearchSpec(method="ea", preset="paper", generations=5)
     assert run["config"]["population"] == 20
     assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
