@@ -8,13 +8,16 @@ export interface Pixels {
   readonly labels: Uint8Array;
 }
 
-/** Returns the pixels of a picture: its place times 4, plus quarter turns counter-clockwise. */
+/** Returns the pixels of a picture: its index times 4, plus quarter turns counter-clockwise. */
 export type PixelsOf = (picture: number) => Pixels;
 
 /** What squared 255 · (gain - 1) and offset cost, beside squared grey levels. */
-const GAIN = 1, OFFSET = 0.01;
-const STRIP = 1 / 2, FEATHER = 0.02;
-const CLOSE = 1e-9, MOST_ROUNDS = 2000;
+const GAIN = 1;
+const OFFSET = 0.01;
+const STRIP = 1 / 2;
+const FEATHER = 0.02;
+const CLOSE = 1e-9;
+const MOST_ROUNDS = 2000;
 
 export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: number): Pixels {
   const turned = { size, levels: new Uint8ClampedArray(levels.length), labels: new Uint8Array(labels.length) };
@@ -32,9 +35,9 @@ export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: num
 
 /** Calls `each` for every two neighbours whose roads meet: the cells, and whether the second lies to the south. */
 function meetings({ height, width, codes }: Grid, each: (one: number, other: number, south: boolean) => void): void {
-  codes.forEach((code, place) => {
-    if (place % width < width - 1 && code & EAST && codes[place + 1] & WEST) each(place, place + 1, false);
-    if (place < (height - 1) * width && code & SOUTH && codes[place + width] & NORTH) each(place, place + width, true);
+  codes.forEach((code, cell) => {
+    if (cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST) each(cell, cell + 1, false);
+    if (cell < (height - 1) * width && code & SOUTH && codes[cell + width] & NORTH) each(cell, cell + width, true);
   });
 }
 
@@ -48,7 +51,8 @@ interface Equations {
 function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
   const { size } = one;
   const depth = Math.max(1, Math.round(STRIP * size));
-  const products = new Float64Array(48), sides = new Float64Array(12);
+  const products = new Float64Array(48);
+  const sides = new Float64Array(12);
   let count = 0;
   for (let along = 0; along < size; along++) {
     for (let away = 0; away < depth; away++) {
@@ -57,7 +61,8 @@ function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
       if (!one.labels[near] || one.labels[near] !== other.labels[far]) continue;
       count++;
       for (let channel = 0; channel < 3; channel++) {
-        const here = one.levels[3 * near + channel], there = other.levels[3 * far + channel];
+        const here = one.levels[3 * near + channel];
+        const there = other.levels[3 * far + channel];
         const row = [here / 255, 1, -there / 255, -1];
         for (let y = 0; y < 4; y++) {
           for (let x = 0; x < 4; x++) products[16 * channel + 4 * y + x] += row[y] * row[x];
@@ -88,41 +93,44 @@ export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: Pi
   return [0, 1, 2].map((channel) => {
     const size = 2 * grid.codes.length;
     const times = (vector: Float64Array): Float64Array => {
-      const product = vector.map((value, place) => value * (place % 2 ? OFFSET : GAIN));
+      const product = vector.map((value, index) => value * (index % 2 ? OFFSET : GAIN));
       for (const { one, other, equations } of seams) {
-        const places = [2 * one, 2 * one + 1, 2 * other, 2 * other + 1];
+        const indices = [2 * one, 2 * one + 1, 2 * other, 2 * other + 1];
         for (let y = 0; y < 4; y++) {
-          for (let x = 0; x < 4; x++) product[places[y]] += equations.products[16 * channel + 4 * y + x] * vector[places[x]];
+          for (let x = 0; x < 4; x++)
+            product[indices[y]] += equations.products[16 * channel + 4 * y + x] * vector[indices[x]];
         }
       }
       return product;
     };
-    const rest = new Float64Array(size), scale = Float64Array.from({ length: size }, (_, place) => (place % 2 ? OFFSET : GAIN));
+    const rest = new Float64Array(size);
+    const scale = Float64Array.from({ length: size }, (_, index) => (index % 2 ? OFFSET : GAIN));
     for (const { one, other, equations } of seams) {
-      [2 * one, 2 * one + 1, 2 * other, 2 * other + 1].forEach((place, y) => {
-        rest[place] += equations.sides[4 * channel + y];
-        scale[place] += equations.products[16 * channel + 5 * y];
+      [2 * one, 2 * one + 1, 2 * other, 2 * other + 1].forEach((index, y) => {
+        rest[index] += equations.sides[4 * channel + y];
+        scale[index] += equations.products[16 * channel + 5 * y];
       });
     }
-    const dot = (a: Float64Array, b: Float64Array): number => a.reduce((sum, value, place) => sum + value * b[place], 0);
+    const dot = (a: Float64Array, b: Float64Array): number =>
+      a.reduce((sum, value, index) => sum + value * b[index], 0);
     const found = new Float64Array(size);
-    let way = rest.map((value, place) => value / scale[place]);
+    let way = rest.map((value, index) => value / scale[index]);
     let product = dot(rest, way);
     const enough = CLOSE * CLOSE * product;
     for (let round = 0; round < MOST_ROUNDS && product > enough; round++) {
       const changed = times(way);
       const step = product / dot(way, changed);
-      for (let place = 0; place < size; place++) {
-        found[place] += step * way[place];
-        rest[place] -= step * changed[place];
+      for (let index = 0; index < size; index++) {
+        found[index] += step * way[index];
+        rest[index] -= step * changed[index];
       }
-      const scaled = rest.map((value, place) => value / scale[place]);
+      const scaled = rest.map((value, index) => value / scale[index]);
       const next = dot(rest, scaled);
       const more = next / product;
-      way = way.map((value, place) => scaled[place] + more * value);
+      way = way.map((value, index) => scaled[index] + more * value);
       product = next;
     }
-    return found.map((value, place) => (place % 2 ? value : 1 + value / 255));
+    return found.map((value, index) => (index % 2 ? value : 1 + value / 255));
   });
 }
 
@@ -133,7 +141,13 @@ function rint(value: number): number {
 }
 
 /** Draws a map whose tiles have been brought together into `target`, of R, G, B and opacity; bare cells stay as they are. */
-export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: PixelsOf, pixelsOf: PixelsOf, target: Uint8ClampedArray): void {
+export function paintBlended(
+  grid: Grid,
+  pictures: ArrayLike<number>,
+  compared: PixelsOf,
+  pixelsOf: PixelsOf,
+  target: Uint8ClampedArray,
+): void {
   const { width } = grid;
   const tones = solveTones(grid, pictures, compared);
   const size = pixelsOf(Array.from(pictures).find((picture) => picture >= 0) ?? 0).size;
@@ -142,7 +156,9 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
   grid.codes.forEach((_, cell) => {
     if (pictures[cell] < 0) return;
     const { levels } = pixelsOf(pictures[cell]);
-    const tables = tones.map((values) => Uint8ClampedArray.from({ length: 256 }, (_, level) => rint(level * values[2 * cell] + values[2 * cell + 1])));
+    const tables = tones.map((values) =>
+      Uint8ClampedArray.from({ length: 256 }, (_, level) => rint(level * values[2 * cell] + values[2 * cell + 1])),
+    );
     for (let row = 0, from = 0; row < size; row++) {
       for (let to = 4 * (start(cell) + row * stride), end = to + 4 * size; to < end; to += 4) {
         for (let channel = 0; channel < 3; channel++) target[to + channel] = tables[channel][levels[from++]];
@@ -150,8 +166,11 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
     }
   });
   const reach = Math.max(FEATHER * size, 2);
-  const shares = Array.from({ length: Math.ceil(reach - 0.5) }, (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4);
-  const changes = new Map<number, number>(); // by place in the target: a pixel near a corner has two
+  const shares = Array.from(
+    { length: Math.ceil(reach - 0.5) },
+    (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4,
+  );
+  const changes = new Map<number, number>(); // by index in the target: a pixel near a corner has two
   meetings(grid, (one, other, south) => {
     if (pictures[one] < 0 || pictures[other] < 0) return;
     const [first, second] = [pixelsOf(pictures[one]), pixelsOf(pictures[other])];
@@ -160,7 +179,8 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
         const [y, x, y2, x2] = south ? [size - 1 - away, along, away, along] : [along, size - 1 - away, along, away];
         if (first.labels[y * size + x] !== second.labels[y2 * size + x2]) continue;
         for (let channel = 0; channel < 3; channel++) {
-          const left = 4 * (start(one) + y * stride + x) + channel, right = 4 * (start(other) + y2 * stride + x2) + channel;
+          const left = 4 * (start(one) + y * stride + x) + channel;
+          const right = 4 * (start(other) + y2 * stride + x2) + channel;
           const step = share * (target[right] - target[left]);
           changes.set(left, (changes.get(left) ?? 0) + step);
           changes.set(right, (changes.get(right) ?? 0) - step);
@@ -168,5 +188,5 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
       }
     });
   });
-  for (const [place, change] of changes) target[place] = rint(target[place] + change);
+  for (const [index, change] of changes) target[index] = rint(target[index] + change);
 }

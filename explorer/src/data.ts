@@ -40,7 +40,7 @@ interface RunValues {
   readonly fitness: ArrayRef | null;
   readonly seed: ArrayRef;
   readonly niche: ArrayRef | null;
-  readonly extras: Readonly<Record<string, ArrayRef>>;
+  readonly features: Readonly<Record<string, ArrayRef>>;
   readonly labels: readonly string[] | null;
   readonly maps: readonly ChosenMap[];
   readonly history: {
@@ -49,7 +49,12 @@ interface RunValues {
     readonly best_fitness: ArrayRef;
     readonly elite_count: ArrayRef;
   } | null;
-  readonly rides: readonly { readonly place: number; readonly goal: readonly [number, number]; readonly success: boolean; readonly poses: ArrayRef }[];
+  readonly rides: readonly {
+    readonly elite: number;
+    readonly goal: readonly [number, number];
+    readonly success: boolean;
+    readonly poses: ArrayRef;
+  }[];
   readonly floors: readonly (readonly [number, number])[] | null;
   readonly record: Readonly<Record<string, unknown>>;
 }
@@ -64,14 +69,14 @@ export interface Values {
 }
 
 export interface ChosenMap {
-  readonly place: number;
+  readonly elite: number;
   readonly name: string;
   readonly pictures: readonly number[] | null;
 }
 
 /** A ride on a map, 30 poses a second: tiles east and south, radians counter-clockwise from east. */
 export interface Ride {
-  readonly place: number;
+  readonly elite: number;
   readonly goal: readonly [row: number, column: number];
   readonly success: boolean;
   readonly x: Float32Array;
@@ -109,23 +114,29 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
   const runs = values.runs.map((run) => {
     const halves = read("uint8", run.grids);
     const codes = new Uint8Array(run.grids.codes!);
-    for (let place = 0; place < codes.length; place++) codes[place] = (halves[place >> 1] >> (place & 1 ? 4 : 0)) & 15;
+    for (let cell = 0; cell < codes.length; cell++) codes[cell] = (halves[cell >> 1] >> (cell & 1 ? 4 : 0)) & 15;
     const history = run.history && {
       evaluations: read("float64", run.history.evaluations),
       best_fitness: rows(read("int32", run.history.best_fitness), run.history.steps),
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
-    const extras = new Map(Object.entries(run.extras).map(([name, ref]) => [name, read("int32", ref)]));
-    const rides = run.rides.map(({ place, goal, success, poses }) => {
+    const features = new Map(Object.entries(run.features).map(([name, ref]) => [name, read("int32", ref)]));
+    const rides = run.rides.map(({ elite, goal, success, poses }) => {
       const track = read("float32", poses);
       const steps = track.length / 3;
       const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
-      return { place, goal, success, x, y, theta };
+      return { elite, goal, success, x, y, theta };
     });
     const [fit, niche] = [run.fitness, run.niche].map((ref) => ref && read("int32", ref));
-    return new Run(run, codes, fit, niche, read("int32", run.seed), extras, history, rides);
+    return new Run(run, codes, fit, niche, read("int32", run.seed), features, history, rides);
   });
-  return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
+  return {
+    title: values.title,
+    version: values.version,
+    tiles: values.tiles,
+    lots: read("float64", values.lots),
+    runs,
+  };
 }
 
 function rows(values: Int32Array, length: number): Int32Array[] {
@@ -153,7 +164,7 @@ export class Run {
   /** Of each elite, its fitness, the number of its seed, its niche. */
   readonly fitness: Int32Array;
   readonly niche: Int32Array;
-  private readonly counts: Int32Array;
+  private readonly metrics: Int32Array;
   private readonly measured: Uint8Array;
   private readonly columns = new Map<string, Float64Array>();
   private readonly sortedColumns = new Map<string, Float64Array>();
@@ -166,7 +177,7 @@ export class Run {
     niche: Int32Array | null,
     readonly seed: Int32Array,
     /** Features that the search measured beside the metrics. */
-    readonly extras: ReadonlyMap<string, Int32Array>,
+    readonly features: ReadonlyMap<string, Int32Array>,
     readonly history: History | null,
     readonly rides: readonly Ride[],
   ) {
@@ -176,11 +187,14 @@ export class Run {
     this.alphabet = alphabetMask(values.alphabet);
     this.floors = values.floors && new Map(values.floors);
     this.count = seed.length;
-    const metrics = COUNT_NAMES.length;
-    this.counts = new Int32Array(this.count * metrics);
+    const size = COUNT_NAMES.length;
+    this.metrics = new Int32Array(this.count * size);
     this.measured = new Uint8Array(this.count);
-    this.niche = niche ?? Int32Array.from({ length: this.count }, (_, elite) => nicheOf(this.axes, (name) => this.feature(name, elite)));
-    this.fitness = fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.countsOf(elite), this.weights));
+    this.niche =
+      niche ??
+      Int32Array.from({ length: this.count }, (_, elite) => nicheOf(this.axes, (name) => this.feature(name, elite)));
+    this.fitness =
+      fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.metricsOf(elite), this.weights));
   }
 
   grid(elite: number): Grid {
@@ -189,12 +203,12 @@ export class Run {
   }
 
   /** Returns the metrics of an elite, measured once they are asked for. */
-  countsOf(elite: number): Int32Array {
+  metricsOf(elite: number): Int32Array {
     if (!this.measured[elite]) {
-      measure(this.grid(elite), this.alphabet, this.counts, elite * COUNT_NAMES.length);
+      measure(this.grid(elite), this.alphabet, this.metrics, elite * COUNT_NAMES.length);
       this.measured[elite] = 1;
     }
-    return this.counts.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
+    return this.metrics.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
   }
 
   get niches(): number {
@@ -203,11 +217,11 @@ export class Run {
 
   /** What can be shown of an elite: fitness, features, and the distance from a proven floor where one is known. */
   get quantities(): readonly string[] {
-    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.extras.keys()];
+    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.features.keys()];
   }
 
   feature(name: string, elite: number): number {
-    return this.extras.get(name)?.[elite] ?? feature(name, this.countsOf(elite));
+    return this.features.get(name)?.[elite] ?? feature(name, this.metricsOf(elite));
   }
 
   /** Returns a quantity of all elites; not a number where it has no meaning. */
@@ -224,7 +238,9 @@ export class Run {
   sorted(name: string): Float64Array {
     let sorted = this.sortedColumns.get(name);
     if (!sorted) {
-      sorted = this.column(name).filter((value) => !Number.isNaN(value)).sort();
+      sorted = this.column(name)
+        .filter((value) => !Number.isNaN(value))
+        .sort();
       this.sortedColumns.set(name, sorted);
     }
     return sorted;
@@ -282,19 +298,19 @@ export class Run {
 
   /** Returns a name for a map. */
   label(elite: number): string {
-    const chosen = this.maps.find((map) => map.place === elite);
+    const chosen = this.maps.find((map) => map.elite === elite);
     if (this.labels) return this.labels[elite];
     const seed = this.seeds > 1 ? `, seed ${this.seed[elite]}` : "";
     return chosen ? `map ${chosen.name}${seed}` : `niche ${this.nicheName(this.niche[elite])}${seed}`;
   }
 }
 
-/** Returns the place of a picture of each tile: those that a map was drawn with, else those that the lots fall on. */
+/** Returns the index of each tile's picture: the pictures that a map was drawn with if they are known, else drawn by the lots. */
 export function choosePictures(grid: Grid, data: Data, known: readonly number[] | null): Int32Array {
   if (known) return Int32Array.from(known);
-  return Int32Array.from(grid.codes, (code, place) => {
+  return Int32Array.from(grid.codes, (code, cell) => {
     const draws = data.tiles.rotations[code];
-    return draws ? draws[Math.floor(data.lots[place % data.lots.length] * draws.length)] : -1;
+    return draws ? draws[Math.floor(data.lots[cell % data.lots.length] * draws.length)] : -1;
   });
 }
 
@@ -304,10 +320,10 @@ export function quantileOf(sorted: Float64Array, value: number): number {
 }
 
 export function quantile(sorted: Float64Array, share: number): number {
-  const place = share * (sorted.length - 1);
-  const low = Math.floor(place);
+  const position = share * (sorted.length - 1);
+  const low = Math.floor(position);
   const high = Math.min(low + 1, sorted.length - 1);
-  return sorted[low] + (sorted[high] - sorted[low]) * (place - low);
+  return sorted[low] + (sorted[high] - sorted[low]) * (position - low);
 }
 
 /** Returns how many sorted values lie below a value. */

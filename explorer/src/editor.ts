@@ -31,7 +31,8 @@ export function editorOf(grid: Grid, given: Uint8Array = new Uint8Array(grid.cod
 
 /** Returns the drawing after a stroke, which can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
-  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, place) => given === drawing.given[place])) return editor;
+  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, cell) => given === drawing.given[cell]))
+    return editor;
   const { grid, given } = editor;
   return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, given }], future: [] };
 }
@@ -39,7 +40,9 @@ export function done(editor: Editor, drawing: Drawing): Editor {
 export function undo(editor: Editor): Editor {
   const last = editor.past.at(-1);
   const { grid, given } = editor;
-  return last ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] } : editor;
+  return last
+    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] }
+    : editor;
 }
 
 export function redo(editor: Editor): Editor {
@@ -57,8 +60,10 @@ export interface Stroke {
 
 /** Returns the cells from one to another, side by side, the first left out: along the longer way first. */
 export function between(width: number, from: number, to: number): number[] {
-  let row = Math.floor(from / width), column = from % width;
-  const down = Math.floor(to / width), right = to % width;
+  let row = Math.floor(from / width);
+  let column = from % width;
+  const down = Math.floor(to / width);
+  const right = to % width;
   const cells: number[] = [];
   while (row !== down || column !== right) {
     if (Math.abs(right - column) > Math.abs(down - row)) column += Math.sign(right - column);
@@ -81,13 +86,13 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   const dirty = new Uint8Array(codes.length);
   for (const cell of cells) dirty[cell] = 1;
   if (tool === "road" || tool === "cut") {
-    cells.slice(1).forEach((cell, place) => {
-      const side = SIDES.find(({ down, right }) => cells[place] + down * width + right === cell)!;
+    cells.slice(1).forEach((cell, index) => {
+      const side = SIDES.find(({ down, right }) => cells[index] + down * width + right === cell)!;
       if (tool === "road") {
-        codes[cells[place]] |= side.bit;
+        codes[cells[index]] |= side.bit;
         codes[cell] |= side.opposite;
       } else {
-        codes[cells[place]] &= ~side.bit;
+        codes[cells[index]] &= ~side.bit;
         codes[cell] &= ~side.opposite;
       }
     });
@@ -106,9 +111,13 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
 export function resized({ grid, given }: Drawing, height: number, width: number): Drawing {
   const codes = new Uint8Array(height * width);
   const marks = new Uint8Array(height * width);
-  rowsOf(grid).slice(0, height).forEach((row, y) => row.slice(0, width).forEach((code, x) => {
-    codes[y * width + x] = code;
-    marks[y * width + x] = given[y * grid.width + x];
-  }));
+  rowsOf(grid)
+    .slice(0, height)
+    .forEach((row, y) =>
+      row.slice(0, width).forEach((code, x) => {
+        codes[y * width + x] = code;
+        marks[y * width + x] = given[y * grid.width + x];
+      }),
+    );
   return { grid: { height, width, codes }, given: marks };
 }

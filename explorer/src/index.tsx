@@ -29,7 +29,7 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
     model.set(name, value);
     model.save_changes();
   };
-  const draw = async () => {
+  const show = async () => {
     const current = ++version;
     try {
       const data = await unpack(model.get("values") as Values, bytesOf(model.get("blob")));
@@ -50,13 +50,15 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
         />,
         el,
       );
+      requestAnimationFrame(() => performance.mark("elitelanes-shown"));
     } catch (error) {
-      el.textContent = `The explorer cannot show this: ${error instanceof Error ? error.message : error}`;
+      el.textContent = `The explorer cannot show this: ${error instanceof Error ? error.message : String(error)}`;
       throw error;
     }
   };
+  const draw = () => void show();
   model.on("change:blob", draw);
-  void draw();
+  draw();
   return () => {
     model.off("change:blob", draw);
     mount(null, el);
@@ -65,11 +67,15 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
 
 /** Stands in for a notebook's model on a page: values that nobody listens to. */
 function pageModel(): Model {
-  const text = (id: string) => document.getElementById(id)!.textContent!;
+  const text = (id: string) => document.getElementById(id)!.textContent;
   const letters = atob(text("elitelanes-blob"));
   const packed = new Uint8Array(letters.length);
-  for (let place = 0; place < letters.length; place++) packed[place] = letters.charCodeAt(place);
-  const values = new Map<string, unknown>([["values", JSON.parse(text("elitelanes-values"))], ["blob", packed], ["addressed", true]]);
+  for (let index = 0; index < letters.length; index++) packed[index] = letters.charCodeAt(index);
+  const values = new Map<string, unknown>([
+    ["values", JSON.parse(text("elitelanes-values"))],
+    ["blob", packed],
+    ["addressed", true],
+  ]);
   return {
     get: (name) => values.get(name),
     set: (name, value) => void values.set(name, value),
@@ -84,6 +90,17 @@ const page = typeof document === "undefined" ? null : document.getElementById("e
 if (page) render({ model: pageModel(), el: page });
 
 /** What tests compare with Python. */
-export const kernel = { feature, fitness, fromDuckietown, measure, measureTown, readMap, repair, toDuckietown, toFix, toMapJson };
+export const kernel = {
+  feature,
+  fitness,
+  fromDuckietown,
+  measure,
+  measureTown,
+  readMap,
+  repair,
+  toDuckietown,
+  toFix,
+  toMapJson,
+};
 
 export default { render };

@@ -6,6 +6,14 @@ import { LAYERS, type Layer } from "./tiles";
 export const VIEWS = ["archive", "maps", "compare", "draw", "run"] as const;
 export type ViewName = (typeof VIEWS)[number];
 
+export const VIEW_NAMES: Readonly<Record<ViewName, string>> = {
+  archive: "Archive",
+  maps: "Maps",
+  compare: "Compare",
+  draw: "Draw",
+  run: "Run",
+};
+
 export type Ranges = Readonly<Record<string, readonly [low: number, high: number]>>;
 
 export interface View {
@@ -14,7 +22,7 @@ export interface View {
   readonly seed: Seed;
   /** The bins of a niche, such as 12-0-0-0-1. */
   readonly niche: string | null;
-  /** The place of a map among the elites of its run; it goes before the niche. */
+  /** The index of the open elite; it overrides the niche. */
   readonly map: number | null;
   readonly colour: string;
   readonly scale: "linear" | "rank";
@@ -81,7 +89,8 @@ export function fromHash(hash: string): View {
   const words = new URLSearchParams(hash.replace(/^#/, ""));
   const one = <T extends string>(key: string, known: readonly T[], start: T): T =>
     known.find((word) => word === words.get(key)) ?? start;
-  const whole = (key: string): number | null => (/^\d{1,9}$/.test(words.get(key) ?? "") ? Number(words.get(key)) : null);
+  const whole = (key: string): number | null =>
+    /^\d{1,9}$/.test(words.get(key) ?? "") ? Number(words.get(key)) : null;
   const some = <T extends string>(key: string, known: readonly T[], start: readonly T[]): readonly T[] =>
     words.has(key) ? known.filter((word) => words.get(key)!.split(",").includes(word)) : start;
   const seed = words.get("seed");
@@ -103,10 +112,13 @@ export function fromHash(hash: string): View {
     where: parseWhere((words.get("where") ?? "").replaceAll(",", " ")),
     sort: sort.replace(/^-/, ""),
     descending: sort.startsWith("-"),
-    pins: (words.get("pins") ?? "").split(",").flatMap((pin) => {
-      const found = /^(\d{1,4})\.(\d{1,9})$/.exec(pin);
-      return found ? [[Number(found[1]), Number(found[2])] as const] : [];
-    }).slice(0, 4),
+    pins: (words.get("pins") ?? "")
+      .split(",")
+      .flatMap((pin) => {
+        const found = /^(\d{1,4})\.(\d{1,9})$/.exec(pin);
+        return found ? [[Number(found[1]), Number(found[2])] as const] : [];
+      })
+      .slice(0, 4),
   };
 }
 

@@ -8,7 +8,10 @@ interface Words {
 
 export const WORDS: Readonly<Record<string, Words>> = {
   fitness: { name: "Fitness", meaning: "weighted sum of the metrics; lower is better" },
-  above_floor: { name: "Above the proven floor", meaning: "fitness above the lowest that is possible, where that is proven" },
+  above_floor: {
+    name: "Above the proven floor",
+    meaning: "fitness above the lowest that is possible, where that is proven",
+  },
   filled: { name: "Seeds that fill the niche", meaning: "how many seeds found a map here" },
   components: { name: "Components", meaning: "pieces that no road connects" },
   cyclomatic: { name: "Cyclomatic number", meaning: "independent cycles: faces that roads enclose" },
@@ -17,7 +20,10 @@ export const WORDS: Readonly<Record<string, Words>> = {
   bridges: { name: "Bridges", meaning: "roads without which the network falls apart" },
   crossings: { name: "Crossings", meaning: "tiles with three or four connections" },
   adjacent_crossings: { name: "Adjacent crossings", meaning: "linked pairs of crossings, counted from both" },
-  adjacent_crossing_score: { name: "Adjacent crossing score", meaning: "connections of both tiles, over linked pairs of crossings" },
+  adjacent_crossing_score: {
+    name: "Adjacent crossing score",
+    meaning: "connections of both tiles, over linked pairs of crossings",
+  },
   adjacent_turns: { name: "Adjacent turns", meaning: "pairs of turns side by side" },
   straight_score: { name: "Straight score", meaning: "sum of the squared lengths of straight runs" },
   straights: { name: "Straights", meaning: "tiles with two connections on opposite sides" },
@@ -33,7 +39,10 @@ export const WORDS: Readonly<Record<string, Words>> = {
   turn_share: { name: "Turn share", meaning: "turns among the tiles" },
   crossing_share: { name: "Crossing share", meaning: "crossings among the tiles" },
   coverage: { name: "Coverage", meaning: "tiles among all cells" },
-  largest_block: { name: "Largest block", meaning: "area of the largest face, in squares between the middles of roads" },
+  largest_block: {
+    name: "Largest block",
+    meaning: "area of the largest face, in squares between the middles of roads",
+  },
   smallest_block: { name: "Smallest block", meaning: "area of the smallest face" },
   mean_block: { name: "Mean block", meaning: "mean area of the faces" },
   block_spread: { name: "Spread of blocks", meaning: "mean difference of a face's area from their mean, to the mean" },

@@ -58,7 +58,7 @@ def run(place):
 def drawn(run):
     """The first map that the run wrote, and its place among the elites."""
     (shown, *_) = collect([run]).values["runs"][0]["maps"]
-    return read_map(run / "maps" / shown["name"] / "map.json"), shown["place"]
+    return read_map(run / "maps" / shown["name"] / "map.json"), shown["elite"]
 
 
 def a_ride(codes):

@@ -21,7 +21,10 @@ export const SIDES = [
 ] as const;
 
 /** The number of connections of each code. */
-export const CONNECTIONS = Uint8Array.from({ length: 16 }, (_, code) => [8, 4, 2, 1].filter((bit) => code & bit).length);
+export const CONNECTIONS = Uint8Array.from(
+  { length: 16 },
+  (_, code) => [8, 4, 2, 1].filter((bit) => code & bit).length,
+);
 
 /** Whether each code is a turn: two connections on sides that meet. */
 export const IS_TURN = Uint8Array.from({ length: 16 }, (_, code) => +[3, 6, 9, 12].includes(code));
@@ -54,6 +57,8 @@ export function rowsOf(grid: Grid): number[][] {
 
 export function sameGrid(one: Grid, other: Grid): boolean {
   return (
-    one.height === other.height && one.width === other.width && one.codes.every((code, place) => code === other.codes[place])
+    one.height === other.height &&
+    one.width === other.width &&
+    one.codes.every((code, cell) => code === other.codes[cell])
   );
 }

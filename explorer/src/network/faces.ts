@@ -33,14 +33,14 @@ function label({ height, width, codes }: Grid): [labels: Int32Array, faces: numb
   const parents = labels;
   for (let corner = 0; corner <= inner; corner++) parents[corner] = corner;
   let faces = inner;
-  for (let row = 0, place = 0; row < height; row++) {
+  for (let row = 0, cell = 0; row < height; row++) {
     const above = 1 + (row - 1) * stride;
-    for (let column = 0; column < width; column++, place++) {
+    for (let column = 0; column < width; column++, cell++) {
       const corner = above + stride + column; // south-east of the tile, if it is an inner one
-      if (column < stride && !(codes[place] & EAST && codes[place + 1] & WEST)) {
+      if (column < stride && !(codes[cell] & EAST && codes[cell + 1] & WEST)) {
         faces -= join(parents, row > 0 ? corner - stride : 0, row < height - 1 ? corner : 0);
       }
-      if (row < height - 1 && !(codes[place] & SOUTH && codes[place + width] & NORTH)) {
+      if (row < height - 1 && !(codes[cell] & SOUTH && codes[cell + width] & NORTH)) {
         faces -= join(parents, column > 0 ? corner - 1 : 0, column < stride ? corner : 0);
       }
     }
@@ -55,25 +55,25 @@ export function findFaces(grid: Grid): Faces {
   return { root: root.slice(0, (grid.height - 1) * (grid.width - 1) + 1), count };
 }
 
-/** Counts the inner faces and the bridges of a grid; calls `each` with the place and the side of each bridge. */
-export function countFaces(grid: Grid, each?: (place: number, side: number) => void): [faces: number, bridges: number] {
+/** Counts the inner faces and the bridges of a grid; calls `each` with the cell and the side of each bridge. */
+export function countFaces(grid: Grid, each?: (cell: number, side: number) => void): [faces: number, bridges: number] {
   const { height, width, codes } = grid;
   const [face, faces] = label(grid);
   const stride = width - 1;
   let bridges = 0;
-  for (let row = 0, place = 0; row < height; row++) {
-    for (let column = 0; column < width; column++, place++) {
+  for (let row = 0, cell = 0; row < height; row++) {
+    for (let column = 0; column < width; column++, cell++) {
       const corner = 1 + row * stride + column;
-      if (column < stride && codes[place] & EAST && codes[place + 1] & WEST) {
+      if (column < stride && codes[cell] & EAST && codes[cell + 1] & WEST) {
         if ((row > 0 ? face[corner - stride] : 0) === (row < height - 1 ? face[corner] : 0)) {
           bridges++;
-          each?.(place, EAST);
+          each?.(cell, EAST);
         }
       }
-      if (row < height - 1 && codes[place] & SOUTH && codes[place + width] & NORTH) {
+      if (row < height - 1 && codes[cell] & SOUTH && codes[cell + width] & NORTH) {
         if ((column > 0 ? face[corner - 1] : 0) === (column < stride ? face[corner] : 0)) {
           bridges++;
-          each?.(place, SOUTH);
+          each?.(cell, SOUTH);
         }
       }
     }

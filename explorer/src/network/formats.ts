@@ -28,7 +28,7 @@ for (const kind of ["curve_left", "3way_left"]) {
   for (const side of Object.keys(TURNS)) TILE.set(CODE.get(`${kind}/${side}`)!, `${kind}/${side}`);
 }
 
-/** Returns the places of tiles that Duckietown has no kind for: those with one connection. */
+/** Counts the tiles with one connection, for which Duckietown has no kind. */
 export function stubs(grid: Grid): number {
   return grid.codes.reduce((count, code) => count + +(CONNECTIONS[code] === 1), 0);
 }
@@ -38,7 +38,12 @@ export function toDuckietown(grid: Grid): string {
   if (stubs(grid)) throw new FileError("Duckietown has no tile for a dead end; mend the map first");
   const kinds = rowsOf(grid).map((row) => row.map((code) => TILE.get(code) ?? "grass"));
   const width = Math.max(...kinds.flat().map((kind) => kind.length)) + 1;
-  const rows = kinds.map((row) => row.map((kind) => `${kind},`.padEnd(width + 1)).join("").replace(/[, ]+$/, ""));
+  const rows = kinds.map((row) =>
+    row
+      .map((kind) => `${kind},`.padEnd(width + 1))
+      .join("")
+      .replace(/[, ]+$/, ""),
+  );
   return `tile_size: ${TILE_SIZE}\ntiles:\n${rows.map((row) => `- [${row}]\n`).join("")}`;
 }
 
@@ -54,7 +59,8 @@ export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = 
     `"shape": [${grid.height}, ${grid.width}]`,
     `"codes": ${table(rowsOf(grid), "  ")}`,
     ...Object.entries(more).map(([key, value]) => {
-      const rows = Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
+      const rows =
+        Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
       return `${JSON.stringify(key)}: ${rows}`;
     }),
   ];
@@ -83,7 +89,10 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   const listed = rows as unknown[][];
   checkSides(listed, name);
   for (const cell of listed.flat()) {
-    check(cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15), `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`);
+    check(
+      cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15),
+      `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`,
+    );
   }
   const given = listed.flat().some((cell) => cell === null)
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
@@ -98,12 +107,17 @@ export function fromDuckietown(text: string, file = ""): Grid {
   check(start >= 0, `${file}expected a Duckietown map, got no "tiles"`);
   const body = [lines[start].replace(/^tiles\s*:/, "")];
   for (const line of lines.slice(start + 1)) {
-    if (/^[^\s-]/.test(line) && !/^\]/.test(line)) break;
+    if (/^[^\s-]/.test(line) && !line.startsWith("]")) break;
     body.push(line);
   }
   const joined = body.join("\n");
   const rows = joined.includes("[")
-    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) => found[1].split(",").map((kind) => kind.trim()).filter(Boolean))
+    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) =>
+        found[1]
+          .split(",")
+          .map((kind) => kind.trim())
+          .filter(Boolean),
+      )
     : blockRows(body);
   check(rows.length > 0 && rows[0].length > 0, `${file}tiles: expected rows of kinds of tiles`);
   checkSides(rows, `${file}tiles`);
@@ -112,7 +126,10 @@ export function fromDuckietown(text: string, file = ""): Grid {
       row.map((kind, x) => {
         const plain = kind.replace(/^(["'])(.*)\1$/, "$2").replace(/\s*\/\s*/, "/");
         const code = CODE.get(plain);
-        if (code === undefined) throw new FileError(`${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`);
+        if (code === undefined)
+          throw new FileError(
+            `${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`,
+          );
         return code;
       }),
     ),

@@ -41,7 +41,14 @@ export function Segments<T extends string>({ label, value, options, onChange, ti
       ))}
     </div>
   );
-  return titled ? <div class="choice"><span aria-hidden="true">{label}</span>{buttons}</div> : buttons;
+  return titled ? (
+    <div class="choice">
+      <span aria-hidden="true">{label}</span>
+      {buttons}
+    </div>
+  ) : (
+    buttons
+  );
 }
 
 interface SwitchProps {

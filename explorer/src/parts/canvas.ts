@@ -1,6 +1,6 @@
-/** How wide a place is, and a canvas as wide as its place, with the pixels of the screen. */
+/** The width of an element, and a canvas that fills its width at the resolution of the screen. */
 import type { RefObject } from "preact";
-import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
 
 interface Fitted {
@@ -30,19 +30,22 @@ export function useWidth(element: RefObject<HTMLElement | null>): number {
     observer.observe(element.current!);
     measure();
     return () => observer.disconnect();
-  }, []);
+  }, [element]);
   return width;
 }
 
 export function useFittedCanvas(): Fitted {
   const canvas = useRef<HTMLCanvasElement>(null);
   const width = useWidth(canvas);
-  const clear = (grid: Grid) => {
-    const ratio = window.devicePixelRatio || 1;
-    const scale = (width * ratio) / grid.width;
-    canvas.current!.width = Math.round(grid.width * scale);
-    canvas.current!.height = Math.round(grid.height * scale);
-    return { context: canvas.current!.getContext("2d")!, scale, ratio };
-  };
+  const clear = useCallback(
+    (grid: Grid) => {
+      const ratio = window.devicePixelRatio || 1;
+      const scale = (width * ratio) / grid.width;
+      canvas.current!.width = Math.round(grid.width * scale);
+      canvas.current!.height = Math.round(grid.height * scale);
+      return { context: canvas.current!.getContext("2d")!, scale, ratio };
+    },
+    [width],
+  );
   return { canvas, width, clear };
 }
