@@ -100,6 +100,20 @@ def _check_replaceable(
         raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
 
 
+def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
+    """Checks that no input lies in a folder that is to be replaced, symbolic links followed.
+
+    Raises:
+      InputError: that names the first one that does.
+    """
+    place = os.path.realpath(folder)
+    for one in inputs:
+        if Path(os.path.realpath(one)).is_relative_to(place):
+            raise InputError(
+                f"{folder}: expected a folder to replace that holds none of the inputs, got one with {one}"
+            )
+
+
 def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
     """Returns the first file in a folder and all below that is not an own one, in the order of names; None without one.
 

@@ -2,6 +2,7 @@
 
 import argparse
 import shutil
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -95,18 +96,25 @@ def _masks(options: argparse.Namespace) -> int:
         for mask in proposal.proposed
     }
     replaced = [file for file in masks if file.exists()]
-    for file in (*replaced, *([sheet] if sheet.exists() else [])):
-        shutil.copy2(file, file.with_name(f".{file.name}.before"))
+    kept_as = [_keep(file) for file in (*replaced, *([sheet] if sheet.exists() else []))]
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
         f"{many(len(masks), 'mask')} of {many(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
-        + (f", {len(replaced)} replaced and kept as .{replaced[0].name}.before and the like" if replaced else "")
+        + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
         + f"; all of them on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )
     return 0
+
+
+def _keep(file: Path) -> Path:
+    """Copies a file beside itself under a new name: a mask made by hand is lost in no later run."""
+    names = (f".{file.name}.before" + (f"-{number}" if number > 1 else "") for number in count(1))
+    kept = next(place for place in map(file.with_name, names) if not place.exists())
+    shutil.copy2(file, kept)
+    return kept
 
 
 def _new_beside(folder: Path, file: Path) -> Path:

@@ -132,7 +132,7 @@ def _draw_on_workers(executor: Executor, place: Path, spec: DatasetSpec, maps: M
     """Draws the samples that have no record yet on an executor's workers."""
     records = place / WORK / "records"
     waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
-    spec = spec.but({"tiles": spec.tiles and spec.tiles.absolute(), "maps_from": None})
+    spec = spec.replace(tiles=spec.tiles and spec.tiles.absolute(), maps_from=None)
     rounds = [file.absolute() for file in maps.rounds]
     jobs = {
         f"pictures {share[0]} to {share[-1]}": (place, spec, rounds, {each: int(splits[each]) for each in share})

@@ -1,14 +1,14 @@
 """The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import product
-from math import floor
+from math import floor, prod
 from pathlib import Path
 
 from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._given import GivenMaps, parse_given
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
@@ -22,7 +22,8 @@ SPLITS = ("train", "validation", "test")
 LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
 """The layouts of a dataset's folder."""
 
-_LARGEST_SEEN = 32_766  # pixels: larger pictures OpenCV does not warp
+# OpenCV warps no picture with a longer side, and Pillow reads none with more pixels.
+_LONGEST_SIDE, _MOST_PIXELS = 32_766, 178_956_970
 
 Sides = tuple[tuple[int, int], ...]
 """The smallest and the largest side: once for squares, or for rows and for columns."""
@@ -66,7 +67,7 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class DatasetSpec(Settings):
+class DatasetSpec(Record):
     """A dataset. Longer runs give hardly more maps that differ, more runs do.
 
     Attributes:
@@ -105,17 +106,17 @@ class DatasetSpec(Settings):
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
-    def but(self, given: Mapping[str, UserValue]) -> "DatasetSpec":
+    def replace(self, **given: UserValue) -> "DatasetSpec":
         """Returns the record with other values in some fields.
 
         Raises:
-          InputError: as that of `Settings`, and for the number or the sizes of maps beside `maps_from`.
+          InputError: as that of `Record`, and for the number or the sizes of maps beside `maps_from`.
         """
         if given.get("maps_from", self.maps_from) is not None:
             for name in ("maps", "size"):
                 if name in given:
                     raise InputError(f"{name}: expected none beside given maps, which say it, got {given[name]!r}")
-        return super().but(given)
+        return super().replace(**given)
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
@@ -133,6 +134,7 @@ class DatasetSpec(Settings):
                 raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
         if self.camera is not None:
             self._check_camera()
+        self._check_pixels()
         low = min(map(min, shapes))
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
@@ -154,7 +156,7 @@ class DatasetSpec(Settings):
             object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
-        """Checks that the views' geometry is left to the camera, and that it can look at maps so large."""
+        """Checks that the views' geometry is left to the camera."""
         still, usual = ({name: getattr(one, name) for name in GEOMETRY} for one in (Transforms(), STANDARD))
         asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
         if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
@@ -162,11 +164,18 @@ class DatasetSpec(Settings):
                 "transforms: expected light, contrast, colour, blur and noise with a camera, which sees maps from its "
                 f"own places, got {changed[0].replace('_', '-')}"
             )
-        object.__setattr__(self, "transforms", self.transforms.but(still))
+        object.__setattr__(self, "transforms", self.transforms.replace(**still))
+
+    def _check_pixels(self) -> None:
+        """Checks that the pictures can be made, and be read again."""
+        name = "size" if self.tile_px is None else "tile_px"
         side = max(map(max, self.shapes)) * self.pixels
-        if side > _LARGEST_SEEN:
-            limit = f"maps of at most {_LARGEST_SEEN} pixels a side with a camera"
-            raise InputError(f"tile_px: expected {limit}, got {side}")
+        if side > _LONGEST_SIDE:
+            raise InputError(f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}")
+        area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
+        if area > _MOST_PIXELS and self.camera is None:
+            expected = f"pictures of at most {_MOST_PIXELS} pixels, as Pillow reads no larger ones"
+            raise InputError(f"{name}: expected {expected}, got {area}")
 
     def check_search(self) -> None:
         """Checks the search on maps of each size, and their number; raises `InputError`."""

@@ -11,7 +11,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
@@ -66,7 +66,7 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
             kept.mkdir()
             write_json(kept / _SETTINGS, identity)
         parts = [kept / str(number) for number in range(1, count + 1)]
-        _run_parts(executor, {part: spec.but({"part": (int(part.name), count)}) for part in parts})
+        _run_parts(executor, {part: spec.replace(part=(int(part.name), count)) for part in parts})
         return write_joined(parts, folder)
 
 

@@ -2,17 +2,18 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import new_folder, remove, write_json
+from elitelanes_jax._util.atomic_io import check_apart, new_folder, remove, write_json
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
-from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
@@ -94,6 +95,8 @@ def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification asks for.
       OSError: if the folder cannot be written.
     """
+    if force:
+        check_apart(out, parts)
     with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
         return write_joined(parts, folder)
 
@@ -146,7 +149,7 @@ def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
 
 def _with_difference(road_map: RoadMap, given: Sequence[AnyArray]) -> RoadMap:
     difference = round(difference_from(road_map.codes, given), 3)
-    return road_map._replace(metrics={**(road_map.metrics or {}), NEAREST: difference})
+    return replace(road_map, metrics={**(road_map.metrics or {}), NEAREST: difference})
 
 
 def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
@@ -159,7 +162,7 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
         raise InputError(f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}")
-    return search.but({"alphabet": search.alphabet or tiles.alphabet})
+    return search.replace(alphabet=search.alphabet or tiles.alphabet)
 
 
 def _budget(search: SearchSpec) -> str:

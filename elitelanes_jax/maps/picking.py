@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.atomic_io import new_folder
+from elitelanes_jax._util.atomic_io import check_apart, new_folder
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps._parts import ARCHIVE
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
@@ -29,7 +30,9 @@ from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
-def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
+def pick(
+    spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False, force_archive: bool = False
+) -> list[RoadMap]:
     """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
 
     The choice is that of `generate`. From the archive of one search, with its number of maps, it is the same.
@@ -38,7 +41,8 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
       spec: of the choice.
       archives: files ``archive.npz`` of `generate`, of maps of one size.
       out: the folder, new or empty.
-      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
+      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced, if it has no archive.
+      force_archive: whether it is replaced with an archive in it too, of which `pick` writes none.
 
     Returns:
       The maps, as they were written.
@@ -49,9 +53,11 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
       NotEnoughMapsError: if there are fewer maps than asked for; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
     if not archives:
         raise InputError("archives: expected at least one, got none")
+    if force or force_archive:
+        check_apart(out, archives)
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
     found, seeds = zip(*map(_read, archives), strict=True)
     shape = found[0].elites.grids.shape[2:]
     for file, one in zip(archives, found, strict=True):
@@ -62,7 +68,8 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
     search.check_maps(shape)
     axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
     wanted = _wanted(search, axes, found)
-    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+    foreign = foreign_to_maps if force_archive else _foreign_or_archive
+    with new_folder(out, foreign=foreign, force=force or force_archive) as folder:
         elites = _together(archives, found, wanted, axes, tiles)
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
@@ -74,7 +81,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))
         runs = [(seed, run) for seed, one in zip(seeds, found, strict=True) for run in range(len(one.elites.grids))]
-        maps = [road_map._replace(seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
+        maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = (
             f"{many(len(maps), 'road map')} of {shape[0]} x {shape[1]} tiles, chosen from {many(len(found), 'archive')}"
         )
@@ -90,6 +97,12 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         }
         (folder / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
     return maps
+
+
+def _foreign_or_archive(folder: Path) -> str | None:
+    has = (folder / ARCHIVE).exists()
+    kept = f"{ARCHIVE}, which pick does not write again; --force-archive replaces it too" if has else None
+    return foreign_to_maps(folder) or kept
 
 
 def _read(file: Path) -> tuple[Result, int]:
@@ -108,7 +121,7 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
     asked = parse_ranges(map(str, spec.where), search.features)
     ranges = {item.name: item for item in (*search.where, *asked)}
     targets = search.targets if spec.axes is None else ()
-    return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules, "targets": targets})
+    return search.replace(where=tuple(ranges.values()), rules=spec.rules or search.rules, targets=targets)
 
 
 def _wanted(search: SearchSpec, axes: Sequence[Axis], found: Sequence[Result]) -> list[str]:
