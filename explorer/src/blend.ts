@@ -1,17 +1,17 @@
-/** Photographs that belong together: a gain and an offset for each tile, and feathered seams, as the package's `tiles/blend.py` has them. */
+/** Matches the light of photographed tiles: a gain and an offset for each tile, and feathered seams. */
 import { EAST, NORTH, SOUTH, WEST, type Grid } from "./network/codes";
 
-/** One tile's picture: levels R, G, B, and labels, both of size · size pixels, row after row. */
+/** One tile's picture of size x size pixels, row by row: R, G, B levels, and labels. */
 export interface Pixels {
   readonly size: number;
   readonly levels: Uint8ClampedArray;
   readonly labels: Uint8Array;
 }
 
-/** Returns the pixels of a picture: its index times 4, plus quarter turns counter-clockwise. */
+/** Returns the pixels of a picture. Its number is 4 times its index plus its quarter turns counter-clockwise. */
 export type PixelsOf = (picture: number) => Pixels;
 
-/** What squared 255 · (gain - 1) and offset cost, beside squared grey levels. */
+/** The costs of (255 · (gain - 1))² and of offset², relative to a squared difference of grey levels. */
 const GAIN = 1;
 const OFFSET = 0.01;
 const STRIP = 1 / 2;
@@ -33,7 +33,7 @@ export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: num
   return turned;
 }
 
-/** Calls `each` for every two neighbours whose roads meet: the cells, and whether the second lies to the south. */
+/** Calls `each` for each pair of linked neighbours, with `south` if the second cell lies to the south. */
 function meetings({ height, width, codes }: Grid, each: (one: number, other: number, south: boolean) => void): void {
   codes.forEach((code, cell) => {
     if (cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST) each(cell, cell + 1, false);
@@ -42,12 +42,12 @@ function meetings({ height, width, codes }: Grid, each: (one: number, other: num
 }
 
 interface Equations {
-  /** Of each channel, 4 x 4 products and 4 right sides. */
+  /** For each channel, a 4 x 4 matrix and a right side of 4. */
   readonly products: Float64Array;
   readonly sides: Float64Array;
 }
 
-/** Compares the strips on both sides of a seam: the second picture lies east of the first, or south of it. */
+/** Returns the equations of a seam, from the strips on both sides. The second picture lies east or south. */
 function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
   const { size } = one;
   const depth = Math.max(1, Math.round(STRIP * size));
@@ -76,10 +76,10 @@ function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
 }
 
 /**
- * Solves for the gain and the offset of each cell and channel, by conjugate gradients.
+ * Returns the gain and the offset of each cell and channel, by conjugate gradients.
  *
- * @param pictures of the cells, -1 where there is none
- * @returns per channel, gain and offset of cell after cell
+ * @param pictures the picture of each cell, -1 for none
+ * @returns for each channel, gain and offset, cell by cell
  */
 export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: PixelsOf): Float64Array[] {
   const known = new Map<string, Equations>();
@@ -134,13 +134,13 @@ export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: Pi
   });
 }
 
-/** Rounds to the nearest whole number, halves to the even one. */
+/** Rounds to the nearest whole number, and halves to even, as NumPy does. */
 function rint(value: number): number {
   const near = Math.round(value);
   return Math.abs(value % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
-/** Draws a map whose tiles have been brought together into `target`, of R, G, B and opacity; bare cells stay as they are. */
+/** Draws a map with matched tiles into `target`, which has R, G, B and opacity. Cells without a picture keep theirs. */
 export function paintBlended(
   grid: Grid,
   pictures: ArrayLike<number>,
@@ -170,7 +170,7 @@ export function paintBlended(
     { length: Math.ceil(reach - 0.5) },
     (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4,
   );
-  const changes = new Map<number, number>(); // by index in the target: a pixel near a corner has two
+  const changes = new Map<number, number>(); // by index in `target`: a pixel near a corner has two
   meetings(grid, (one, other, south) => {
     if (pictures[one] < 0 || pictures[other] < 0) return;
     const [first, second] = [pixelsOf(pictures[one]), pixelsOf(pictures[other])];

@@ -1,4 +1,4 @@
-/** What the page shows: runs, unpacked from the values and the blob that Python makes. */
+/** The runs on the page, unpacked from Python's values and its compressed arrays. */
 import type { Grid } from "./network/codes";
 import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
 import { alphabetMask, COUNT_NAMES, fitness, measure, type Weights } from "./network/measure";
@@ -16,14 +16,14 @@ interface Layers {
 interface PictureValues extends Layers {
   readonly name: string;
   readonly code: number;
-  /** In the size at which light is compared, where that is another one. */
+  /** The picture as light is compared, if it differs in size. */
   readonly compared?: Layers;
 }
 
 export interface TileValues {
   readonly name: string;
   readonly px: number;
-  /** Whether the light of the tiles is brought together, and their seams are feathered. */
+  /** Whether the light of the tiles is matched and their seams are feathered. */
   readonly blend: boolean;
   readonly pictures: readonly PictureValues[];
   readonly rotations: Readonly<Record<string, readonly number[]>>;
@@ -74,7 +74,7 @@ export interface ChosenMap {
   readonly pictures: readonly number[] | null;
 }
 
-/** A ride on a map, 30 poses a second: tiles east and south, radians counter-clockwise from east. */
+/** A ride on a map with 30 poses a second: x in tiles east, y in tiles south, theta in radians from east. */
 export interface Ride {
   readonly elite: number;
   readonly goal: readonly [row: number, column: number];
@@ -86,7 +86,7 @@ export interface Ride {
 
 export interface History {
   readonly evaluations: Float64Array;
-  /** Of each seed a row. */
+  /** One row per seed. */
   readonly best_fitness: readonly Int32Array[];
   readonly elite_count: readonly Int32Array[];
 }
@@ -102,7 +102,7 @@ export interface Data {
 const TYPES = { uint8: Uint8Array, int32: Int32Array, float32: Float32Array, float64: Float64Array } as const;
 type Typed<T extends keyof typeof TYPES> = InstanceType<(typeof TYPES)[T]>;
 
-/** Unpacks what Python made. */
+/** Unpacks the data that Python packed. */
 export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): Promise<Data> {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = await new Response(stream).arrayBuffer();
@@ -143,7 +143,7 @@ function rows(values: Int32Array, length: number): Int32Array[] {
   return Array.from({ length: values.length / length }, (_, row) => values.subarray(row * length, (row + 1) * length));
 }
 
-/** Which elites the archive shows: of one seed, the best of all, or how many seeds have one. */
+/** The elites that the archive shows: of one seed, the best of all seeds, or the number of seeds with one. */
 export type Seed = number | "best" | "count";
 
 /** The elites of a run, with their metrics. */
@@ -161,7 +161,7 @@ export class Run {
   readonly floors: ReadonlyMap<number, number> | null;
   /** The number of elites. */
   readonly count: number;
-  /** Of each elite, its fitness, the number of its seed, its niche. */
+  /** For each elite, its fitness, its niche and its seed. */
   readonly fitness: Int32Array;
   readonly niche: Int32Array;
   private readonly metrics: Int32Array;
@@ -202,7 +202,7 @@ export class Run {
     return { height: this.height, width: this.width, codes: this.codes.subarray(elite * cells, (elite + 1) * cells) };
   }
 
-  /** Returns the metrics of an elite, measured once they are asked for. */
+  /** Returns the metrics of an elite, measured at the first call. */
   metricsOf(elite: number): Int32Array {
     if (!this.measured[elite]) {
       measure(this.grid(elite), this.alphabet, this.metrics, elite * COUNT_NAMES.length);
@@ -215,7 +215,7 @@ export class Run {
     return this.axes.reduce((product, axis) => product * axis.bins, 1);
   }
 
-  /** What can be shown of an elite: fitness, features, and the distance from a proven floor where one is known. */
+  /** The quantities of an elite: fitness, features, and the difference to the proven minimum if one is known. */
   get quantities(): readonly string[] {
     return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.features.keys()];
   }
@@ -224,7 +224,7 @@ export class Run {
     return this.features.get(name)?.[elite] ?? feature(name, this.metricsOf(elite));
   }
 
-  /** Returns a quantity of all elites; not a number where it has no meaning. */
+  /** Returns a quantity of all elites, NaN where it is not defined. */
   column(name: string): Float64Array {
     let column = this.columns.get(name);
     if (!column) {
@@ -234,7 +234,7 @@ export class Run {
     return column;
   }
 
-  /** Returns the numbers of a quantity, sorted. */
+  /** Returns the values of a quantity, sorted, without NaN. */
   sorted(name: string): Float64Array {
     let sorted = this.sortedColumns.get(name);
     if (!sorted) {
@@ -252,7 +252,7 @@ export class Run {
     return this.feature(name, elite);
   }
 
-  /** Returns the lowest fitness that a flawless map with so many cycles can have, if that is proven. */
+  /** Returns the proven minimum of the fitness in a flawless elite's niche, if one is known. */
   floor(elite: number): number | undefined {
     const flawless =
       this.feature("components", elite) === 1 &&
@@ -262,7 +262,7 @@ export class Run {
     return flawless ? this.floors?.get(this.feature("cyclomatic", elite)) : undefined;
   }
 
-  /** Returns the elite in each niche, -1 where it is vacant: of a seed, or the fittest of all; of equals the first. */
+  /** Returns the fittest elite in each niche, -1 for a vacant niche. The first of equal elites wins. */
   elites(seed: Seed): Int32Array {
     let table = this.tables.get(seed);
     if (!table) {
@@ -305,7 +305,7 @@ export class Run {
   }
 }
 
-/** Returns the index of each tile's picture: the pictures that a map was drawn with if they are known, else drawn by the lots. */
+/** Returns the picture of each cell: the known ones, or pictures drawn by lot. -1 means that the set has none. */
 export function choosePictures(grid: Grid, data: Data, known: readonly number[] | null): Int32Array {
   if (known) return Int32Array.from(known);
   return Int32Array.from(grid.codes, (code, cell) => {
@@ -314,7 +314,7 @@ export function choosePictures(grid: Grid, data: Data, known: readonly number[] 
   });
 }
 
-/** Returns the share of sorted values that lie below a value, with half of those that equal it. */
+/** Returns the share of sorted values below a value, plus half of the share that equals it. */
 export function quantileOf(sorted: Float64Array, value: number): number {
   return (bisect(sorted, value) + bisect(sorted, value + 1e-9)) / 2 / Math.max(sorted.length, 1);
 }
@@ -326,7 +326,7 @@ export function quantile(sorted: Float64Array, share: number): number {
   return sorted[low] + (sorted[high] - sorted[low]) * (position - low);
 }
 
-/** Returns how many sorted values lie below a value. */
+/** Returns the number of sorted values below a value. */
 export function bisect(sorted: ArrayLike<number>, value: number): number {
   let low = 0;
   let high = sorted.length;

@@ -1,4 +1,4 @@
-/** Maps as vectors: shapes in tiles' units, x to the east and y to the south, which a canvas or an SVG file shows. */
+/** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
 import { DISTINCT } from "./colours";
@@ -8,7 +8,7 @@ export interface Shape {
   readonly d: string;
   readonly stroke?: string;
   readonly fill?: string;
-  /** Of the stroke. */
+  /** The width of the stroke. */
   readonly width?: number;
   readonly dash?: readonly number[];
   readonly cap?: "butt" | "round";
@@ -30,11 +30,11 @@ export interface Scene {
   readonly texts: readonly Text[];
 }
 
-/** What can be laid over a map. */
+/** The overlays of a map. */
 export const OVERLAYS = ["bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "faces"] as const;
 export type Overlay = (typeof OVERLAYS)[number];
 
-/** The colour of each overlay; they differ in shape too. */
+/** The colour of each overlay. Overlays differ in shape, too. */
 export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
   bridges: "#e8308c",
   adjacent_crossings: "#ff8c1a",
@@ -55,7 +55,7 @@ const LANE_WIDTH = 0.045;
 const at = (position: number): string => `${+position.toFixed(3)}`;
 const line = (x: number, y: number, x2: number, y2: number): string => `M${at(x)} ${at(y)}L${at(x2)} ${at(y2)}`;
 
-/** Returns the path of the middle of a tile's roads. */
+/** Returns the path along the middle of a tile's roads. */
 function tilePath(code: number, x: number, y: number, from = 0): string {
   const sides = SIDES.filter((side) => code & side.bit);
   if (IS_TURN[code]) {
@@ -113,7 +113,7 @@ export function mapShapes(grid: Grid, { ground = true, lanes = true } = {}): Sha
 const bar = (x: number, y: number, flat: boolean): string =>
   flat ? line(x - 0.3, y, x + 0.3, y) : line(x, y - 0.3, x, y + 0.3);
 
-/** Draws what makes up a metric, over a map. */
+/** Draws overlays: the roads and tiles that a metric counts. */
 export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes: Shape[]; texts: Text[] } {
   const shapes: Shape[] = [];
   const texts: Text[] = [];
@@ -180,7 +180,7 @@ const TRAIL = "#ff3f8e";
 const ROBOT_LENGTH = 0.18 / 0.585;
 const ROBOT_WIDTH = 0.15 / 0.585;
 
-/** Draws a ride until a step: its trail, the robot, a ring about the goal. */
+/** Draws a ride up to a step: its trail, the robot, and a ring around the goal. */
 export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] {
   const step = Math.min(until, x.length - 1);
   const trail = Array.from(x.subarray(0, step + 1), (east, at_) => `${at_ ? "L" : "M"}${at(east)} ${at(y[at_])}`).join(
@@ -207,7 +207,7 @@ export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] 
 const circle = (x: number, y: number, radius: number): string =>
   `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
 
-/** Turns the circles of a path into squares that stand on a corner. */
+/** Replaces the circles of a path by diamonds. */
 function squares(circles: string): string {
   return circles.replace(
     /a([\d.]+) [^M]*/g,
@@ -228,7 +228,7 @@ function isDeadEnd({ height, width, codes }: Grid, cell: number): boolean {
   });
 }
 
-/** Fills the inner faces, neighbours in different colours, each with its number. */
+/** Fills and numbers the inner faces. Neighbouring faces have different colours. */
 function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
   const { height, width } = grid;
   const { root } = findFaces(grid);
@@ -279,7 +279,7 @@ export function sceneOf(grid: Grid, shown: ReadonlySet<Overlay> = new Set()): Sc
   return { height: grid.height, width: grid.width, shapes: [...mapShapes(grid), ...over.shapes], texts: over.texts };
 }
 
-/** Draws shapes on a canvas, a tile so many pixels wide. */
+/** Draws shapes on a canvas. A tile is `scale` pixels wide. */
 export function paint(
   context: CanvasRenderingContext2D,
   { shapes, texts }: Pick<Scene, "shapes" | "texts">,
@@ -318,7 +318,7 @@ export function paint(
   context.restore();
 }
 
-/** Writes an SVG file of a scene, a tile so many units wide. */
+/** Writes a scene as an SVG file. A tile is `tile` units wide. */
 export function toSvg({ height, width, shapes, texts }: Scene, tile = 48): string {
   const paths = shapes.map((shape) => {
     const attributes: Record<string, string | number | undefined> = {

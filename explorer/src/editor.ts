@@ -1,4 +1,4 @@
-/** The map that is drawn: its cells, the given ones, and what was there before. */
+/** The state of the editor: the map, the cells that are given, and earlier states for undo. */
 import { rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
 import { repair } from "./network/repair";
 
@@ -7,14 +7,14 @@ export type Tool = (typeof TOOLS)[number];
 
 export interface Drawing {
   readonly grid: Grid;
-  /** Of each cell whether `--fix` keeps it as it is. */
+  /** For each cell, 1 if `--fix` keeps it. */
   readonly given: Uint8Array;
 }
 
 export interface Editor extends Drawing {
   readonly past: readonly Drawing[];
   readonly future: readonly Drawing[];
-  /** The map that drawing began with, to compare with. */
+  /** The map before the first stroke. */
   readonly start: Grid;
 }
 
@@ -29,7 +29,7 @@ export function editorOf(grid: Grid, given: Uint8Array = new Uint8Array(grid.cod
   return { grid, given, past: [], future: [], start: grid };
 }
 
-/** Returns the drawing after a stroke, which can be undone. */
+/** Returns the editor with a new drawing, as a step that can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
   if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, cell) => given === drawing.given[cell]))
     return editor;
@@ -51,14 +51,14 @@ export function redo(editor: Editor): Editor {
   return next ? { ...editor, ...next, past: [...editor.past, { grid, given }], future } : editor;
 }
 
-/** A stroke: the tool, the tile that it sets, and the cells that it went over, one after another. */
+/** A stroke: the tool, the tile that it sets, and the cells that it touched, in order. */
 export interface Stroke {
   readonly tool: Tool;
   readonly tile: number;
   readonly cells: readonly number[];
 }
 
-/** Returns the cells from one to another, side by side, the first left out: along the longer way first. */
+/** Returns neighbouring cells that lead from one cell to another, without the first. */
 export function between(width: number, from: number, to: number): number[] {
   let row = Math.floor(from / width);
   let column = from % width;
@@ -73,7 +73,7 @@ export function between(width: number, from: number, to: number): number[] {
   return cells;
 }
 
-/** Returns a drawing with a stroke, mended if asked for. */
+/** Returns a drawing after a stroke, repaired if `mending` says so. */
 export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending: Mending): Drawing {
   const { height, width } = drawing.grid;
   const codes = drawing.grid.codes.slice();
@@ -107,7 +107,7 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   return { grid: mending.repair ? repair(plain, { dirty, fixed, fill: mending.fill }) : plain, given };
 }
 
-/** Returns a drawing of another size: what fits of this one, and empty cells. */
+/** Returns a drawing of another size, cut or filled up with empty cells. */
 export function resized({ grid, given }: Drawing, height: number, width: number): Drawing {
   const codes = new Uint8Array(height * width);
   const marks = new Uint8Array(height * width);

@@ -1,4 +1,4 @@
-/** The module of the widget, `export default { render }`, and of the page, which has a small stand-in for its model. */
+/** The module of the widget and of the page. The page has a small substitute for the widget's model. */
 import { render as mount } from "preact";
 import { App } from "./App";
 import { unpack, type Values } from "./data";
@@ -8,7 +8,7 @@ import { feature } from "./network/features";
 import { repair } from "./network/repair";
 import { measureTown } from "./network/town";
 
-/** What the page and a notebook have in common: the part of anywidget's model that is used here. */
+/** The part of anywidget's model that is used here. */
 interface Model {
   get(name: string): unknown;
   set(name: string, value: unknown): void;
@@ -65,7 +65,7 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
   };
 }
 
-/** Stands in for a notebook's model on a page: values that nobody listens to. */
+/** Returns the page's substitute for a notebook's model. */
 function pageModel(): Model {
   const text = (id: string) => document.getElementById(id)!.textContent;
   const letters = atob(text("elitelanes-blob"));
@@ -89,7 +89,7 @@ function pageModel(): Model {
 const page = typeof document === "undefined" ? null : document.getElementById("elitelanes-explorer");
 if (page) render({ model: pageModel(), el: page });
 
-/** What tests compare with Python. */
+/** The functions that tests compare with Python. */
 export const kernel = {
   feature,
   fitness,

@@ -1,8 +1,8 @@
-/** Where the niches lie on the page: one axis across, all others down. */
+/** The rows and columns of the niches: one axis is horizontal, all others are vertical. */
 import type { Run } from "./data";
 import { binsOf, nicheAt } from "./network/features";
 
-/** Where each axis lies: indices of the run's axes. */
+/** The indices of the horizontal axis and of the vertical axes. */
 export interface Layout {
   readonly across: number;
   readonly down: readonly number[];
@@ -37,7 +37,7 @@ export function cellOf(run: Run, layout: Layout, niche: number): [row: number, c
   return [layout.down.reduce((row, axis) => row * run.axes[axis].bins + bins[axis], 0), bins[layout.across]];
 }
 
-/** Returns the first row and the row after the last of the niches that were asked for, if only some were. */
+/** Returns the first row of the target niches and the row after the last, or null without targets. */
 export function targetRows(run: Run, layout: Layout): [number, number] | null {
   const down = layout.down.map((axis) => run.axes[axis]);
   if (!down.length || run.axes[layout.across].target !== null || down.some((axis) => axis.target === null)) return null;

@@ -1,4 +1,4 @@
-/** What a view selects in the data: a run, a niche, an elite. */
+/** The run, the niche and the elite that a view selects. */
 import type { Data, Run, Seed } from "./data";
 import { nicheAt } from "./network/features";
 import type { View } from "./state";
@@ -12,10 +12,10 @@ export function validView(view: View, data: Data): View {
   return { ...view, run: index, seed: one ? "best" : view.seed, pins };
 }
 
-/** Returns the elites that the archive shows: where it counts seeds, the best of all seeds. */
+/** Returns the elites that the archive shows. If it counts seeds, these are the best of all seeds. */
 export const shownElites = (run: Run, seed: Seed): Int32Array => run.elites(seed === "count" ? "best" : seed);
 
-/** Returns the niche that is open: the niche of the open map, or the niche of the address, or the fittest elite's. */
+/** Returns the open niche: of the open map, or of the address, or of the fittest elite. */
 export function openNiche(run: Run, view: View): number {
   if (view.map !== null && view.map < run.count) return run.niche[view.map];
   const bins = view.niche?.split("-").map(Number);

@@ -1,4 +1,4 @@
-/** What the page shows at a moment, and how its address keeps it. */
+/** The view, and its text in the page's address. */
 import { OVERLAYS, type Overlay } from "./drawing";
 import type { Seed } from "./data";
 import { LAYERS, type Layer } from "./tiles";
@@ -26,7 +26,7 @@ export interface View {
   readonly map: number | null;
   readonly colour: string;
   readonly scale: "linear" | "rank";
-  /** The axis across; all others go down. */
+  /** The horizontal axis. All others are vertical. */
   readonly across: string | null;
   readonly look: "lines" | "tiles";
   readonly layers: readonly Layer[];
@@ -58,7 +58,7 @@ export const START: View = {
   pins: [],
 };
 
-/** Writes a view as the part of an address after the #; what is as at the start is left out. */
+/** Writes a view as the part of an address after the #, without fields at their start values. */
 export function toHash(view: View): string {
   const words: Record<string, string> = {
     view: view.view,
@@ -84,7 +84,7 @@ export function toHash(view: View): string {
     .join("&");
 }
 
-/** Reads a view; what is missing or no value of its field is as at the start. */
+/** Reads a view. Missing and invalid fields get their start values. */
 export function fromHash(hash: string): View {
   const words = new URLSearchParams(hash.replace(/^#/, ""));
   const one = <T extends string>(key: string, known: readonly T[], start: T): T =>
@@ -122,7 +122,7 @@ export function fromHash(hash: string): View {
   };
 }
 
-/** Writes ranges as `--where` takes them; shares are in thousandths here and parts of one there. */
+/** Writes ranges as `--where` takes them. There, shares are from 0 to 1; here, they are in thousandths. */
 export function whereText(ranges: Ranges, unit: (name: string) => number = () => 1): string {
   return Object.entries(ranges)
     .map(([name, [low, high]]) => {

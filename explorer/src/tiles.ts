@@ -1,23 +1,23 @@
-/** Tile pictures and their masks, laid out as the package's `render` does. */
+/** Tile pictures and their masks, and maps drawn with them. */
 import { paintBlended, turnedPixels, type Pixels, type PixelsOf } from "./blend";
 import { css, LABEL_COLOURS, type Rgb } from "./colours";
 import { choosePictures, type Data, type TileValues } from "./data";
 import type { Grid } from "./network/codes";
 
-/** The layers of a picture: the photograph or drawing, masks in white, and the labels in colours. */
+/** The layers of a picture: the image, the masks, and the labels. */
 export const LAYERS = ["image", "road", "red", "yellow", "labels"] as const;
 export type Layer = (typeof LAYERS)[number];
 
 const MASK_BITS = { road: 1, red: 2, yellow: 4 } as const;
 
-/** The longest side of a picture in pixels: browsers refuse larger canvases. */
+/** The longest side of a picture in pixels, because browsers refuse larger canvases. */
 const MOST_PX = 8192;
 
 export interface TilePictures {
   readonly px: number;
-  /** Returns a layer's picture of each tile, made once it is asked for. */
+  /** Returns a layer's picture of each tile, made at the first call. */
   readonly layerOf: (layer: Layer) => readonly CanvasImageSource[];
-  /** In the size in which they are drawn, and in that at which their light is compared; none where it is not. */
+  /** The pictures as they are drawn and as their light is compared, or null if light is not matched. */
   readonly blended: {
     readonly drawn: PixelsOf;
     readonly compared: PixelsOf;
@@ -82,7 +82,7 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
   };
 }
 
-/** Returns R, G, B and opacity of a picture. */
+/** Returns the R, G, B and opacity levels of a picture. */
 function levelsOf(image: HTMLImageElement): Uint8ClampedArray {
   const { width, height } = image;
   const context = canvasOf(width, height).getContext("2d", { willReadFrequently: true })!;
@@ -98,7 +98,7 @@ function pixelsOf(levels: Uint8ClampedArray, bits: Uint8ClampedArray): Pixels {
   return { size: Math.sqrt(labels.length), levels: levels.filter((_, byte) => byte % 4 < 3), labels };
 }
 
-/** Turns pictures as they are asked for. */
+/** Returns a function that turns pictures and keeps them. */
 function turned(upright: readonly Pixels[]): PixelsOf {
   const known = new Map<number, Pixels>();
   return (picture) => {
@@ -114,13 +114,13 @@ export function canvasOf(width: number, height: number): HTMLCanvasElement {
   return canvas;
 }
 
-/** How strongly each layer is laid over those before it, from 0 to 1. */
+/** The opacity of each layer, from 0 to 1. */
 export type Blend = Readonly<Partial<Record<Layer, number>>>;
 
-/** Maps that are kept as they were drawn with their tiles brought together. */
+/** The number of maps with matched tiles that are kept. */
 const MOST_KEPT = 8;
 
-/** Draws the photographs of a map, brought together; the latest maps are kept. */
+/** Draws a map with matched tiles, and keeps it. */
 function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures): HTMLCanvasElement {
   const { drawn, compared, maps } = blended!;
   const key = `${grid.width} ${chosen.join()}`;
@@ -138,7 +138,7 @@ function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures
   return canvas;
 }
 
-/** Draws a map with tile pictures, photographs brought together, unless the map is too large for that. A cell that the set cannot draw is left bare. */
+/** Draws a map with tile pictures, matched unless the map is too large. Cells without a picture stay background. */
 export function paintTiles(
   grid: Grid,
   data: Data,
@@ -153,7 +153,7 @@ export function paintTiles(
   context.imageSmoothingEnabled = px !== tiles.px;
   context.fillStyle = css(LABEL_COLOURS.background);
   context.fillRect(0, 0, canvas.width, canvas.height);
-  // Quarter turns counter-clockwise, in whole numbers so that no pixel is mixed with its neighbour.
+  // Quarter turns counter-clockwise. Whole numbers keep pixels sharp.
   const turned = [
     [1, 0, 0, 1],
     [0, -1, 1, 0],

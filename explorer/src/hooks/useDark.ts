@@ -13,7 +13,7 @@ function notebookIsDark(): boolean | null {
 
 const surroundingsAreDark = () => notebookIsDark() ?? matchMedia(QUERY).matches;
 
-/** Returns whether colours are dark, and a function that switches them: first as the notebook or the system has them. */
+/** Returns whether colours are dark, and a function that switches them. The notebook or the system sets the default. */
 export function useDark(): [dark: boolean, toggle: () => void] {
   const [around, setAround] = useState(surroundingsAreDark);
   const [chosen, setChosen] = useState<boolean | null>(null);

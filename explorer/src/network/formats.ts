@@ -1,4 +1,4 @@
-/** Files of maps: `map.json`, rows for `--fix`, and Duckietown's YAML. */
+/** Map files: `map.json`, rows for `--fix`, and Duckietown's YAML. */
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
 
 export class FileError extends Error {}
@@ -47,12 +47,12 @@ export function toDuckietown(grid: Grid): string {
   return `tile_size: ${TILE_SIZE}\ntiles:\n${rows.map((row) => `- [${row}]\n`).join("")}`;
 }
 
-/** Writes rows of codes as JSON, a row a line. */
+/** Writes rows as JSON, one row per line. */
 function table(rows: readonly (readonly unknown[])[], indent: string): string {
   return `[\n${rows.map((row) => `${indent}  [${row.map((cell) => JSON.stringify(cell)).join(", ")}]`).join(",\n")}\n${indent}]`;
 }
 
-/** Writes a map file as the package reads it: codes, metrics, fitness. */
+/** Writes a map file that the package reads. `more` has the fields beside the codes. */
 export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = {}): string {
   const lines = [
     `"format": "elitelanes map, version 1"`,
@@ -67,7 +67,7 @@ export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = 
   return `{\n  ${lines.join(",\n  ")}\n}\n`;
 }
 
-/** Writes what `--fix` takes: a code for each given cell, null for the others. */
+/** Writes rows for `--fix`: the code of each given cell, null for all others. */
 export function toFix(grid: Grid, given: ArrayLike<number>): string {
   return `${table(
     rowsOf(grid).map((row, y) => row.map((code, x) => (given[y * grid.width + x] ? code : null))),
@@ -100,7 +100,7 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), given };
 }
 
-/** Reads Duckietown's YAML: its table of tiles, in brackets or as lists within a list. Messages begin with the file's name. */
+/** Reads the tiles of Duckietown's YAML, in brackets or as nested lists. Messages begin with `file`. */
 export function fromDuckietown(text: string, file = ""): Grid {
   const lines = text.split(/\r?\n/).map((line) => line.replace(/(^|\s)#.*$/, ""));
   const start = lines.findIndex((line) => /^tiles\s*:/.test(line));

@@ -1,8 +1,8 @@
-/** The metrics of one grid, equal to those of the Python package's `measure`. */
+/** The metrics and the fitness of one grid. */
 import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { countFaces } from "./faces";
 
-/** The whole metrics, in the order of the Python package's `COUNT_NAMES`. */
+/** The metrics that are whole numbers, in the order of Python's `COUNT_NAMES`. */
 export const COUNT_NAMES = [
   "components",
   "cyclomatic",
@@ -26,23 +26,23 @@ export const COUNT_NAMES = [
 ] as const;
 export type CountName = (typeof COUNT_NAMES)[number];
 
-/** All codes, as a mask of `measure`. */
+/** The mask of all codes. */
 export const ANY_CODE = 0xffff;
 
-/** Makes the mask of an alphabet: a bit for each code. */
+/** Returns the mask of an alphabet: a bit for each code. */
 export function alphabetMask(codes: readonly number[] | null): number {
   return codes === null ? ANY_CODE : codes.reduce((mask, code) => mask | (1 << code), 0);
 }
 
-/** Of each column, the length of the run of upright straights that has reached the row. */
+/** For each column, the length of the run of vertical straights that ends in the current row. */
 let upright = new Int32Array(64);
 
 /**
- * Measures one grid.
+ * Returns the metrics of one grid.
  *
- * @param alphabet the codes that `off_alphabet` lets pass, a bit for each
- * @param into where to write the metrics
- * @param start of them
+ * @param alphabet the mask of the codes that `off_alphabet` does not count
+ * @param into the array to write to
+ * @param start the index of the first metric
  */
 export function measure(
   grid: Grid,
@@ -161,10 +161,10 @@ export function measure(
   return into;
 }
 
-/** The amount that one unit of each metric adds to the fitness; of components, each beyond the first. */
+/** The amount that one unit of each metric adds to the fitness. The first component adds nothing. */
 export type Weights = Readonly<Record<string, number>>;
 
-/** Sums the metrics, and features beside them, by weight; lower is better. */
+/** Returns the weighted sum of metrics and features. Lower is better. */
 export function fitness(
   metrics: ArrayLike<number>,
   weights: Weights,

@@ -1,18 +1,18 @@
-/** The repair of a grid, equal to the Python package's `repair`: every connection returned, none across the border. */
+/** The repair of a grid: neighbours agree on their links, and no road crosses the border. */
 import { CONNECTIONS, EAST, NORTH, SOUTH, WEST, type Grid } from "./codes";
 
 type Bytes = Uint8Array<ArrayBuffer>;
 
 export interface RepairOptions {
-  /** The tiles that decide about links on which neighbours disagree; none by default. */
+  /** The tiles that win where neighbours disagree, by default none. */
   readonly dirty?: ArrayLike<number | boolean>;
-  /** Tiles that stay as they are. */
+  /** The tiles that must not change. */
   readonly fixed?: ArrayLike<number | boolean>;
   /** Whether tiles with fewer than two connections get more. */
   readonly fill?: boolean;
 }
 
-/** Repairs a grid; one that is one tile wide cannot be filled and is only matched. */
+/** Returns a repaired grid. A grid that is one tile wide is never filled. */
 export function repair(grid: Grid, { dirty, fixed, fill = false }: RepairOptions = {}): Grid {
   const { height, width, codes } = grid;
   const cells = height * width;
@@ -40,7 +40,7 @@ export function repair(grid: Grid, { dirty, fixed, fill = false }: RepairOptions
   return { height, width, codes: bothEnds(links, width) };
 }
 
-/** Returns the codes of tiles with links to the east and south. */
+/** Returns the codes of tiles whose links to the east and south are given. */
 function bothEnds(links: Bytes, width: number): Bytes {
   return links.map(
     (link, cell) =>
@@ -50,7 +50,7 @@ function bothEnds(links: Bytes, width: number): Bytes {
   );
 }
 
-/** Adds links to tiles with fewer than two: stubs are continued straight ahead, then one direction after another. */
+/** Adds links to tiles with fewer than two: first straight ahead, then east, south, west and north. */
 function filled(links: Bytes, room: Bytes, width: number): Bytes {
   for (let stage = 0; stage < 5; stage++) {
     const codes = bothEnds(links, width);

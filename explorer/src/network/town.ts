@@ -1,8 +1,8 @@
-/** The features of a town, equal to those of the Python package's `measure_town`: parts and ratios in thousandths. */
+/** The features of a town. Shares and ratios are in thousandths. */
 import { EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { findFaces } from "./faces";
 
-/** In the order of the Python package's `TownFeatures`. */
+/** The names, in the order of Python's `TownFeatures`. */
 export const TOWN_NAMES = [
   "largest_block",
   "smallest_block",
@@ -24,7 +24,7 @@ export const TOWN_NAMES = [
 ] as const;
 export type TownName = (typeof TOWN_NAMES)[number];
 
-/** Those that are parts of 1, and those that are other ratios. */
+/** The features that are shares, and the features that are ratios. */
 export const TOWN_PARTS: readonly string[] = [
   "small_blocks",
   "border_share",
@@ -43,7 +43,7 @@ export const TOWN_RATIOS: readonly string[] = [
   "mean_detour",
 ];
 
-/** The longest sides of grids that Python measures, the latter with the mean detour. */
+/** The longest sides that Python measures, without and with the mean detour. */
 const LONGEST = 128;
 const LONGEST_DETOUR = 32;
 
@@ -51,7 +51,7 @@ const sum = (numbers: readonly number[]): number => numbers.reduce((total, one) 
 const least = (numbers: readonly number[]): number => (numbers.length ? Math.min(...numbers) : 0);
 const thousandths = (part: number, whole: number): number => Math.floor((1000 * part) / Math.max(whole, 1));
 
-/** Measures a town; features that are not measured on maps of its size are missing. */
+/** Returns the features of a town, without features that are not defined for its size. */
 export function measureTown(grid: Grid): Partial<Record<TownName, number>> {
   const { height, width, codes } = grid;
   if (Math.max(height, width) > LONGEST) return {};
@@ -110,19 +110,19 @@ function range<T>(count: number, make: (index: number) => T): T[] {
   return Array.from({ length: count }, (_, index) => make(index));
 }
 
-/** Returns how often each label is there; those below 0 are none. */
+/** Returns the number of times that each label occurs. Negative labels do not count. */
 function sizes(labels: Iterable<number>): number[] {
   const counts = new Map<number, number>();
   for (const label of labels) if (label >= 0) counts.set(label, (counts.get(label) ?? 0) + 1);
   return [...counts.values()];
 }
 
-/** Returns the area of each inner face: its corners between tiles. */
+/** Returns the area of each inner face: its number of corners. */
 function blockAreas(grid: Grid): number[] {
   return sizes(findFaces(grid).root.map((face) => face || -1));
 }
 
-/** Returns the cells that each tile has a link to. */
+/** Returns the linked neighbours of each cell. */
 function neighboursOf({ height, width, codes }: Grid): number[][] {
   const found: number[][] = range(codes.length, () => []);
   codes.forEach((code, cell) => {
@@ -139,7 +139,7 @@ function neighboursOf({ height, width, codes }: Grid): number[][] {
   return found;
 }
 
-/** Returns the links of each street: links that tiles with two of them join. */
+/** Returns the number of links of each street. A street ends at a crossing or a dead end. */
 function streetLengths(grid: Grid): number[] {
   const neighbours = neighboursOf(grid);
   const seen = new Set<number>();
@@ -165,7 +165,7 @@ function streetLengths(grid: Grid): number[] {
   return lengths;
 }
 
-/** Counts the tiles whose neighbourhood of 3 x 3 cells some other tile has too; beyond the grid cells are empty. */
+/** Counts the tiles whose 3 x 3 cells equal another tile's. Cells outside the grid are empty. */
 function repeated({ height, width, codes }: Grid): number {
   const keys: number[] = [];
   codes.forEach((code, cell) => {
@@ -182,7 +182,7 @@ function repeated({ height, width, codes }: Grid): number {
   return sum(sizes(keys).filter((count) => count > 1));
 }
 
-/** Sums the ways by road over all pairs of linked tiles, and divides by those on a full grid of streets. */
+/** Divides the lengths of all shortest ways by their lengths on a full grid of streets. */
 function meanDetour(grid: Grid): number {
   const { width, codes } = grid;
   const neighbours = neighboursOf(grid);

@@ -144,7 +144,7 @@ function paintLattice(context: CanvasRenderingContext2D, { height, width }: Grid
   context.stroke();
 }
 
-/** Frames given cells; those without a road are crossed out. */
+/** Frames given cells, and crosses out given cells without a road. */
 function paintGiven(context: CanvasRenderingContext2D, { width, codes }: Grid, given: Uint8Array, scale: number): void {
   given.forEach((one, cell) => {
     if (!one) return;

@@ -37,7 +37,7 @@ export function HeatMap({ run, layout, values, quantity, selected, elites }: Hea
   const band = layout.down.length === 0 ? 0 : narrow ? Math.max(34, 6.6 * letters + 10) : 76;
   const gutter = layout.down.length * band;
   const longest = Math.max(0, ...layout.down.map((axis) => nameOf(run.axes[axis].metric).length));
-  const head = !layout.down.length ? 4 : narrow ? 12 + 6 * longest : 34; // pixels above the cells, for the names of the bands
+  const head = !layout.down.length ? 4 : narrow ? 12 + 6 * longest : 34; // for the names of the bands
   const cellWidth = Math.max(3, (width - gutter - 2) / layout.columns);
   const cellHeight = Math.min(
     layout.rows > 60
@@ -188,9 +188,7 @@ export function HeatMap({ run, layout, values, quantity, selected, elites }: Hea
           </div>
         )}
       </div>
-      {targeted && (
-        <p class="note">The frame holds the niches that the search was asked for; all others are stepping stones.</p>
-      )}
+      {targeted && <p class="note">The frame marks the target niches of the search. All others are stepping stones.</p>}
     </>
   );
 }
@@ -228,7 +226,7 @@ interface BandsProps {
   readonly narrow: boolean;
 }
 
-/** Draws the axes that go down: of each a column of bands, the first outermost. */
+/** Draws the axes that go down: a column of bands for each, from the outermost to the innermost. */
 function Bands({ run, layout, band, cellHeight, head, narrow }: BandsProps) {
   let repeats = 1;
   let rows = layout.rows;

@@ -14,7 +14,7 @@ const MEDIAN = 2;
 const NO_ELITE = 2 ** 31 - 1; // the best fitness before there is an elite
 const HIGH = 300;
 
-/** Returns the quantiles over the seeds, a row a share: none where a seed has no elite yet. */
+/** Returns the quantiles over the seeds, one row per share. Null means that a seed has no elite yet. */
 function quantilesOf(seeds: readonly Int32Array[], steps: number): (number | null)[][] {
   const rows: (number | null)[][] = SHARES.map(() => []);
   for (let step = 0; step < steps; step++) {
@@ -28,7 +28,7 @@ function quantilesOf(seeds: readonly Int32Array[], steps: number): (number | nul
 }
 
 interface Props {
-  /** Those of all runs that have a history. */
+  /** The runs that have a history. */
   readonly runs: readonly Run[];
   readonly all: readonly Run[];
   readonly series: Series;
@@ -53,7 +53,7 @@ export function History({ runs, all, series }: Props) {
   );
   const data = useMemo(() => uPlot.join(tables), [tables]);
   const colour = useCallback((run: Run) => distinct(all.indexOf(run), dark), [all, dark]);
-  // The first steps are far off where fitness falls steeply: the scale starts where a twentieth of the steps are done.
+  // Fitness falls steeply at first, so the scale ignores the first twentieth of the steps.
   const usual = useMemo(() => {
     const seen = tables.flatMap(([steps, ...rows]) =>
       rows.flatMap((row) => row.slice(Math.floor(steps.length / 20)).filter((value) => value != null)),
@@ -134,7 +134,7 @@ export function History({ runs, all, series }: Props) {
     };
   }, [data, width, dark, runs, usual, colour]);
 
-  /** Returns the last quantiles of a run up to a step. */
+  /** Returns the latest quantiles of a run at a step. */
   const valuesAt = (index: number, step: number): readonly (number | null)[] => {
     const rows = data.slice(1 + index * SHARES.length, 1 + (index + 1) * SHARES.length);
     while (step > 0 && rows[MEDIAN][step] == null) step--;

@@ -3,7 +3,7 @@ import { css, viridis } from "../colours";
 import { bisect } from "../data";
 import { nameOf, valueText } from "../words";
 
-/** Whether low numbers are the good ones, and get the bright end of the scale. */
+/** Returns whether low values are good. Good values are bright. */
 const lowIsGood = (quantity: string): boolean =>
   [
     "fitness",
@@ -26,11 +26,11 @@ export interface Scale {
   readonly high: number;
   /** Returns the position, from 0 to 1, of a number on the scale of colours. */
   readonly position: (value: number) => number;
-  /** Returns the number at a part of the way from the lowest to the highest. */
+  /** Returns the number at a share of the way from the lowest to the highest. */
   readonly at: (part: number) => number;
 }
 
-/** Makes the function from a number to a position on the colour scale: even, or by rank among all cells. */
+/** Returns the colour scale of values: linear, or by rank among all cells. */
 export function scaleOf(values: Float64Array, quantity: string, kind: "linear" | "rank"): Scale {
   const sorted = values.filter((value) => !Number.isNaN(value)).sort();
   const low = sorted[0] ?? 0;

@@ -1,4 +1,4 @@
-/** A map as vectors, or with tile pictures and their layers, with what is laid over it. */
+/** A map as lines or with tile pictures, and overlays. */
 import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
 import { mapShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
@@ -13,7 +13,7 @@ interface Props {
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
-  /** What else lies over the map. */
+  /** More shapes over the map. */
   readonly above?: readonly Shape[];
 }
 

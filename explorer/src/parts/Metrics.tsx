@@ -1,4 +1,4 @@
-/** The metrics of a map beside the quantiles of a run. */
+/** The metrics of a map, each next to the quantiles of its run. */
 import { quantile, quantileOf, type Run } from "../data";
 import { useMemo, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
@@ -7,7 +7,7 @@ import { feature, FEATURES } from "../network/features";
 import { measureTown, TOWN_NAMES } from "../network/town";
 import { nameOf, valueText, WORDS } from "../words";
 
-/** The metrics that are shown at first; the rest is folded away. */
+/** The metrics that are not folded away. */
 const FIRST = [
   "cyclomatic",
   "components",
@@ -28,7 +28,7 @@ interface Props {
   readonly metrics: ArrayLike<number>;
   readonly fitness: number;
   readonly above?: number;
-  /** Features beside the metrics; not a number where a search alone can measure one. */
+  /** Features beside the metrics, NaN if the page cannot measure one. */
   readonly features?: Readonly<Record<string, number>>;
 }
 
@@ -44,8 +44,8 @@ export function Metrics({ run, grid, metrics, fitness, above, features = {} }: P
     <div class="metrics">
       {run.count > 1 && (
         <p class="note">
-          Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run, its dark part the middle half;
-          the dot is this map.
+          Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run. Its dark part spans the middle
+          half. The dot is this map.
         </p>
       )}
       <table>
@@ -62,7 +62,7 @@ export function Metrics({ run, grid, metrics, fitness, above, features = {} }: P
   );
 }
 
-/** The features of a town that are not shown yet; measured once they are looked at. */
+/** The features of a town that are not shown above. They are measured when they are opened. */
 function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; readonly shown: readonly string[] }) {
   const [open, setOpen] = useState(false);
   const town = useMemo(() => (open ? measureTown(grid) : {}), [grid, open]);
@@ -88,7 +88,7 @@ interface RowProps {
   readonly run: Run;
   readonly name: string;
   readonly value: number;
-  /** Whether the run's quantiles stand beside it. */
+  /** Whether the run's quantiles are shown. */
   readonly beside: boolean;
 }
 
@@ -106,7 +106,7 @@ function Row({ run, name, value, beside }: RowProps) {
   );
 }
 
-/** A strip from the least to the most, with quantiles and the value's dot. */
+/** A strip from the lowest to the highest value, with quantiles and a dot for one value. */
 function Strip({
   sorted,
   value,

@@ -6,7 +6,7 @@ import { Choice } from "./Controls";
 
 const RATE = 30;
 
-/** What a player shows: which ride, up to which pose. */
+/** The ride that is shown, and the step up to which it is drawn. */
 export interface Playing {
   readonly ride: number;
   readonly step: number;

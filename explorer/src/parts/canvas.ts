@@ -5,13 +5,13 @@ import type { Grid } from "../network/codes";
 
 interface Fitted {
   readonly canvas: RefObject<HTMLCanvasElement | null>;
-  /** In pixels of the page, 0 until it is laid out. */
+  /** The width in pixels of the page, 0 before layout. */
   readonly width: number;
-  /** Clears the canvas for a map, and returns what to draw with: pixels of the screen a cell, and one of the page. */
+  /** Clears the canvas for a map. `scale` is screen pixels per cell, `ratio` screen pixels per page pixel. */
   readonly clear: (grid: Grid) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
 }
 
-/** Tells whether a part has been on the screen: what it can do without at first may come then. */
+/** Returns false for the first frame, so that slow parts appear after it. */
 export function useShown(): boolean {
   const [shown, setShown] = useState(false);
   useEffect(() => {
@@ -21,7 +21,7 @@ export function useShown(): boolean {
   return shown;
 }
 
-/** Returns the width of an element in pixels of the page, 0 until it is laid out. */
+/** Returns the width of an element in pixels of the page, 0 before layout. */
 export function useWidth(element: RefObject<HTMLElement | null>): number {
   const [width, setWidth] = useState(0);
   useLayoutEffect(() => {

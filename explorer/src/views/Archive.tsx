@@ -12,7 +12,7 @@ import { HeatMap } from "../parts/HeatMap";
 import { openElite, openNiche, shownElites } from "../selection";
 import { nameOf, number } from "../words";
 
-/** What the cells show: of each niche a number, or none where it is vacant. */
+/** Returns the number that each cell shows, NaN for a vacant niche. */
 function valuesOf(run: Run, seed: Seed, colour: string): Float64Array {
   if (seed === "count") return Float64Array.from(run.filled(), (count) => count || NaN);
   const column = run.column(run.quantities.includes(colour) ? colour : "fitness");
@@ -33,11 +33,11 @@ export function Archive() {
     <div class="split">
       <section class="panel" aria-label="The archive">
         <p class="lead">
-          Each cell is a niche, a kind of map: its position says what kind, its colour{" "}
+          Each cell is a niche. Its position says which kind of map belongs there, its colour{" "}
           {quantity === "filled"
             ? "how many seeds found one"
-            : `the ${nameOf(quantity).toLowerCase()} of the fittest one found`}
-          . Click a niche to open its map, or walk with the arrow keys.
+            : `the ${nameOf(quantity).toLowerCase()} of the fittest one`}
+          . A click or the arrow keys open a niche.
         </p>
         <div class="bar">
           {run.seeds > 1 && (
@@ -96,7 +96,7 @@ export function Archive() {
 
 const MOST_OTHERS = 40;
 
-/** All maps in a niche, the fittest first: those of other seeds, or of a population. */
+/** All maps in a niche, from all seeds, the fittest first. */
 function Others({
   run,
   niche,

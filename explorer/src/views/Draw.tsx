@@ -104,7 +104,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
           <Switch
             on={mends}
             onChange={setMends}
-            title="neighbours of what is drawn agree with it; no road leaves the grid"
+            title="neighbours of a stroke agree with it, and no road leaves the grid"
           >
             Repair
           </Switch>
@@ -162,7 +162,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
         </div>
         <p class="note">
           {TOOL_WORDS[tool][1][0].toUpperCase() + TOOL_WORDS[tool][1].slice(1)}. Or drop a map.json or a Duckietown map
-          here. With keys: arrows move, with Shift they draw, Enter sets a tile, Ctrl+Z takes back.
+          here. Keys: arrows move, Shift with arrows draws, Enter sets a tile, Ctrl+Z undoes.
         </p>
         <OverlaySwitches metrics={metrics} />
         <div class="buttons">
@@ -199,7 +199,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
         </div>
         {unknown.length > 0 && (
           <p class="note">
-            {unknown.map(nameOf).join(", ")}: a search alone can measure {unknown.length > 1 ? "them" : "it"}
+            {unknown.map(nameOf).join(", ")}: only a search can measure {unknown.length > 1 ? "them" : "it"}
             {unknown.some((name) => weights[name]) && "; the fitness here leaves it out"}.
           </p>
         )}

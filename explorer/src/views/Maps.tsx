@@ -1,4 +1,4 @@
-/** All maps of a run: filtered by ranges of any quantity, sorted, opened, saved as a selection. */
+/** All maps of a run, filtered by ranges and sorted. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import type { Run } from "../data";
@@ -24,7 +24,7 @@ const FIRST = [
 const PAGE = 48;
 const BARS = 32;
 
-/** Returns the elites whose quantities are all in their ranges. */
+/** Returns the elites that are in all ranges. */
 export function within(run: Run, ranges: Ranges): Int32Array {
   const columns = Object.entries(ranges)
     .filter(([name]) => run.quantities.includes(name))
@@ -108,7 +108,7 @@ export function Maps() {
               on={chosen}
               count={run.maps.length}
               onChange={setChosen}
-              title="the maps that the run chose and wrote"
+              title="only maps that the run wrote to its folder"
             >
               Chosen
             </Switch>
@@ -169,12 +169,12 @@ interface RangeProps {
   readonly onChange: (value: readonly [number, number] | null) => void;
 }
 
-/** A slider with two handles below the counts of all maps and of those in all ranges. */
+/** A slider with two handles. Bars above it count all maps, and the maps in all ranges. */
 function Range({ run, name, among, value, onChange }: RangeProps) {
   const sorted = run.sorted(name);
   const least = sorted[0] ?? 0;
   const most = sorted[sorted.length - 1] ?? 0;
-  // Each bar counts as many values as all others, so that none is high for its width.
+  // Each bar covers the same number of values: otherwise a wider bar would be higher.
   const step = Math.ceil((most - least + 1) / BARS);
   const wide = Math.min(step, (most - least) / 12);
   const bars = useMemo(() => histogram(sorted, least, most, step), [sorted, least, most, step]);
@@ -195,7 +195,7 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
   const single = least === most;
   const columns = (kind: string, counts: readonly number[]) =>
     counts.map((count, bar) => {
-      const high = 10 * Math.sqrt(count / tallest); // few maps remain to be seen beside many
+      const high = 10 * Math.sqrt(count / tallest); // a bar of few maps stays visible
       const middle = Math.min(bar * step + (step - 1) / 2, most - least);
       return (
         count > 0 && (

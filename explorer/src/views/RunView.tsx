@@ -1,4 +1,4 @@
-/** The runs: their histories over seeds, box plots of any quantity, settings, versions, times. */
+/** The runs: histories, box plots of a quantity, settings, versions and times. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import { distinct } from "../colours";
 import { useShared } from "../context";
@@ -127,7 +127,7 @@ const GROUPS: Readonly<Record<string, string>> = {
   times: "Times",
 };
 
-/** Lists the values of tables within tables, by the innermost names; what is not set is left out. */
+/** Lists the values of nested tables by their innermost names, without values that are not set. */
 function flat(key: string, value: unknown, unit = ""): [string, string][] {
   if (value === null || (typeof value === "object" && !Object.keys(value).length)) return [];
   if (typeof value === "object" && !Array.isArray(value))
@@ -158,7 +158,7 @@ function Boxes({ runs, quantity }: { readonly runs: readonly Run[]; readonly qua
   const known = samples.filter((sorted) => sorted.length);
   const low = Math.min(...known.map((sorted) => quantile(sorted, 0.05)));
   const high = Math.max(...known.map((sorted) => quantile(sorted, 0.95)));
-  const above = width < 560; // names stand above their boxes
+  const above = width < 560; // then names are above their boxes
   const left = above ? 8 : 170;
   const row = above ? 46 : 34;
   const right = 34;
@@ -166,7 +166,7 @@ function Boxes({ runs, quantity }: { readonly runs: readonly Run[]; readonly qua
   const height = runs.length * row + 30;
   return (
     <div class="chart" ref={frame}>
-      {!known.length && <p class="note">No map has it.</p>}
+      {!known.length && <p class="note">No map has this quantity.</p>}
       {width > 0 && known.length > 0 && (
         <svg
           width={width}
