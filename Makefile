@@ -29,7 +29,7 @@ notebooks: $(READY)
 # The explorer's module is built anew; it differs from the one in the package only where a change was not built.
 # Then the page and the widget are clicked through, in Chromium and JupyterLab.
 explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
-	cd explorer && npm run --silent check && node build.mjs ../$(BUILT)
+	cd explorer && npm run --silent check && npm run --silent test && node build.mjs ../$(BUILT)
 	diff -r $(BUILT) elitelanes_jax/explorer/static
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py
 

@@ -388,12 +388,12 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
         "seed": blob.add(run.seed, "int32"),
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
-        "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
+        "features": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
-        "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],
+        "maps": [_map_values(run.grids[elite], elite, name, drawn, tiles) for elite, name, drawn in run.maps],
         "rides": [
-            {"place": place, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
-            for place, ride in run.rides
+            {"elite": elite, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
+            for elite, ride in run.rides
         ],
         "history": None if run.history is None else _history_values(run.history, blob),
         "floors": None if run.floors is None else list(run.floors.items()),
@@ -401,13 +401,13 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     }
 
 
-def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
-    """Returns a chosen map: where it is, and its tile pictures as places in the set times 4 plus quarter turns."""
+def _map_values(grid: NDArray[np.int8], elite: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
+    """Returns a chosen map: its elite, and its tile pictures as indices in the set times 4 plus quarter turns."""
     chosen = None
     if drawn is not None and drawn.tile_set == tiles.name:
         chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
-    return {"place": place, "name": name, "pictures": pictures}
+    return {"elite": elite, "name": name, "pictures": pictures}
 
 
 def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
