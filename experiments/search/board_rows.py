@@ -269,9 +269,7 @@ def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
         axes, kept = problem.axes, []
 
         @jax.jit
-        def score(
-            grids: Array | NDArray[np.int8], record: Archive
-        ) -> tuple[Int32[Array, " B"], Int32[Array, "B D"], Archive]:
+        def score(grids: Array, record: Archive) -> tuple[Int32[Array, " B"], Int32[Array, "B D"], Archive]:
             found: Population = evaluate(problem, grids)
             record = insert(record, axes, *found)
             return -found.fitness, compute_descriptor(found.counts, axes), record
