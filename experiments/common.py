@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias, TypeVar
 
 from elitelanes_jax import InputError, use_cores
 
@@ -16,12 +16,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    *("Parser", "add_cores", "kept", "leave", "open_results", "require", "run", "save", "table", "whole", "write"),
+    *("Parser", "Pytree", "Untyped", "add_cores", "kept", "leave", "open_results", "require", "run", "save", "table"),
+    *("whole", "write"),
 ]
 
 INTERRUPTED = 130
 
 T = TypeVar("T")
+
+Pytree: TypeAlias = Any
+"""A pytree of arrays. Only the library or the environment that made it knows its structure."""
+
+Untyped: TypeAlias = Any
+"""An object of a library without types."""
 
 
 class Parser(argparse.ArgumentParser):

@@ -2,12 +2,12 @@
 
     python -m experiments.perception.draw_tiles [FOLDER]
 
-Every tile is a square of 60 cm: within the specification's 58.5 to 61 cm, and exactly eight dashes and gaps of
-yellow tape long. All lengths here are centimetres.
+Every tile is a square of 60 cm. That is within the specification's 58.5 to 61 cm, and exactly as long as eight dashes
+and gaps of yellow tape. All lengths are in centimetres.
 
 Seams fit by construction. Where a road leaves a tile, it looks the same in all tiles (tapes, lanes, light) and is
 symmetric about the middle of the side. Everything that makes a picture individual (light, wear, crooked tape) fades out
-towards the border. Dashes end half a gap before it.
+towards the border. Dashes end half a gap before the border.
 """
 
 import sys
@@ -30,8 +30,8 @@ DASH, GAP = 5.0, 2.5
 # From the side of a tile to the outer and the inner edge of the white tape.
 TAPE_OUT = TILE / 2 - YELLOW / 2 - LANE - WHITE
 TAPE_IN = TAPE_OUT + WHITE
-# The specification's curve has yellow tape from radius 27.25 around the corner, on a tile of the specification's size.
-# Here the centre lies inside the tile, so that the tape ends in the middle of the sides.
+# The specification's curve has yellow tape from radius 27.25 around the corner. On a tile of 60 cm the centre is inside
+# the tile, so that the tape ends in the middle of the sides.
 YELLOW_RADIUS = 27.25 + YELLOW / 2
 CENTRE = TILE / 2 - YELLOW_RADIUS
 
@@ -67,7 +67,7 @@ class Rail(NamedTuple):
 
 def draw(opens: str, rng: np.random.Generator) -> Picture:
     """Draws a tile whose road reaches the given sides."""
-    x, y = _places()
+    x, y = _coordinates()
     inside = _window(x, y)
     rails = _rails(opens, x, y)
     depths = [rail.depth + _crooked(rail, rng) for rail in rails]
@@ -89,15 +89,15 @@ def draw(opens: str, rng: np.random.Generator) -> Picture:
     return Picture(image, *(np.where(cover >= 0.5, 255, 0).astype(np.uint8) for cover in (road, red, yellow)))
 
 
-def _places() -> tuple[Field, Field]:
-    """Returns the centre of each pixel: its distance from the western and from the northern side."""
+def _coordinates() -> tuple[Field, Field]:
+    """Returns the distance of each pixel's centre from the western and from the northern side."""
     centres = (np.arange(PIXELS) + 0.5) * TILE / PIXELS
     x, y = np.meshgrid(centres, centres)
     return x, y
 
 
 def _beyond(field: Field, edge: float) -> Field:
-    """Returns the share of each pixel in which the field is over the edge: 0 to 1, smooth over one pixel."""
+    """Returns the share of each pixel whose field is larger than the edge: 0 to 1, smooth over one pixel."""
     return np.clip((field - edge) * PIXELS / TILE + 0.5, 0, 1)
 
 
@@ -106,7 +106,7 @@ def _between(field: Field, low: float, high: float) -> Field:
 
 
 def _window(x: Field, y: Field, margin: float = 9.0) -> Field:
-    """Returns 0 on the tile's border, rising to 1 at a margin inside."""
+    """Returns 0 on the tile's border, which rises to 1 at a margin inside."""
     border = np.minimum(np.minimum(x, TILE - x), np.minimum(y, TILE - y))
     return _smooth(border / margin)
 
@@ -126,14 +126,14 @@ def _noise(rng: np.random.Generator, scale: float) -> Field:
 
 
 def _grain(inside: Field, rng: np.random.Generator) -> Field:
-    """Makes asphalt: fine grains everywhere; coarser ones and speckles differ from tile to tile."""
+    """Makes asphalt: fine grains everywhere. Coarser grains and speckles differ from tile to tile."""
     coarse, speckled = rng.uniform(1, 3.5), rng.uniform(0.5, 3)
     speckles = np.clip(_noise(rng, 2) - 2, 0, None)
     return 3 * _noise(rng, 0.8) + inside * (coarse * _noise(rng, 4) + 8 * speckled * speckles)
 
 
 def _light(x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """Makes the light of a lamp at a random place: a slope and a broad spot."""
+    """Makes the light of a lamp at a random position: a slope and a broad spot."""
     angle = rng.uniform(0, 2 * np.pi)
     slope = (np.cos(angle) * (x - TILE / 2) + np.sin(angle) * (y - TILE / 2)) / TILE
     spot_x, spot_y = rng.uniform(0.2 * TILE, 0.8 * TILE, 2)
@@ -149,7 +149,7 @@ def _wear(rng: np.random.Generator) -> Field:
 def _from_corner(x: Field, y: Field) -> tuple[Field, Field]:
     """Returns positions on a road around the south-western corner: the distance from it, and along it from the west.
 
-    The road is a quarter circle around the centre, with short straights from there to the two sides.
+    The road is a quarter circle around the centre, with short straights to the two sides.
     """
     u, v = np.maximum(x - CENTRE, 0), np.maximum(TILE - y - CENTRE, 0)
     angle = np.arctan2(u, v)
@@ -161,7 +161,7 @@ _ARC = 2 * CENTRE + YELLOW_RADIUS * np.pi / 2
 
 
 def _around_end(x: Field, y: Field) -> Rail:
-    """Returns the tape around a dead end: along the western side, in a half circle about the middle, and back."""
+    """Returns the tape around a dead end: along the western side, in a half circle around the middle, and back."""
     right, up = x - TILE / 2, TILE / 2 - y
     half = TILE / 2 - TAPE_OUT
     angle = np.where(up > 0, np.arctan2(np.maximum(up, 0), -right), np.where(right < 0, 0, np.pi))
@@ -180,14 +180,14 @@ def _rails(opens: str, x: Field, y: Field) -> list[Rail]:
     closed = [Rail(*sides[side], TILE) for side in "NESW" if side not in opens]
     corners = {"SW": (x, y), "NW": (y, TILE - x), "NE": (TILE - x, TILE - y), "SE": (TILE - y, x)}
     return closed + [
-        Rail(*_from_corner(*place), _ARC)
-        for pair, place in corners.items()
+        Rail(*_from_corner(*turned), _ARC)
+        for pair, turned in corners.items()
         if len(opens) > 2 and set(pair) <= set(opens)
     ]
 
 
 def _crooked(rail: Rail, rng: np.random.Generator) -> Field:
-    """Makes the displacement of a tape: two or three pieces, each a little displaced and turned, with torn edges."""
+    """Makes the displacement of a tape: two or three pieces, each slightly displaced and turned, with torn edges."""
     count = int(rng.integers(2, 4))
     cuts = (np.arange(1, count) + rng.uniform(-0.25, 0.25, count - 1)) * rail.length / count
     middles = (np.arange(count) + 0.5) * rail.length / count
@@ -200,19 +200,19 @@ def _crooked(rail: Rail, rng: np.random.Generator) -> Field:
 
 
 def _dashes(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Field:
-    """Draws the yellow tape along the middle: dashes, each a little displaced, turned and torn."""
+    """Draws the yellow tape along the middle: dashes, each slightly displaced, turned and torn."""
     if opens == "SW":
         across, along = _from_corner(x, y)
         length, count = _ARC, 6
-    elif opens == "S":  # as far as the middle of the half circle, where cars turn round
+    elif opens == "S":  # up to the middle of the half circle, where cars turn round
         across, along, length, count = x, TILE - y, TILE / 2, 4
     else:
         across, along, length, count = x, y, TILE, 8
     pitch = length / count
     ragged = 0.06 * _noise(rng, 4)
     yellow = np.zeros_like(x)
-    for number in range(count):
-        s = along - (number + 0.5) * pitch - rng.uniform(-0.35, 0.35)
+    for index in range(count):
+        s = along - (index + 0.5) * pitch - rng.uniform(-0.35, 0.35)
         t = across - TILE / 2 - rng.uniform(-0.35, 0.35)
         angle = rng.uniform(-0.06, 0.06)
         s, t = s * np.cos(angle) - t * np.sin(angle), s * np.sin(angle) + t * np.cos(angle)
@@ -245,13 +245,14 @@ def _stop_lines(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Fie
 
 
 def main(folder: Path) -> None:
-    for number, (kind, (opens, variants)) in enumerate(TILES.items()):
+    """Draws all tiles into a folder."""
+    for index, (kind, (opens, variants)) in enumerate(TILES.items()):
         for variant in range(1, variants + 1):
-            picture = draw(opens, np.random.default_rng([number, variant]))
-            place = folder / f"{kind}_{variant}"
-            place.mkdir(parents=True, exist_ok=True)
+            picture = draw(opens, np.random.default_rng([index, variant]))
+            tile = folder / f"{kind}_{variant}"
+            tile.mkdir(parents=True, exist_ok=True)
             for name, pixels in picture._asdict().items():
-                file = place / f"{name}.png"
+                file = tile / f"{name}.png"
                 if not cv2.imwrite(str(file), pixels[..., ::-1] if pixels.ndim == 3 else pixels, _SMALL):
                     raise OSError(f"{file}: could not be written")
 

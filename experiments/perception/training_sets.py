@@ -3,14 +3,15 @@
 import shutil
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax import InputError, evolve
+from elitelanes_jax import InputError, SearchSpec, evolve
 from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample, make_dataset, tiles_by_split
 from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import rotate
@@ -43,7 +44,7 @@ class Condition(NamedTuple):
       words: its description in tables.
       source: of the maps, one of `SOURCES`.
       maps: number of maps.
-      drawings: number of pictures; all maps are drawn equally often.
+      drawings: number of pictures. All maps are drawn equally often.
       transforms: the variation of views.
       one_picture: whether each kind of tile has one picture only.
     """
@@ -69,7 +70,7 @@ CONDITIONS = {
     "one-picture": Condition("1000 maps, one picture a kind", "map-elites", 1000, 1000, one_picture=True),
     "no-views": Condition("1000 maps, plain views", "map-elites", 1000, 1000, Transforms()),
 }
-"""The conditions by name; maps are of MAP-Elites unless the words name another source."""
+"""The conditions by name. Maps are of MAP-Elites unless the words name another source."""
 
 
 class Pictures(NamedTuple):
@@ -101,14 +102,14 @@ def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evalu
     shape, rng = (SIDE, SIDE), np.random.default_rng(seed)
     if source == "wfc":
         return np.asarray(generate_batch(rng, count, shape, border="closed", alphabet=alphabet).grid)
-    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "alphabet": alphabet, "progress": False}
+    spec = SearchSpec(method="ea" if source == "ea" else "map-elites", preset="tuned", fill=True)
+    search = partial(evolve, shape=shape, spec=spec, alphabet=alphabet, progress=False)
     if source == "ea":
-        keys = seed_keys(seed, count)
-        return np.asarray(evolve(keys, shape, method="ea", evaluations=evaluations, **settings).best())
+        return np.asarray(search(seed_keys(seed, count), evaluations=evaluations).best())
     keys = seed_keys(seed, max(4, count // 25))
-    chosen = evolve(keys, shape, evaluations=evaluations // 2, **settings).choose(count, seed).maps
+    chosen = search(keys, evaluations=evaluations // 2).choose(count, seed).maps
     if len(chosen) < count:
-        raise InputError(f"maps: expected {count} different ones of {len(keys)} runs, got {len(chosen)}")
+        raise InputError(f"maps: expected {count} different maps of {len(keys)} runs, got {len(chosen)}")
     return rng.permutation(np.stack([road_map.codes for road_map in chosen]))
 
 
@@ -123,10 +124,10 @@ def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pi
 
     Args:
       condition: the condition.
-      grids: codes ``[N, H, W]``, of which the first ones are used.
+      grids: codes ``[N, H, W]``. The first ones are used.
       seed: of the drawings, and of the held-out tiles.
     """
-    maps = [RoadMap(grids[number % condition.maps]) for number in range(condition.drawings)]
+    maps = [RoadMap(grids[index % condition.maps]) for index in range(condition.drawings)]
     spec = replace(_spec(seed), maps=condition.drawings, transforms=condition.transforms)
     with TemporaryDirectory() as folder:
         if condition.one_picture:
@@ -138,14 +139,14 @@ def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pi
 def draw_maps(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
     """Draws each map once with a set of tiles, each in its own view."""
     samples = [
-        draw_sample(RoadMap(grid), tiles, number, seed=seed, tile_px=TILE_PX, transforms=STANDARD, layers=()).layers
-        for number, grid in enumerate(grids)
+        draw_sample(RoadMap(grid), tiles, index, seed=seed, tile_px=TILE_PX, transforms=STANDARD, layers=()).layers
+        for index, grid in enumerate(grids)
     ]
     return Pictures(*(np.stack([layers[name] for layers in samples]) for name in Pictures._fields))
 
 
 def patterns(grids: ArrayLike) -> set[bytes]:
-    """Returns the neighbourhoods of 2 x 2 tiles in maps ``[N, H, W]``; those that are equal when rotated are one."""
+    """Returns the neighbourhoods of 2 x 2 tiles in maps ``[N, H, W]``, each with its rotations as one."""
     windows = np.lib.stride_tricks.sliding_window_view(np.asarray(grids, np.int8), (2, 2), axis=(1, 2)).reshape(
         -1, 2, 2
     )

@@ -2,7 +2,7 @@
 
 `networkx_fitness` uses NumPy for the tiles and NetworkX for the graph. `tarjan_fitness` is written for speed: loops
 compiled by Numba, components and bridges by Tarjan's depth-first search. `cpp_fitness` is the same in C++.
-`tarjan_map_elites` is the paper's whole MAP-Elites with that fitness, compiled by Numba too.
+`tarjan_map_elites` is the paper's whole MAP-Elites with that fitness, also compiled by Numba.
 """
 
 import ctypes
@@ -12,75 +12,26 @@ import subprocess
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import networkx as nx
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.search.check_archive import rescore
+
 __all__ = ["cpp_fitness", "networkx_fitness", "tarjan_fitness", "tarjan_map_elites"]
 
 _ROAD = np.array([3, 5, 6, 7, 9, 10, 11, 12, 13, 14, 15], np.int8)
-_TURNS = np.array([3, 6, 9, 12])
-_CONNECTIONS = np.array([code.bit_count() for code in range(16)])
 _VACANT = 2**31 - 1
 
 
 def networkx_fitness(grids: NDArray[np.int8]) -> NDArray[np.int64]:
     """Computes the paper's fitness of grids ``[B, H, W]``, one after another."""
-    return np.array([_networkx_fitness(grid) for grid in grids])
-
-
-def _networkx_fitness(grid: NDArray[np.int8]) -> int:
-    count = _CONNECTIONS[grid]
-    east = (grid[:, :-1] & 4 > 0) & (grid[:, 1:] & 1 > 0)
-    south = (grid[:-1] & 2 > 0) & (grid[1:] & 8 > 0)
-    matched = np.zeros(grid.shape, int)
-    matched[:, :-1] += east
-    matched[:, 1:] += east
-    matched[:-1] += south
-    matched[1:] += south
-    outward = np.zeros(grid.shape, bool)
-    outward[0] |= grid[0] & 8 > 0
-    outward[-1] |= grid[-1] & 2 > 0
-    outward[:, 0] |= grid[:, 0] & 1 > 0
-    outward[:, -1] |= grid[:, -1] & 4 > 0
-    dead_ends = ((count == 1) | (matched < count)).sum()
-
-    numbers = np.arange(grid.size).reshape(grid.shape)
-    graph = nx.Graph()
-    graph.add_nodes_from(numbers[grid > 0].tolist())
-    graph.add_edges_from(zip(numbers[:, :-1][east].tolist(), numbers[:, 1:][east].tolist(), strict=True))
-    graph.add_edges_from(zip(numbers[:-1][south].tolist(), numbers[1:][south].tolist(), strict=True))
-    components = nx.number_connected_components(graph)
-    bridges = sum(1 for _ in nx.bridges(graph))
-    cyclomatic = graph.number_of_edges() - graph.number_of_nodes() + components
-
-    crossing, turn = count >= 3, np.isin(grid, _TURNS)
-    pairs = (east & crossing[:, :-1] & crossing[:, 1:]).sum() + (south & crossing[:-1] & crossing[1:]).sum()
-    turns = (turn[:, :-1] & turn[:, 1:]).sum() + (turn[:-1] & turn[1:]).sum()
-    straight = sum(_squares(row == 5) for row in grid) + sum(_squares(column == 10) for column in grid.T)
-    return int(
-        480 * dead_ends
-        + 300 * max(components - 1, 0)
-        + 150 * outward.sum()
-        + 100 * bridges
-        + 200 * pairs
-        + 80 * turns
-        - 2 * cyclomatic
-        - 2 * straight
-    )
-
-
-def _squares(marks: NDArray[np.bool_]) -> int:
-    """Returns the sum of the squares of the lengths of all runs of marks."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], marks, [False]])))
-    return int(((edges[1::2] - edges[::2]) ** 2).sum())
+    return np.array([rescore(grid).fitness for grid in grids])
 
 
 def cpp_fitness() -> Callable[[NDArray[np.int8]], NDArray[np.int32]] | None:
-    """Compiles `tarjan.cpp` for this processor: the paper's fitness of grids ``[B, H, W]``; None without a compiler."""
+    """Compiles `tarjan.cpp`, which computes the paper's fitness of grids ``[B, H, W]``; None without a compiler."""
     compiler = shutil.which(os.environ.get("CXX", "c++"))
     if compiler is None:
         return None
@@ -105,13 +56,13 @@ def tarjan_fitness(grids: NDArray[np.int8]) -> NDArray[np.int32]:
     """Computes the paper's fitness of grids ``[B, H, W]``, one after another."""
     result = np.empty(len(grids), np.int32)
     scratch = np.empty((5, grids.shape[1] * grids.shape[2]), np.int32)
-    for number in range(len(grids)):
-        result[number] = _tarjan(grids[number], scratch)[0]
+    for index in range(len(grids)):
+        result[index] = _tarjan(grids[index], scratch)[0]
     return result
 
 
 @numba.njit(cache=True)
-def _tarjan(grid: NDArray[np.int8], scratch: NDArray[np.int32]) -> Any:
+def _tarjan(grid: NDArray[np.int8], scratch: NDArray[np.int32]) -> tuple[int, int, int, int, int, int]:
     """Returns fitness, cyclomatic number, components, dead ends, adjacent crossings, adjacent turns."""
     height, width = grid.shape
     found, low, parent, side, stack = scratch
@@ -237,7 +188,7 @@ def _settle(grid: NDArray[np.int8], row: int, column: int) -> None:
 
 
 @numba.njit(cache=True)
-def tarjan_map_elites(seed: int, height: int, width: int, generations: int) -> Any:
+def tarjan_map_elites(seed: int, height: int, width: int, generations: int) -> NDArray[np.int32]:
     """Runs the paper's MAP-Elites: 20 parents, 40 offspring, 400 niches. Returns the archive's fitness ``[400]``."""
     np.random.seed(seed)
     parents, offspring, most = 20, 40, _VACANT
@@ -246,21 +197,21 @@ def tarjan_map_elites(seed: int, height: int, width: int, generations: int) -> A
     fitness = np.empty(parents + offspring, np.int32)
     archive = np.zeros((400, height, width), np.int8)
     best = np.full(400, most, np.int32)
-    for number in range(parents):
+    for index in range(parents):
         for row in range(height):
             for column in range(width):
-                grids[number, row, column] = _ROAD[np.random.randint(11)]
+                grids[index, row, column] = _ROAD[np.random.randint(11)]
         for row in range(height):
             for column in range(width):
-                _settle(grids[number], row, column)
-        fitness[number] = _tarjan(grids[number], scratch)[0]
+                _settle(grids[index], row, column)
+        fitness[index] = _tarjan(grids[index], scratch)[0]
     order = np.argsort(fitness[:parents], kind="mergesort")
     grids[:parents] = grids[:parents][order]
     fitness[:parents] = fitness[:parents][order]
     for _ in range(generations):
-        for number in range(parents, parents + offspring):
+        for index in range(parents, parents + offspring):
             winner = min(np.random.randint(parents), np.random.randint(parents), np.random.randint(parents))
-            grid = grids[number]
+            grid = grids[index]
             grid[:] = grids[winner]
             if np.random.random() < 0.7:
                 row, column = np.random.randint(height), np.random.randint(width)
@@ -274,7 +225,7 @@ def tarjan_map_elites(seed: int, height: int, width: int, generations: int) -> A
                 grid[row, column] = (7, 11, 13, 14, 15)[np.random.randint(5)]
                 _settle(grid, row, column)
             value, cyclomatic, components, dead_ends, pairs, turns = _tarjan(grid, scratch)
-            fitness[number] = value
+            fitness[index] = value
             niche = min(cyclomatic // 2, 24) * 16
             niche += 8 * (components > 1) + 4 * (dead_ends > 0) + 2 * (pairs > 0) + (turns > 0)
             if value < best[niche]:

@@ -1,17 +1,18 @@
 """The rows of the board: searches as loops of their own libraries over our evaluation.
 
-A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds of it side by side; pyribs runs seed by seed.
+A loop in JAX is an `Optimizer`, so that `evolve` runs all seeds side by side. pyribs runs one seed after another.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int32, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
@@ -38,12 +39,16 @@ from elitelanes_jax.optimizers.interop import (
     ribs_archive_space,
 )
 from elitelanes_jax.problem import Archive, Problem, compute_descriptor, empty_archive, insert, road_problem, tuned_axes
+from experiments.common import Pytree, Untyped
 
-__all__ = ["ROWS", "Found", "Row"]
+__all__ = ["ROWS", "Found", "Row", "Setting"]
+
+Setting = int | float | str
+"""The value of a setting of a row."""
 
 
 class Found(NamedTuple):
-    """The best networks without flaws of R runs after each of T budgets, by cyclomatic number; vacant grids are zero.
+    """The best flawless networks of R runs after each of T budgets, by cyclomatic number. Vacant grids are zero.
 
     Attributes:
       grids: int8 ``[R, T, N, H, W]``.
@@ -56,27 +61,31 @@ class Found(NamedTuple):
     cyclomatic: NDArray[np.int32]
 
 
-Play = Callable[[Task, int, int, Sequence[int], Mapping[str, Any]], Found]
+Decode = Callable[[NDArray[np.floating]], Array | NDArray[np.int8]]
+"""From the solutions of pyribs to grids."""
+
+Play = Callable[[Task, int, int, Sequence[int], Mapping[str, Setting]], Found]
+"""(task, first seed, runs, budgets, settings) -> `Found`."""
 
 
 class Row(NamedTuple):
     """One row.
 
     Attributes:
-      title: what stands in the table.
-      play: (task, first seed, runs, budgets, settings) -> `Found`.
-      settings: that `--tune` chose; none for the presets of this package.
-      choices: for each setting the values that `--tune` draws from; none where nothing is tuned.
+      title: its name in the table.
+      play: runs it.
+      settings: the settings that `--tune` chose; none for the presets of this package.
+      choices: for each setting the values that `--tune` draws from; none if nothing is tuned.
     """
 
     title: str
     play: Play
-    settings: Mapping[str, Any] = MappingProxyType({})
-    choices: Mapping[str, tuple[Any, ...]] = MappingProxyType({})
+    settings: Mapping[str, Setting] = MappingProxyType({})
+    choices: Mapping[str, tuple[Setting, ...]] = MappingProxyType({})
 
 
-def _found(task: Task, kept: Sequence[Any]) -> Found:
-    """Takes from records ``[R, ...]`` of each budget the niches without flaws."""
+def _found(task: Task, kept: Sequence[Elites]) -> Found:
+    """Selects the flawless niches of the records ``[R, ...]`` of each budget."""
     wanted = Niches.of(tuned_axes(task.shape)).wanted
     valid, grids, fitness, counts = (
         np.stack([np.asarray(getattr(one, name))[:, wanted] for one in kept], axis=1)
@@ -87,9 +96,9 @@ def _found(task: Task, kept: Sequence[Any]) -> Found:
 
 
 def _in_jax(make: Callable[..., Optimizer]) -> Play:
-    """Plays a loop that `make` gives: (problem, settings) -> an optimiser whose first state is one batch or less."""
+    """Runs a loop in JAX. `make` returns an optimiser for a problem and settings; its first state is one batch."""
 
-    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Any]) -> Found:
+    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
         factory, axes = partial(make, **settings), tuned_axes(task.shape)
         batch = factory(road_problem(task.shape, axes, fill=task.fill)).evaluations_per_step
         keys, state, done, kept = seed_keys(0, first + runs)[first:], None, 1, []
@@ -123,7 +132,7 @@ def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
 
 
 def _mirrored(problem: Problem) -> Optimizer:
-    """Makes the tuned MAP-Elites without refitted windows, with mirrored moves and little filling."""
+    """Makes the tuned MAP-Elites without refitted windows, with mirrored moves and a low probability of filling."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
     annealing = replace(config.annealing, moves=replace(config.annealing.moves, filling=0.05, refit=0))
@@ -140,43 +149,60 @@ def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, fill
 
 
 def _ea(problem: Problem) -> Optimizer:
-    """The tuned EA, with a record of the grids that its chains move to."""
+    """Makes the tuned EA, with a record of the grids that its chains move to."""
     ea = make_optimizer(problem, PRESETS["ea", "tuned"])
 
-    def init(key: Any) -> Any:
+    def init(key: Key[Array, ""]) -> Pytree:
         state = ea.init(key)
         return state, insert(empty_archive(problem.axes, problem.shape), problem.axes, *state.chains)
 
-    def step(key: Any, carried: Any) -> Any:
+    def step(key: Key[Array, ""], carried: Pytree) -> tuple[Pytree, Info]:
         state, info = ea.step(key, carried[0])
         return (state, insert(carried[1], problem.axes, *state.chains)), info
 
     return Optimizer(init, step, lambda carried: _record(carried[1]), ea.evaluations_per_step)
 
 
-def _qdax(problem: Problem, first: Callable[[Any, int], Any], grids: Any, vary: Any, batch: int, share: float) -> Any:
+def _qdax(
+    problem: Problem,
+    first: Callable[[Key[Array, ""], int], Array],
+    grids: Callable[[Array], Array],
+    vary: tuple[Callable[..., Array] | None, Callable[..., Array]],
+    batch: int,
+    share: float,
+) -> Optimizer:
+    """Makes QDax's MAP-Elites.
+
+    Args:
+      problem: that evaluates.
+      first: draws genotypes.
+      grids: from genotypes to grids.
+      vary: QDax's mutation and variation of genotypes.
+      batch: genotypes a step.
+      share: of a batch that is varied, not mutated.
+    """
     from qdax.core.emitters.standard_emitters import MixingEmitter
     from qdax.core.map_elites import MAPElites
 
     score = qdax_scoring_fn(problem)
 
-    def scored(genotypes: Any, key: Any) -> Any:
+    def scored(genotypes: Array, key: Key[Array, ""]) -> tuple[Array, Array, dict[str, Array]]:
         fitness, descriptor, extra = score(grids(genotypes), key)
         return fitness, descriptor, extra | {"grids": grids(genotypes)}
 
     emitter = MixingEmitter(*vary, variation_percentage=share, batch_size=batch)
     search = MAPElites(scored, emitter, lambda repertoire: {"best": repertoire.fitnesses.max()})
 
-    def init(key: Any) -> Any:
+    def init(key: Key[Array, ""]) -> Pytree:
         drawn, rest = jax.random.split(key)
         return search.init(first(drawn, batch), qdax_centroids(problem.axes), rest)[:2]
 
-    def step(key: Any, state: Any) -> Any:
+    def step(key: Key[Array, ""], state: Pytree) -> tuple[Pytree, Info]:
         repertoire, emitter_state, metrics = search.update(*state, key)
         filled = (repertoire.fitnesses > -jnp.inf).sum(dtype=jnp.int32)
         return (repertoire, emitter_state), Info(-metrics["best"].astype(jnp.int32), filled)
 
-    def elites(state: Any) -> Elites:
+    def elites(state: Pytree) -> Elites:
         repertoire = state[0]
         found = evaluate(problem, grids(repertoire.genotypes))
         return Elites(*found, valid=repertoire.fitnesses.reshape(-1) > -jnp.inf)
@@ -207,21 +233,21 @@ def _qdax_line(problem: Problem, *, batch: int, iso: float, line: float) -> Opti
 
 
 def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> Optimizer:
-    """SNES of evosax on logits, begun anew after so many generations."""
+    """Makes SNES of evosax on logits, which restarts after `restart` generations."""
     from evosax.algorithms import SNES
 
     task = evosax_task(problem)
     strategy = SNES(population_size=population, solution=jnp.zeros(task.num_dims))
     params = strategy.default_params.replace(std_init=std)
 
-    def begin(key: Any) -> Any:
+    def begin(key: Key[Array, ""]) -> Pytree:
         drawn, rest = jax.random.split(key)
         return strategy.init(rest, task.sample(drawn), params)
 
-    def init(key: Any) -> Any:
+    def init(key: Key[Array, ""]) -> Pytree:
         return begin(key), empty_archive(problem.axes, problem.shape)
 
-    def step(key: Any, carried: Any) -> Any:
+    def step(key: Key[Array, ""], carried: Pytree) -> tuple[Pytree, Info]:
         state, record = carried
         ask, tell, again = jax.random.split(key, 3)
         solutions, state = strategy.ask(ask, state, params)
@@ -235,15 +261,15 @@ def _evosax(problem: Problem, *, population: int, restart: int, std: float) -> O
     return Optimizer(init, step, lambda carried: _record(carried[1]), population)
 
 
-def _in_ribs(make: Callable[..., Any]) -> Play:
-    """Plays pyribs's loop: `make` gives from a problem, a seed and settings its scheduler, and what makes grids."""
+def _in_ribs(make: Callable[..., tuple[Untyped, Decode]]) -> Play:
+    """Runs pyribs's loop. `make` returns, for a problem, a seed and settings, a scheduler and what makes grids."""
 
-    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Any]) -> Found:
+    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
         problem = road_problem(task.shape, tuned_axes(task.shape), fill=task.fill)
         axes, kept = problem.axes, []
 
         @jax.jit
-        def score(grids: Any, record: Archive) -> Any:
+        def score(grids: Array, record: Archive) -> tuple[Int32[Array, " B"], Int32[Array, "B D"], Archive]:
             found: Population = evaluate(problem, grids)
             record = insert(record, axes, *found)
             return -found.fitness, compute_descriptor(found.counts, axes), record
@@ -254,7 +280,7 @@ def _in_ribs(make: Callable[..., Any]) -> Play:
             solutions = scheduler.ask()
             for budget in budgets:
                 while done + len(solutions) <= budget:
-                    objective, measures, record = score(decode(solutions), record)
+                    objective, measures, record = score(jnp.asarray(decode(solutions)), record)
                     scheduler.tell(np.asarray(objective, np.float64), np.asarray(measures, np.float64))
                     done += len(solutions)
                     solutions = scheduler.ask()
@@ -266,8 +292,8 @@ def _in_ribs(make: Callable[..., Any]) -> Play:
     return play
 
 
-def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: int) -> Any:
-    """CMA-ME of pyribs on logits: five emitters of separable CMA-ES, as in its tutorials."""
+def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: int) -> tuple[Untyped, Decode]:
+    """Makes CMA-ME of pyribs on logits: five emitters of separable CMA-ES, as in its tutorials."""
     from ribs.archives import GridArchive
     from ribs.emitters import EvolutionStrategyEmitter
     from ribs.schedulers import Scheduler
@@ -282,39 +308,41 @@ def _ribs_cma(problem: Problem, seed: int, *, ranker: str, sigma: float, batch: 
             ranker=ranker,
             es="sep_cma_es",
             batch_size=batch,
-            seed=5 * seed + number,
+            seed=5 * seed + index,
         )
-        for number in range(5)
+        for index in range(5)
     ]
     decode = jax.jit(jax.vmap(task.decode))
     return Scheduler(archive, emitters), lambda solutions: decode(solutions.astype(np.float32))
 
 
 @cache
-def _vary(problem: Problem, filling: float, refit: int) -> Any:
-    """Compiles the moves once for all seeds: (grids, mates, a whole number to draw from) -> grids."""
+def _vary(problem: Problem, filling: float, refit: int) -> Callable[[NDArray[np.int8], NDArray[np.int8], int], Array]:
+    """Compiles the moves once for all seeds: (grids, mates, seed) -> grids."""
     _, vary = qdax_moves(problem, Mix(filling=filling, refit=refit))
     return jax.jit(lambda grids, mates, seed: vary(grids, mates, jax.random.key(seed)))
 
 
-def _ribs_moves(problem: Problem, seed: int, *, batch: int, share: float, filling: float, refit: int) -> Any:
-    """The genetic emitter of pyribs, with our moves in place of its operators."""
+def _ribs_moves(
+    problem: Problem, seed: int, *, batch: int, share: float, filling: float, refit: int
+) -> tuple[Untyped, Decode]:
+    """Makes the genetic emitter of pyribs, with our moves instead of its operators."""
     from ribs.archives import GridArchive
     from ribs.emitters import GeneticAlgorithmEmitter
     from ribs.schedulers import Scheduler
 
     vary, crossed, draws = _vary(problem, filling, refit), int(batch * share), np.random.default_rng(seed)
 
-    def as_grids(solutions: Any) -> Any:
+    def as_grids(solutions: NDArray[np.floating]) -> NDArray[np.int8]:
         return solutions.reshape(-1, *problem.shape).astype(np.int8)
 
-    class MovesEmitter(GeneticAlgorithmEmitter):  # its operators are named, and none takes another's place
-        def ask(self) -> Any:
+    class MovesEmitter(GeneticAlgorithmEmitter):  # it takes its operators by name, not a function
+        def ask(self) -> NDArray[np.floating]:
             if self.archive.empty:
                 return self.initial_solutions
             one, other = (as_grids(self.archive.sample_elites(batch)["solution"]) for _ in range(2))
             mates = np.concatenate([other[:crossed], one[crossed:]])
-            return np.asarray(vary(one, mates, draws.integers(2**31))).reshape(batch, -1)
+            return np.asarray(vary(one, mates, int(draws.integers(2**31)))).reshape(batch, -1)
 
     archive = GridArchive(**ribs_archive_space(problem), seed=seed)
     start = np.asarray(problem.random(jax.random.key(int(draws.integers(2**31))), batch)).reshape(batch, -1)

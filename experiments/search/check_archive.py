@@ -1,19 +1,19 @@
-"""Re-scores an archive against the certificates, by NumPy and NetworkX alone.
+"""Measures an archive and compares it with the certificates, with NumPy and NetworkX alone.
 
-python -m experiments.search.check_archive CERTIFICATES ARCHIVE --size H W [--empty]
+    python -m experiments.search.check_archive CERTIFICATES ARCHIVE --size H W [--empty]
 
-The archive is an ``.npz`` with ``grids``, integer codes ``[..., H, W]``. Each grid is measured anew. Prints, by
-cyclomatic number, the certified optimum, and the best fitness and the number of the flawless networks that the archive
-has. Exit code 1 says that a network contradicts a certificate, 2 that the input cannot be read.
+The archive is an ``.npz`` with ``grids``, integer codes ``[..., H, W]``. For each cyclomatic number, the program prints
+the certified optimum, and the best fitness and the number of the archive's flawless networks. Exit code 1 means that a
+network contradicts a certificate, 2 that the input cannot be read.
 """
 
 import argparse
 import json
 import sys
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import networkx as nx
 import numpy as np
@@ -25,7 +25,7 @@ _NORTH, _EAST, _SOUTH, _WEST = 8, 4, 2, 1
 
 
 class Score(NamedTuple):
-    """The fitness and the cyclomatic number of a network, and whether it is flawless and has every cell filled."""
+    """The fitness and the cyclomatic number of a network, whether it is flawless, and whether every cell is filled."""
 
     fitness: int
     cyclomatic: int
@@ -47,11 +47,11 @@ def rescore(grid: NDArray[np.integer]) -> Score:
         outward[edge] |= grid[edge] & side > 0
     dead_ends = int(((connections == 1) | (matched < connections)).sum())
 
-    numbers = np.arange(grid.size).reshape(grid.shape)
+    nodes = np.arange(grid.size).reshape(grid.shape)
     graph = nx.Graph()
-    graph.add_nodes_from(numbers[grid > 0].tolist())
-    graph.add_edges_from(zip(numbers[:, :-1][east].tolist(), numbers[:, 1:][east].tolist(), strict=True))
-    graph.add_edges_from(zip(numbers[:-1][south].tolist(), numbers[1:][south].tolist(), strict=True))
+    graph.add_nodes_from(nodes[grid > 0].tolist())
+    graph.add_edges_from(zip(nodes[:, :-1][east].tolist(), nodes[:, 1:][east].tolist(), strict=True))
+    graph.add_edges_from(zip(nodes[:-1][south].tolist(), nodes[1:][south].tolist(), strict=True))
     components = nx.number_connected_components(graph)
     cyclomatic = graph.number_of_edges() - graph.number_of_nodes() + components
 
@@ -72,13 +72,13 @@ def _squares(marks: NDArray[np.bool_]) -> int:
 
 
 def check(
-    optima: dict[int, int], grids: Iterable[NDArray[np.integer]], *, fill: bool
+    optima: Mapping[int, int], grids: Iterable[NDArray[np.integer]], *, fill: bool
 ) -> tuple[dict[int, list[int]], list[str]]:
     """Compares networks with certificates.
 
     Args:
       optima: the certified fitness by feasible cyclomatic number.
-      grids: of codes; those that are not flawless, or not filled where they have to be, count nothing.
+      grids: of codes. A grid that is not flawless does not count, nor one with an empty cell if `fill` is set.
       fill: whether every cell has to be filled.
 
     Returns:
@@ -93,16 +93,16 @@ def check(
         found.setdefault(score.cyclomatic, []).append(score.fitness)
         certified = optima.get(score.cyclomatic)
         if certified is None or score.fitness < certified:
-            told = "no network" if certified is None else f"{certified} at best"
+            expected = "no network" if certified is None else f"{certified} at best"
             faults.append(
-                f"cyclomatic number {score.cyclomatic}: certified {told}, got {score.fitness}: {grid.tolist()}"
+                f"cyclomatic number {score.cyclomatic}: certified {expected}, got {score.fitness}: {grid.tolist()}"
             )
     return found, faults
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Runs the program; returns its exit code."""
-    parser = argparse.ArgumentParser(prog="check_archive.py", description=(__doc__ or "").split("\n")[0])
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = argparse.ArgumentParser(prog="check_archive", description=(__doc__ or "").split("\n")[0])
     parser.add_argument("certificates", type=Path, help="the JSON file of the certificates")
     parser.add_argument("archive", type=Path, help="an .npz with grids [..., H, W]")
     parser.add_argument("--size", type=int, nargs=2, metavar=("H", "W"), required=True, help="of the grids")
@@ -112,7 +112,7 @@ def main(arguments: list[str] | None = None) -> int:
         optima = read_certificate(options.certificates, sorted(options.size), not options.empty)
         grids = _read_grids(options.archive, tuple(options.size))
     except ValueError as error:
-        print(f"check_archive.py: {error}", file=sys.stderr)
+        print(f"check_archive: {error}", file=sys.stderr)
         return 2
     found, faults = check(optima, grids, fill=not options.empty)
     print("cyclomatic  certified  best  networks")
@@ -120,38 +120,41 @@ def main(arguments: list[str] | None = None) -> int:
         values = found.get(cyclomatic, [])
         print(f"{cyclomatic:10}  {optimum:9}  {min(values, default='-'):>4}  {len(values):8}")
     for fault in faults:
-        print(f"check_archive.py: {fault}", file=sys.stderr)
+        print(f"check_archive: {fault}", file=sys.stderr)
     return 1 if faults else 0
 
 
-def read_certificate(file: Path, sides: list[int], fill: bool) -> dict[int, int]:
-    """Returns the certified fitness by feasible cyclomatic number, of grids with these sides, the shorter one first.
+def read_certificate(file: Path, sides: Sequence[int], fill: bool) -> dict[int, int]:
+    """Returns the certified fitness of a size by feasible cyclomatic number.
+
+    Args:
+      file: the certificates.
+      sides: the shorter side first.
+      fill: whether every cell is filled.
 
     Raises:
       ValueError: if the file cannot be read or has no such certificate.
     """
     try:
-        listed: list[Any] = json.loads(file.read_text(encoding="utf-8"))["certificates"]
-        for entry in listed:
-            if sorted((entry["height"], entry["width"])) == sides and entry["fill"] == fill:
+        for entry in json.loads(file.read_text(encoding="utf-8"))["certificates"]:
+            if sorted((entry["height"], entry["width"])) == list(sides) and entry["fill"] == fill:
                 return {niche["cyclomatic"]: niche["optimum"] for niche in entry["niches"]}
     except (OSError, ValueError, LookupError, TypeError) as error:
         raise ValueError(f"{file}: expected certificates, got {error!r}") from None
     raise ValueError(f"{file}: expected a certificate of {sides[0]} x {sides[1]} {'A' if fill else 'B'}, got none")
 
 
-def _read_grids(file: Path, shape: tuple[int, int]) -> NDArray[np.integer]:
+def _read_grids(file: Path, shape: tuple[int, int]) -> NDArray[np.int_]:
     try:
         with np.load(file, allow_pickle=False) as content:
             grids = content["grids"]
     except (OSError, ValueError, LookupError, EOFError, TypeError, AttributeError, zipfile.BadZipFile) as error:
         raise ValueError(f"{file}: expected an .npz with grids, got {error!r}") from None
-    whole = np.issubdtype(grids.dtype, np.integer)
-    if not whole or grids.shape[-2:] != shape or (grids.size and not 0 <= grids.min() <= grids.max() <= 15):
-        kind = f"{grids.dtype} {list(grids.shape)}" + (
-            f", {grids.min()} to {grids.max()}" if whole and grids.size else ""
-        )
-        raise ValueError(f"{file}: expected codes 0 to 15 in grids [..., {shape[0]}, {shape[1]}], got {kind}")
+    integers = np.issubdtype(grids.dtype, np.integer)
+    if not integers or grids.shape[-2:] != shape or (grids.size and not 0 <= grids.min() <= grids.max() <= 15):
+        got = f"{grids.dtype} {list(grids.shape)}"
+        got += f", {grids.min()} to {grids.max()}" if integers and grids.size else ""
+        raise ValueError(f"{file}: expected codes 0 to 15 in grids [..., {shape[0]}, {shape[1]}], got {got}")
     return grids.reshape(-1, *shape).astype(int)
 
 

@@ -6,6 +6,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax.network import EAST, NORTH, SOUTH, WEST
+
 __all__ = ["serpentine", "spiral"]
 
 Corner = tuple[int, int]
@@ -27,8 +29,7 @@ def spiral(shape: tuple[int, int]) -> NDArray[np.int8]:
     """Makes a single corridor of corners that winds inwards."""
     height, width = shape[0] - 1, shape[1] - 1
     steps, heading = [(0, 1), (1, 0), (0, -1), (-1, 0)], 0
-    path = [(0, 0)]
-    seen = {(0, 0)}
+    path, seen = [(0, 0)], {(0, 0)}
     turned = 0
     while turned < 2:
         (down, right), (row, column) = steps[heading % 4], path[-1]
@@ -45,19 +46,19 @@ def spiral(shape: tuple[int, int]) -> NDArray[np.int8]:
 
 
 def _corridor(path: Sequence[Corner], shape: tuple[int, int]) -> NDArray[np.int8]:
-    """Makes a grid with all links, without those that separate successive corners of a path."""
+    """Makes a grid with all links except those that separate successive corners of a path."""
     grid = np.zeros(shape, np.int8)
-    grid[:, :-1] |= 4
-    grid[:, 1:] |= 1
-    grid[:-1] |= 2
-    grid[1:] |= 8
+    grid[:, :-1] |= EAST
+    grid[:, 1:] |= WEST
+    grid[:-1] |= SOUTH
+    grid[1:] |= NORTH
     for (row, column), (next_row, next_column) in pairwise(path):
-        if row == next_row:  # step east or west: over the link south of the tile between the two
+        if row == next_row:  # a step to the east or west crosses the link south of the tile between both corners
             between = max(column, next_column)
-            grid[row, between] &= ~2
-            grid[row + 1, between] &= ~8
+            grid[row, between] &= ~SOUTH
+            grid[row + 1, between] &= ~NORTH
         else:
             between = max(row, next_row)
-            grid[between, column] &= ~4
-            grid[between, column + 1] &= ~1
+            grid[between, column] &= ~EAST
+            grid[between, column + 1] &= ~WEST
     return grid

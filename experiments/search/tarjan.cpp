@@ -1,5 +1,5 @@
 // The paper's fitness of grids of tile codes, one after another: Tarjan's depth-first search with a stack of its own.
-// A yardstick for the kernels; `yardsticks.py` compiles and calls it.
+// A baseline for the kernels; `baselines.py` compiles and calls it.
 
 #include <algorithm>
 #include <cstdint>
@@ -16,8 +16,8 @@ bool is_turn(int code) { return code == 3 || code == 6 || code == 9 || code == 1
 
 int squares_of_runs(const int8_t* first, int count, int stride, int straight) {
   int sum = 0, run = 0;
-  for (int place = 0; place < count; ++place) {
-    if (first[place * stride] == straight) {
+  for (int index = 0; index < count; ++index) {
+    if (first[index * stride] == straight) {
       ++run;
     } else {
       sum += run * run;
@@ -118,5 +118,5 @@ class Search {
 
 extern "C" void fitness(const int8_t* grids, int32_t* result, int64_t count, int64_t height, int64_t width) {
   Search search(height, width);
-  for (int64_t number = 0; number < count; ++number) result[number] = search.fitness(grids + number * height * width);
+  for (int64_t index = 0; index < count; ++index) result[index] = search.fitness(grids + index * height * width);
 }

@@ -200,8 +200,8 @@ def test_the_checker_says_when_a_certificate_is_wrong(archive, tmp_path, capsys)
     assert main([str(tmp_path / "wrong.json"), file, "--size", "5", "5"]) == 1
     told = capsys.readouterr().err.splitlines()
     assert [line.split(", got")[0] for line in told] == [
-        "check_archive.py: cyclomatic number 3: certified -54 at best",
-        "check_archive.py: cyclomatic number 4: certified no network",
+        "check_archive: cyclomatic number 3: certified -54 at best",
+        "check_archive: cyclomatic number 4: certified no network",
     ]
 
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from corridors import serpentine, spiral
+from experiments.search.corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 

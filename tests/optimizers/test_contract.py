@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from check_archive import check, read_certificate
+from experiments.search.check_archive import check, read_certificate
 from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle

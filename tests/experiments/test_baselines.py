@@ -1,4 +1,4 @@
-"""The yardsticks of experiments/search/speed.py are right where they differ most: borders, ends, bridges."""
+"""The baselines of experiments/search/speed.py are right where they differ most: borders, ends, bridges."""
 
 import numpy as np
 import pytest
