@@ -26,7 +26,7 @@ from elitelanes_jax.optimizers.presets import config_to_plain
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.like import difference_from
-from elitelanes_jax.search.selection import Choice, describe_choice, describe_shortage, remedy
+from elitelanes_jax.search.selection import Choice
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -117,10 +117,9 @@ def _write_run(folder: Path, run: Evolved, tiles: TileSet) -> list[RoadMap]:
     if spec.part is None:
         with Progress("choosing maps"):
             choice = run.result.choose(spec.maps, spec.seed)
-        detail(describe_choice(choice, spec.maps))
+        detail(choice.describe(spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
-            words = remedy(choice, search.method, spec.size)
-            raise NotEnoughMapsError(describe_shortage(choice, spec.maps, words))
+            raise NotEnoughMapsError(choice.describe_shortage(spec.maps, choice.hint(search.method, spec.size)))
         chosen = time.perf_counter()
         title = (
             f"{many(len(choice.maps), 'road map')} of {spec.size[0]} x {spec.size[1]} tiles, {search.method}, "

@@ -26,7 +26,6 @@ from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.problem.features import TOWN_FEATURES, extra_names, join_counts
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import Result, load_with_seed
-from elitelanes_jax.search.selection import describe_choice, describe_shortage
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -77,10 +76,10 @@ def pick(
         )
         result = replace(found[0], elites=elites, spec=search, axes=axes)
         with Progress("choosing maps"):
-            choice = result.choose(spec.maps, known=[np.array(grid, np.int8) for grid in spec.unlike])
-        detail(describe_choice(choice, spec.maps))
+            choice = result.choose(spec.maps, exclude=[np.array(grid, np.int8) for grid in spec.unlike])
+        detail(choice.describe(spec.maps))
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
-            raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))
+            raise NotEnoughMapsError(choice.describe_shortage(spec.maps, "wider ranges or more archives"))
         runs = [(seed, run) for seed, one in zip(seeds, found, strict=True) for run in range(len(one.elites.grids))]
         maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = (

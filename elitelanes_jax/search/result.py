@@ -26,7 +26,7 @@ from elitelanes_jax.problem.constraints import parse_ranges
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.extras import measure_missing
 from elitelanes_jax.search.elites import MeasuredElites, in_short
-from elitelanes_jax.search.selection import LEAST_DIFFERENT, Choice, choose_maps
+from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
 
 _FORMAT = "elitelanes result, version 1"
@@ -124,7 +124,7 @@ class Result:
     state: RunState
     spec: SearchSpec = field(metadata={"static": True})
     axes: tuple[Axis, ...] = field(metadata={"static": True})
-    config: Config | None = field(metadata={"static": True})
+    config: Config | None = field(default=None, metadata={"static": True})
 
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
@@ -165,11 +165,13 @@ class Result:
         count: int,
         seed: int = 0,
         *,
-        known: Sequence[Int8[np.ndarray, "H W"]] = (),
-        least: Sequence[float] = LEAST_DIFFERENT,
+        exclude: Sequence[Int8[np.ndarray, "H W"]] = (),
+        min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
-        return choose_maps(self.elites, self.spec, self.axes, count, seed, known=known, least=least)
+        return choose_maps(
+            self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
+        )
 
     def __repr__(self) -> str:
         """Returns what was searched for and what was found, in a few lines."""
