@@ -19,7 +19,7 @@ from runs import kept_runs
 from settings import add_settings, checked_settings
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.search import use_compile_cache

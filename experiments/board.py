@@ -30,8 +30,8 @@ from board_rows import ROWS, Found
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.benchmark import (
     BUDGETS,
     Scores,

@@ -22,15 +22,15 @@ from typing import Any
 
 import numpy as np
 from check_archive import check, rescore
+from elitelanes_jax._util.cores import count_cores
 from frontier import sweep
 from half_sweep import Half, make_half
 from halves import find_most_crossings, find_optimum
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.cores import count_cores
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from paper import METHODS, METRICS, TABLE, is_of_the_papers_size
 from report import selections
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.plots import metric_boxes
 
 __all__ = ["comparison", "save", "scaling"]

@@ -29,7 +29,7 @@ from navigation_tasks import CONDITIONS, TASKS
 from numpy.typing import NDArray
 from report import table
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.problem import Axis
 from elitelanes_jax.tiles import load_tiles, render
 

@@ -26,8 +26,9 @@ from numpy.typing import NDArray
 from results_folder import kept, open_results
 
 from elitelanes_jax import evolve, fitness, measure
-from elitelanes_jax._util.atomic_io import remove, write_atomic
 from elitelanes_jax._util.checks import path
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.folders import remove
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.benchmark import find_task
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by

@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.atomic_io import compare_settings, write_atomic, write_json
+from elitelanes_jax._util.files import write_atomic, write_json
+from elitelanes_jax._util.folders import compare_settings
 
 __all__ = ["kept", "open_results"]
 
@@ -23,7 +24,7 @@ def open_results(folder: Path, settings: dict[str, Any]) -> None:
         raise InputError(f"{folder}: expected a folder, got a file")
     file = folder / _SETTINGS
     if folder.is_dir() and any(not entry.name.startswith(".") for entry in folder.iterdir()):
-        compare_settings(folder, file, settings)
+        compare_settings(folder, file, settings, "use another folder")
         return
     folder.mkdir(parents=True, exist_ok=True)
     write_json(file, settings)

@@ -18,7 +18,7 @@ from results_folder import open_results
 from runs import kept_runs
 from settings import add_settings, checked_settings
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.formats import table_to_csv

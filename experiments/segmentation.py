@@ -22,8 +22,8 @@ from segmentation_report import figure, tables
 from training_sets import CONDITIONS, SOURCES, Pictures, draw_maps, make_maps, patterns, split_tiles, training_set
 
 from elitelanes_jax import InputError, __version__
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say

@@ -59,7 +59,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
     assert str(error.value) == "part 3 of 3: expected a worker to run it, got RuntimeError: the machine is gone"
     assert executor.ran == [1, 2, 3] and not out.exists()
 
-    with Lossy() as executor, pytest.raises(InputError, match="expected results of seed 1, got some of 0"):
+    with Lossy() as executor, pytest.raises(InputError, match="expected results with seed 1, got results with 0"):
         generate_on(executor, SPEC.but({"seed": 1}), out)
     assert executor.ran == []
 
@@ -152,8 +152,8 @@ def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            parts = tmp_path / ".maps-search" / "search"
-            while not list(parts.glob(".[1-4]-search")):
+            parts = tmp_path / ".maps-unfinished" / "kept"
+            while not list(parts.glob(".[1-4]-unfinished")):
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
@@ -188,7 +188,7 @@ def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            while len(list(out.glob(".unfinished/records/*/*.json"))) < 50:
+            while len(list(tmp_path.glob(".many-unfinished/kept/records/*/*.json"))) < 50:
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)

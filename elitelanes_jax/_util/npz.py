@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from elitelanes_jax._util.errors import InputError, reason, short
-from elitelanes_jax._util.limited_read import MIB
+from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, Untyped
 
 _SETTINGS = "settings"

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, path, switch, whole
-from elitelanes_jax._util.cores import use_cores
 from elitelanes_jax._util.errors import InputError, likely
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.settings import Option, Settings
+from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"

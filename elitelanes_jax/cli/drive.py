@@ -70,7 +70,7 @@ def _policy(text: str) -> str | Path:
 
 
 def _drive(options: argparse.Namespace) -> int:
-    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, write_atomic
     from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.search.compile_cache import use_compile_cache

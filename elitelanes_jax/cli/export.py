@@ -160,7 +160,8 @@ def _write_maps(
     files: Sequence[Path], grids: Sequence[AnyArray], target: _Format, settings: dict[str, UserValue], out: Path
 ) -> list[str]:
     """Writes the files of maps, to a file or a folder; returns the warnings."""
-    from elitelanes_jax._util.atomic_io import new_folder, write_atomic
+    from elitelanes_jax._util.files import write_atomic
+    from elitelanes_jax._util.folders import output_folder
 
     warnings: list[str] = []
 
@@ -182,10 +183,10 @@ def _write_maps(
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
         places = _places(files)
-        with new_folder(out) as folder:
+        with output_folder(out, {"command": "export"}) as work:
             for file, codes, place in zip(files, grids, places, strict=True):
                 for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
-                    write_atomic(folder / (place + suffix), text.encode())
+                    write_atomic(work.files / (place + suffix), text.encode())
     return warnings
 
 
@@ -203,7 +204,7 @@ def _places(files: Sequence[Path]) -> list[str]:
 
 
 def _write_new(file: Path, text: str) -> None:
-    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, write_atomic
 
     check_new(file)
     write_atomic(file, text.encode(errors="surrogateescape"))  # a table has names of files, whatever they are made of

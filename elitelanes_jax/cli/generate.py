@@ -76,7 +76,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.spec import GenerateSpec
 
     spec = read_options(options, GenerateSpec())
-    from elitelanes_jax._util.unfinished import is_kept
+    from elitelanes_jax._util.folders import has_unfinished
     from elitelanes_jax.maps.generation import generate
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -90,11 +90,11 @@ def _generate(options: argparse.Namespace) -> int:
             with dask_executor(options.scheduler) as executor:
                 maps = generate_on(executor, spec, options.out, force=options.force)
     except KeyboardInterrupt:
-        if not is_kept(options.out):
+        if not has_unfinished(options.out):
             raise
         return fail("elitelanes", f"interrupted; {_CONTINUES}", INTERRUPTED)
     except NotEnoughMapsError as error:
-        return fail("elitelanes", f"{error}{_KEPT if is_kept(options.out) else ''}", 1)
+        return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
     if spec.part is None:
         explore = f"elitelanes explore {shlex.quote(str(options.out))} --open shows all that was found"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")

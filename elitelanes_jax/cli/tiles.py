@@ -111,7 +111,7 @@ def _masks(options: argparse.Namespace) -> int:
 
 def _new_beside(folder: Path, file: Path) -> Path:
     """Checks that a file is new, and outside the tiles' own folders, where a picture would be taken for a tile's."""
-    from elitelanes_jax._util.atomic_io import check_new
+    from elitelanes_jax._util.files import check_new
 
     check_new(file)
     if file.resolve().parent.parent == folder.resolve():

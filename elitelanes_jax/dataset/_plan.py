@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.unfinished import is_kept
 from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
@@ -229,9 +228,9 @@ def _read_run(folder: Path) -> _Finds:
 
 def _read_record(file: Path) -> dict[str, Plain]:
     try:
-        record = parse_json(read_text(file, 32 * MIB))
+        record = read_json(file)
     except OSError:
-        unfinished = "; its search is not done, the same generate command continues it" * is_kept(file.parent)
+        unfinished = "; its search is not done, the same generate command continues it" * has_unfinished(file.parent)
         raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")

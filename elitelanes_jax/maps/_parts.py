@@ -1,6 +1,5 @@
 """Parts of a run, each with some of its seeds, that are put together again."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -9,11 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from elitelanes_jax._util.atomic_io import first_difference
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import first_difference, has_unfinished
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.unfinished import is_kept
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
 from elitelanes_jax.search.result import Result
@@ -91,10 +89,10 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
 
 
 def _read_record(folder: Path) -> dict[str, Plain]:
-    if is_kept(folder):
+    if not folder.exists() and has_unfinished(folder):
         raise InputError(f"{folder}: expected a part that is done, got one that the same command goes on with")
     try:
-        record = json.loads(read_text(folder / RECORD, 32 * MIB))
+        record = read_json(folder / RECORD)
         part = record["settings"]["part"]
         times = record["times"]["seconds"]["evolve"], record["times"]["evaluations_per_second"], record["device"]
         whole = {"versions", "tile_set"} <= set(record) and len(times) == 3 and (part is None or parse_part(part))

@@ -6,19 +6,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from elitelanes_jax._util.atomic_io import compare_settings, new_folder, write_json
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.settings import record
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import RECORD
 from elitelanes_jax.maps.folder import foreign_to_maps
-from elitelanes_jax.maps.generation import check_drawable, generate, write_joined
+from elitelanes_jax.maps.generation import check_drawable, generate, inputs_of, write_joined
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -26,8 +25,6 @@ T = TypeVar("T")
 
 # Fewer seeds side by side do not keep the cores of a worker busy.
 _SEEDS_A_PART = 16
-
-_SETTINGS = "parts.json"
 
 _SECONDS_TO_ANSWER = 10
 
@@ -57,17 +54,11 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
         raise InputError("part: expected none where workers run all the parts, got {}/{}".format(*spec.part))
     check_drawable(spec)
     count = -(-spec.seeds // _SEEDS_A_PART)
-    identity = {"settings": spec.to_plain(), "versions": installed_versions()}
-    with kept_work(out) as kept, new_folder(out, foreign=foreign_to_maps, force=force) as folder:
-        assert kept is not None  # where no folder can be made, new_folder has said so
-        if kept.exists():
-            compare_settings(out, kept / _SETTINGS, identity)
-        else:
-            kept.mkdir()
-            write_json(kept / _SETTINGS, identity)
-        parts = [kept / str(number) for number in range(1, count + 1)]
+    settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
+    with output_folder(out, settings, inputs=inputs_of(spec), foreign=foreign_to_maps, force=force) as work:
+        parts = [work.kept / str(number) for number in range(1, count + 1)]
         _run_parts(executor, {part: spec.but({"part": (int(part.name), count)}) for part in parts})
-        return write_joined(parts, folder)
+        return write_joined(parts, work.files)
 
 
 def _run_parts(executor: Executor, specs: dict[Path, GenerateSpec]) -> None:

@@ -1,14 +1,13 @@
 """The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
 
-import json
 import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.atomic_io import foreign_file
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
@@ -60,7 +59,7 @@ def write_maps(
 def foreign_to_maps(folder: Path) -> str | None:
     """Returns the first file in a folder that `generate` and `pick` did not write there; None without one."""
     try:
-        run = json.loads(read_text(folder / "run.json", 32 * MIB))
+        run = read_json(folder / "run.json")
         names = "|".join(map(re.escape, ("map.json", *_picture_files(run["tile_set"].get("layers", ())))))
         if "elitelanes_jax" not in run["versions"]:
             return "run.json of another program"

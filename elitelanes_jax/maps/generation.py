@@ -8,13 +8,13 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import new_folder, remove, write_json
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.files import write_json
+from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.settings import record
 from elitelanes_jax._util.types import AnyArray, Plain
-from elitelanes_jax._util.unfinished import kept_work
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import ARCHIVE, RECORD, Evolved, join_parts
@@ -60,20 +60,33 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
     spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
     search, tiles = check_drawable(spec)
     keys = seed_keys(spec.seed, spec.seeds)[np.array(spec.seed_numbers)]
-    with kept_work(out) as kept, new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+    with output_folder(
+        out, _identity(spec, search), inputs=inputs_of(spec), foreign=foreign_to_maps, force=force
+    ) as work:
         aim = many(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
         announce(
             f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
             f"{many(len(keys), 'run')} of {_budget(search)}"
         )
         began = time.perf_counter()
-        result = evolve(keys, spec.size, spec=search, checkpoint=kept, every=_SECONDS_A_CHECKPOINT)
+        result = evolve(keys, spec.size, spec=search, checkpoint=work.kept / "search", every=_SECONDS_A_CHECKPOINT)
         searched = result.history.seconds
-        if kept is not None and searched < _WORTH_KEEPING:
-            remove(kept)
+        if searched < _WORTH_KEEPING:
+            remove(work.kept / "search")
         seconds = max(time.perf_counter() - began, searched)  # a search that went on has had its seconds before
         speed = _median(result.history.evaluations_per_second)
-        return _write_run(folder, Evolved(spec, result, seconds, speed, jax.devices()[0].device_kind), tiles)
+        return _write_run(work.files, Evolved(spec, result, seconds, speed, jax.devices()[0].device_kind), tiles)
+
+
+def _identity(spec: GenerateSpec, search: SearchSpec) -> dict[str, Plain]:
+    """Returns what a search depends on except its budget."""
+    settings = {name: value for name, value in search.to_plain().items() if name not in ("evaluations", "generations")}
+    about = {"size": spec.size, "seeds": spec.seeds, "seed": spec.seed, "part": spec.part}
+    return {"command": "generate", **about, "search": settings, "versions": installed_versions()}
+
+
+def inputs_of(spec: GenerateSpec) -> list[Path]:
+    return [spec.tiles] if spec.tiles else []
 
 
 def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
@@ -94,8 +107,8 @@ def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification asks for.
       OSError: if the folder cannot be written.
     """
-    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
-        return write_joined(parts, folder)
+    with output_folder(out, {"command": "merge"}, inputs=parts, foreign=foreign_to_maps, force=force) as work:
+        return write_joined(parts, work.files)
 
 
 def write_joined(parts: Sequence[Path], folder: Path) -> list[RoadMap]:

@@ -1,6 +1,5 @@
 """From archives of earlier searches to a folder of maps: more, others, or filtered ones, without another search."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -8,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.atomic_io import new_folder
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.files import write_json
+from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax._util.version import installed_versions
@@ -62,7 +62,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
     search.check_maps(shape)
     axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
     wanted = _wanted(search, axes, found)
-    with new_folder(out, foreign=foreign_to_maps, force=force) as folder:
+    with output_folder(out, {"command": "pick"}, inputs=archives, foreign=foreign_to_maps, force=force) as work:
         elites = _together(archives, found, wanted, axes, tiles)
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
@@ -78,7 +78,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         title = (
             f"{many(len(maps), 'road map')} of {shape[0]} x {shape[1]} tiles, chosen from {many(len(found), 'archive')}"
         )
-        maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
+        maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
         record = {
             "settings": spec.to_plain(),
             "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
@@ -88,7 +88,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
             "elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike},
             "versions": installed_versions(),
         }
-        (folder / "run.json").write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+        write_json(work.files / "run.json", record)
     return maps
 
 

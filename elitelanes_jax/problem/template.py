@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError, reason, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES

@@ -1,21 +1,16 @@
 """Independent rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from queue import SimpleQueue
-from threading import Thread
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.cores import count_cores
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import AnyArray, Pytree
-
-T = TypeVar("T")
 
 # Rows of a call: with fewer the calls cost more than the rows, with more the memory grows and the time does not fall.
 _ROWS_A_CALL = 4096
@@ -134,49 +129,6 @@ def join(parts: Sequence[Pytree], rows: int) -> Pytree:
         return np.concatenate(arrays)[:rows]
 
     return jax.tree.map(joined, *parts)
-
-
-def side_by_side(calls: Iterable[Callable[[], T]], *, left: bool = False) -> list[T]:
-    """Calls functions at once, in a thread each; returns what they return, in order.
-
-    Each begins as soon as the iterable gives it. An error in one of them, or an interruption, is raised when all have
-    ended. The wait is at a simple queue, which an interruption leaves intact.
-
-    Args:
-      calls: the functions.
-      left: whether an interruption is raised at once, and leaves the calls to end by themselves.
-    """
-    if isinstance(calls, Sequence) and len(calls) == 1 and not left:
-        return [calls[0]()]
-    ended: SimpleQueue[tuple[int, Pytree, BaseException | None]] = SimpleQueue()
-
-    def call(number: int, function: Callable[[], T]) -> None:
-        try:
-            ended.put((number, function(), None))
-        except BaseException as error:
-            ended.put((number, None, error))
-
-    threads: list[Thread] = []
-    found: dict[int, T] = {}
-    try:
-        for numbered in enumerate(calls):
-            # The interpreter crashes where it ends before a compiler that a daemon is at.
-            threads.append(Thread(target=call, args=numbered, daemon=not left))
-            threads[-1].start()
-        for _ in threads:
-            number, value, error = ended.get()
-            if error is not None:
-                raise error
-            found[number] = value
-    except KeyboardInterrupt:
-        if left:
-            threads = []
-        raise
-    finally:
-        for thread in threads:
-            if thread.is_alive():
-                thread.join()
-    return [found[number] for number in range(len(threads))]
 
 
 def _is_key(array: Pytree) -> bool:

@@ -20,6 +20,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.network.checks import check_shape
@@ -37,7 +38,7 @@ from elitelanes_jax.problem.limits import Limits, check_ranges, find_limits
 from elitelanes_jax.problem.problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
-from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side
+from elitelanes_jax.search._devices import choose_devices, cut, join
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds
@@ -409,7 +410,7 @@ def _compile(search: _Search, states: Pytree, *, starts: bool, runs: bool) -> di
 
     known = (program, search.keys.size, search.single, *search.devices)
     # In threads, as an interruption does not wait for those.
-    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers(), left=True)
+    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers(), wait=False)
     _KNOWN.add(known)
     return dict(zip(advances, compiled[-len(advances) :], strict=True)) if advances else {}
 

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
 from elitelanes_jax._util.version import __version__

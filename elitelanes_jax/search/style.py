@@ -5,7 +5,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from elitelanes_jax._util.errors import InputError, likely, reason, short
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
 FOLDER = Path(__file__).parent / "styles"

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import KIB, read_text
+from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines

@@ -76,17 +76,17 @@ def test_what_is_to_be_replaced_stays_where_the_new_run_fails(folder, monkeypatc
     before = files(folder)
     assert main([*SMALL, "--maps", "999", "--force", "--out", str(folder)]) == 1
     assert files(folder) == before
-    usual, moved = Path.replace, []
+    usual, moved = Path.rename, []
 
-    def replace(self, target):
+    def rename(self, target):
         moved.append(self)
-        if len(moved) == 6:  # four old entries have gone aside, and one new one has its place
+        if len(moved) == 8:  # the files are complete, four old entries are moved out, and a new one is in
             raise OSError(28, os.strerror(28), str(target))
         return usual(self, target)
 
-    monkeypatch.setattr(Path, "replace", replace)
+    monkeypatch.setattr(Path, "rename", rename)
     assert main([*SMALL, "--maps", "2", "--force", "--out", str(folder)]) == 2
-    assert len(moved) > 6
+    assert len(moved) > 8
     assert files(folder) == before
     assert [entry.name for entry in folder.parent.iterdir()] == ["out"]
 

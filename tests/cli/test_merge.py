@@ -95,11 +95,18 @@ def swap(folder):
     shutil.copy(folder.parent / "part-1" / "archive.npz", folder / "archive.npz")
 
 
+def unfinished(part):
+    hidden = part.with_name(f".{part.name}-unfinished")
+    (hidden / "files").mkdir(parents=True)
+    shutil.copytree(part, hidden / "kept")
+    shutil.rmtree(part)
+
+
 WRONG = {
     "one is missing": (lambda place: shutil.rmtree(place / "part-2"), "part-2: expected a part of a run, made by"),
     "one is a whole run": (lambda place: settings(place / "part-2", part=None), "generate --part, got a whole one"),
     "one is not done": (
-        lambda place: (place / ".part-2-search" / "search").mkdir(parents=True),
+        lambda place: unfinished(place / "part-2"),
         "part-2: expected a part that is done, got one that the same command goes on with",
     ),
     "one is of other settings": (

@@ -166,9 +166,9 @@ def test_a_users_mistake_is_one_line_and_writes_nothing(folder, capsys):
     for arguments, message in (
         (
             ["check", str(folder), "--picture", str(mine)],
-            "mine.png: expected a file that is new, got one that is there",
+            "mine.png: expected a new file, got an existing one",
         ),
-        (["masks", str(folder), "--sheet", str(mine)], "mine.png: expected a file that is new, got one"),
+        (["masks", str(folder), "--sheet", str(mine)], "mine.png: expected a new file, got an existing one"),
         (
             ["check", str(folder), "--picture", "worst.jpg"],
             "argument --picture: expected a name that ends in .png, got",
