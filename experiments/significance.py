@@ -30,7 +30,8 @@ def compare_all(samples: Mapping[str, Sequence[float]]) -> dict[tuple[str, str],
         first, second = np.asarray(samples[one]), np.asarray(samples[other])
         result = stats.mannwhitneyu(first, second, alternative="two-sided")
         effects.append(2 * float(result.statistic) / (first.size * second.size) - 1)
-        chances.append(float(result.pvalue))
+        equal = np.ptp([*first, *second]) == 0  # SciPy has no p for them from 1.18 on
+        chances.append(1.0 if equal else float(result.pvalue))
     corrected = holm(chances)
     return {pair: Comparison(*numbers) for pair, *numbers in zip(pairs, effects, corrected, strict=True)}
 

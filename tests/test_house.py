@@ -1,4 +1,4 @@
-"""The house: imports between rooms go one way, each room says what is public, and nothing is loaded that is not needed."""
+"""The house: imports between rooms go one way, rooms say what is public, and nothing is loaded without need."""
 
 import ast
 import json

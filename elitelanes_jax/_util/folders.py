@@ -189,6 +189,17 @@ def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tu
     return None
 
 
+def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
+    """Checks that no input is in a folder that is to be replaced, with symbolic links followed.
+
+    Raises:
+      InputError: that names the first input in the folder.
+    """
+    for path in inputs:
+        if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise InputError(f"{folder}: expected a folder to replace that contains no input, got one with {path}")
+
+
 def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
     """Returns the first file below a folder that is not an own file, in the order of names; None without one.
 
@@ -239,9 +250,7 @@ def _check_replaceable(
     if not force or foreign is None:
         hint = "; --force replaces it" if foreign and not found else ""
         raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
-    for path in inputs:
-        if Path(os.path.realpath(path)).is_relative_to(out):
-            raise InputError(f"{asked}: expected a folder to replace that contains no input, got one with {path}")
+    check_apart(asked, inputs)
 
 
 def _has_work(hidden: Path) -> bool:

@@ -1,9 +1,12 @@
 """The command ``elitelanes``. JAX and OpenCV are slow to import: commands import what they need when they run."""
 
 import argparse
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
+from elitelanes_jax._util.folders import check_apart
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax._util.version import __version__
@@ -26,7 +29,17 @@ from elitelanes_jax.cli.tiles import add_tiles
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: options.action(options), options.interrupted, options.loud)
+    return guarded("elitelanes", lambda: _act(options), options.interrupted, options.loud)
+
+
+def _act(options: argparse.Namespace) -> int:
+    """Does what a command does, unless it would replace a folder with something in it that it reads."""
+    if getattr(options, "force", False) and options.out is not None:
+        values = (value for name, value in vars(options).items() if name != "out")
+        named = [one for value in values for one in (value if isinstance(value, list) else [value])]
+        texts = [one for one in named if isinstance(one, str | Path)]
+        check_apart(options.out, filter(os.path.exists, texts))  # of a text too long for a path it says no
+    return int(options.action(options))
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -1,6 +1,7 @@
 """The command ``elitelanes render``."""
 
 import argparse
+from dataclasses import replace
 
 from elitelanes_jax._util.checks import folder, one_of, whole
 from elitelanes_jax._util.errors import InputError
@@ -47,7 +48,7 @@ def _render(options: argparse.Namespace) -> int:
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     if options.dead_ends:
-        road_map = road_map._replace(codes=without_dead_ends(road_map.codes))
+        road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     out = options.out or options.map.with_suffix("")
     try:
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed)

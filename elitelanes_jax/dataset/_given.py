@@ -1,7 +1,7 @@
 """Maps that are given to a dataset in place of evolved ones; without JAX and OpenCV."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 
@@ -78,9 +78,4 @@ def _files(source: Path) -> list[Path]:
 def _measured(road_map: RoadMap) -> RoadMap:
     if road_map.metrics is not None:
         return road_map
-    return road_map._replace(
-        metrics={
-            name: value.item() if hasattr(value, "item") else value
-            for name, value in plain_measure(road_map.codes).items()
-        }
-    )
+    return replace(road_map, metrics=plain_measure(road_map.codes))

@@ -4,6 +4,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -141,7 +142,7 @@ def _evolve_round(
     if not choice.maps and not found:
         words = remedy(choice, search.method, shape)
         raise NotEnoughMapsError(describe_shortage(choice, wanted, words, writable=False))
-    return [road_map._replace(seed=(seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
+    return [replace(road_map, seed=(seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
 
 
 def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np.int_]:
@@ -179,7 +180,7 @@ def _evenly(count: int, wanted: int) -> NDArray[np.int_]:
 
 
 def _keep(file: Path, maps: Sequence[RoadMap]) -> None:
-    lines = (json.dumps(road_map._asdict() | {"codes": road_map.codes.tolist()}) for road_map in maps)
+    lines = (json.dumps(vars(road_map) | {"codes": road_map.codes.tolist(), "drawn": None}) for road_map in maps)
     write_atomic(file, "".join(f"{line}\n" for line in lines).encode())
 
 
@@ -189,4 +190,4 @@ def _lines(file: Path) -> list[str]:
 
 def _maps_of(file: Path) -> list[RoadMap]:
     records = map(json.loads, _lines(file))
-    return [RoadMap(**record | {"codes": np.array(record["codes"], np.int8)}) for record in records]
+    return [RoadMap(**record) for record in records]

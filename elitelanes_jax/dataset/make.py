@@ -273,7 +273,7 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
     sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title, shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
     write_json(out / RECORD, about)
-    return about
+    return read_json(out / RECORD)
 
 
 def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:

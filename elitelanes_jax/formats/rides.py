@@ -17,6 +17,9 @@ RIDES = "elitelanes rides, version 1"
 
 _MOST_BYTES = 64 * MIB
 
+MOST_POSES = 2_000_000
+"""The poses of all rides that a file has room for, beside a map of 1024 x 1024 tiles: 18 hours."""
+
 
 class RecordedRide(NamedTuple):
     """A ride, 30 poses a second.

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def write_maps(
         for number, plain in enumerate(maps):
             chosen = choose_tiles(plain.codes, tiles, [seed, number])
             names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
-            road_map = plain._replace(drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+            road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
             place = folder / "maps" / f"{number:04d}"
             place.mkdir(parents=True)
             write_picture(place, render(plain.codes, tiles, tile_px=tile_px, chosen=chosen))

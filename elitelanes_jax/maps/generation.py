@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -159,7 +160,7 @@ def check_drawable(spec: GenerateSpec) -> tuple[SearchSpec, TileSet]:
 
 def _with_difference(road_map: RoadMap, given: Sequence[AnyArray]) -> RoadMap:
     difference = round(difference_from(road_map.codes, given), 3)
-    return road_map._replace(metrics={**(road_map.metrics or {}), NEAREST: difference})
+    return replace(road_map, metrics={**(road_map.metrics or {}), NEAREST: difference})
 
 
 def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:

@@ -14,6 +14,7 @@ from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps._parts import ARCHIVE
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
@@ -29,7 +30,9 @@ from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
-def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
+def pick(
+    spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False, force_archive: bool = False
+) -> list[RoadMap]:
     """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
 
     The choice is that of `generate`. From the archive of one search, with its number of maps, it is the same.
@@ -38,7 +41,8 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
       spec: of the choice.
       archives: files ``archive.npz`` of `generate`, of maps of one size.
       out: the folder, new or empty.
-      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
+      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced, if it has no archive.
+      force_archive: whether it is replaced with an archive in it too, of which `pick` writes none.
 
     Returns:
       The maps, as they were written.
@@ -49,9 +53,9 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
       NotEnoughMapsError: if there are fewer maps than asked for; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    tiles = load_tiles(spec.tiles, blend=spec.blend)
     if not archives:
         raise InputError("archives: expected at least one, got none")
+    tiles = load_tiles(spec.tiles, blend=spec.blend)
     found, seeds = zip(*map(_read, archives), strict=True)
     shape = found[0].elites.grids.shape[2:]
     for file, one in zip(archives, found, strict=True):
@@ -62,7 +66,9 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
     search.check_maps(shape)
     axes = found[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
     wanted = _wanted(search, axes, found)
-    with output_folder(out, {"command": "pick"}, inputs=archives, foreign=foreign_to_maps, force=force) as work:
+    foreign = foreign_to_maps if force_archive else _foreign_or_archive
+    force = force or force_archive
+    with output_folder(out, {"command": "pick"}, inputs=archives, foreign=foreign, force=force) as work:
         elites = _together(archives, found, wanted, axes, tiles)
         announce(
             f"choosing {many(spec.maps, 'map')} of {shape[0]} x {shape[1]} tiles among {elites.valid.sum():,} elites"
@@ -74,7 +80,7 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         if len(choice.maps) < (1 if spec.at_most else spec.maps):
             raise NotEnoughMapsError(describe_shortage(choice, spec.maps, "wider ranges or more archives"))
         runs = [(seed, run) for seed, one in zip(seeds, found, strict=True) for run in range(len(one.elites.grids))]
-        maps = [road_map._replace(seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
+        maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = (
             f"{many(len(maps), 'road map')} of {shape[0]} x {shape[1]} tiles, chosen from {many(len(found), 'archive')}"
         )
@@ -90,6 +96,12 @@ def pick(spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = F
         }
         write_json(work.files / "run.json", record)
     return maps
+
+
+def _foreign_or_archive(folder: Path) -> str | None:
+    has = (folder / ARCHIVE).exists()
+    kept = f"{ARCHIVE}, which pick does not write again; --force-archive replaces it too" if has else None
+    return foreign_to_maps(folder) or kept
 
 
 def _read(file: Path) -> tuple[Result, int]:

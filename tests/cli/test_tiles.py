@@ -123,6 +123,17 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert (folder / ".masks.png.before").read_bytes() == earlier
 
 
+def test_masks_replaced_again_and_again_are_all_kept(folder, capsys):
+    mask, kept = folder / "turn_1" / "yellow.png", []
+    for value in (255, 254, 253):  # by hand
+        cv2.imwrite(str(mask), np.full((384, 384), value, np.uint8))
+        kept.append(mask.read_bytes())
+        assert main(["tiles", "masks", str(folder), "--overwrite", "--yellow", "0..5,0..1,0..1"]) == 0
+    names = (".yellow.png.before", ".yellow.png.before-2", ".yellow.png.before-3")
+    assert [(mask.parent / name).read_bytes() for name in names] == kept
+    assert "kept as .yellow.png.before-3 and the like" in capsys.readouterr().out
+
+
 def test_a_disk_that_fills_up_leaves_all_as_it_was(folder, capsys, monkeypatch):
     before = files(bare(folder))
     writes, write = [], Path.write_bytes

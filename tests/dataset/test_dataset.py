@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -158,8 +159,8 @@ def test_all_formats_have_the_same_pictures(given, name):
 def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_path, monkeypatch):
     """A list as the explorer saves it, with maps of two sizes, one of them twice: rotated, mirrored."""
     maps = [*random_maps(6), *random_maps(3, side=6)]
-    maps = [road_map._replace(metrics={"crossings": 3}) for road_map in maps]
-    listed = [{**road_map._asdict(), "codes": road_map.codes.tolist()} for road_map in (*maps[:5], *maps)]
+    maps = [replace(road_map, metrics={"crossings": 3}) for road_map in maps]
+    listed = [{**vars(road_map), "codes": road_map.codes.tolist()} for road_map in (*maps[:5], *maps)]
     listed += [{"codes": mirror(rotate(road_map.codes)).tolist()} for road_map in maps]
     known = [{name: value for name, value in one.items() if value is not None} for one in listed]
     (tmp_path / "list.json").write_text(json.dumps(known))
@@ -360,7 +361,7 @@ def test_all_views_of_a_map_are_in_one_split(tmp_path):
 
 
 def test_each_niche_is_split_in_the_same_shares(tmp_path):
-    maps = [road_map._replace(niche=[number // 40]) for number, road_map in enumerate(random_maps(200, 3))]
+    maps = [replace(road_map, niche=[number // 40]) for number, road_map in enumerate(random_maps(200, 3))]
     splits = split_maps(DatasetSpec(maps=200, size=3), given_maps(maps, tmp_path), load_tiles())
     for niche in range(5):
         part = np.bincount(splits[niche * 40 : niche * 40 + 40], minlength=3)
