@@ -83,6 +83,8 @@ def new_file(file: Path) -> Iterator[Path]:
         yield part
         part.replace(file)
     except OSError as error:
+        if error.filename not in (None, str(part)) and not file.is_relative_to(error.filename):
+            raise  # the block wrote another file
         if isinstance(error, FileExistsError):  # a parent folder's name is a file's
             error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         raise OSError(error.errno, error.strerror, str(file)) from None
