@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from griffe import Class, Expr, ExprCall, ExprLambda, Extension, Function, Parameter, ParameterKind, Parameters
+from griffe import Class, Expr, ExprCall, Extension, Function, Parameter, ParameterKind, Parameters
 
 __all__ = ["Records"]
 
@@ -24,15 +24,11 @@ class Records(Extension):
 
 
 def _plain_default(value: str | Expr | None) -> str | Expr | None:
-    """Returns the default that a call of `option`, `static`, `swept` or `nested` declares, or the value as it is."""
+    """Returns the default that a call of `option`, `nested`, `static` or `traced` declares, or the value as it is."""
     if not isinstance(value, ExprCall):
         return value
     declaration, first = str(value.function), next(iter(value.arguments), None)
-    if declaration in ("option", "static", "swept"):
-        return first
-    if declaration == "nested" and isinstance(first, Expr):
-        return first.body if isinstance(first, ExprLambda) else ExprCall(first, [])
-    return value
+    return first if declaration in ("option", "nested", "static", "traced") else value
 
 
 def _add_init(cls: Class) -> None:

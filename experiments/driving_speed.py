@@ -68,7 +68,7 @@ def _measure(options: argparse.Namespace) -> int:
     grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
     levels = make_levels(jax.random.key(1), grids)
     say("| | steps or frames a second | compiled in |\n|---|---:|---:|")
-    road, lane = RoadNavParams(levels, window=5).checked(), LaneDriveParams(levels).checked()
+    road, lane = RoadNavParams(levels, window=5), LaneDriveParams(levels)
     _row("RoadNav, window 5 x 5", batch, steps, *_of_ours(RoadNav, road, _turn))
     _row("LaneDrive, lane poses", batch, steps, *_of_ours(LaneDrive, lane, _steer))
     _row("LaneDrive, lane poses, without resets", batch, steps, *_of_ours(LaneDrive, lane, _steer, resets=False))

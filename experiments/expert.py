@@ -86,7 +86,7 @@ def drive_all(grids: NDArray[np.int8], count: int) -> NDArray[np.bool_]:
     levels = make_levels(jax.random.key(8), grids, count)
     longest = int(np.max(np.asarray(levels.shortest)))
     # A tile takes at most 1.1 tiles of lane, at 0.3 m/s.
-    return np.asarray(_drive(LaneDriveParams(levels, limit=10**6).checked(), 66 * (longest + 2)))
+    return np.asarray(_drive(LaneDriveParams(levels, limit=10**6), 66 * (longest + 2)))
 
 
 @jax.jit

@@ -256,7 +256,7 @@ def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]
         if name in ("unlinked_per_tile", "crowded_per_tile"):  # the rules keep both at 0
             continue
         targets[name] = values.tolist()
-    spec = pool.spec.but({"targets": targets})
+    spec = pool.spec.replace(targets=targets)
     features: dict[str, Any] = dict(measure_missing(pool.elites.features, spec.extras, pool.elites.grids))
     return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
 

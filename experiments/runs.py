@@ -72,7 +72,7 @@ def run_method(
     keys = seed_keys(seed, seeds)
     config = reading.configs.get(method, PRESETS[method, "paper"])
     spec = SearchSpec(method=method, preset="paper", fill=reading.fill, generations=generations)
-    spec = spec.but({"weights": reading.weights})
+    spec = spec.replace(weights=reading.weights)
 
     began = time.perf_counter()
     result = evolve(keys, shape, spec=spec, config=config)
@@ -83,7 +83,7 @@ def run_method(
     working = result.history.seconds
     timing = {"all seeds": working, "a seed among them": working / seeds, "first call, compiling": total}
     if alone:
-        evolve(keys[0], shape, spec=spec.but({"generations": 1}), config=config)  # compiles
+        evolve(keys[0], shape, spec=spec.replace(generations=1), config=config)  # compiles
         singles = [evolve(one, shape, spec=spec, config=config).history.seconds for one in keys[:5]]
         timing["a seed alone"] = float(np.median(singles))
     rows = []

@@ -238,7 +238,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     with pytest.raises(
         InputError, match=r"out: expected results with seeds 2, got results with 3; delete .*\.out-unfinished to start"
     ):
-        generate(SMALL.but({"seeds": 2}), out)
+        generate(SMALL.replace(seeds=2), out)
     with locked(hidden, out), pytest.raises(InputError, match="out: expected no other run at work"):
         generate(SMALL, out)
     with monkeypatch.context() as patch:  # while it draws
@@ -253,7 +253,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(search, "_advance", None)
         with pytest.raises(NotEnoughMapsError, match=r"found \d+ of 60 maps"):
-            generate(SMALL.but({"maps": 60}), out)
+            generate(SMALL.replace(maps=60), out)
         generate(SMALL, out)
     assert digest(out) == digest(tmp_path / "whole")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["out", "whole"]

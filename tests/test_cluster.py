@@ -60,7 +60,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
     assert executor.ran == [1, 2, 3] and not out.exists()
 
     with Lossy() as executor, pytest.raises(InputError, match="expected results with seed 1, got results with 0"):
-        generate_on(executor, SPEC.but({"seed": 1}), out)
+        generate_on(executor, SPEC.replace(seed=1), out)
     assert executor.ran == []
 
     with Lossy() as executor:
@@ -74,9 +74,9 @@ def test_bad_requests_are_refused_before_anything_runs(tmp_path):
     out = tmp_path / "maps"
     with Lossy() as executor:
         with pytest.raises(InputError, match="^part: expected none where workers run all the parts, got 1/2$"):
-            generate_on(executor, SPEC.but({"part": (1, 2)}), out)
+            generate_on(executor, SPEC.replace(part=(1, 2)), out)
         with pytest.raises(InputError, match="none: expected a folder of tile pictures"):
-            generate_on(executor, SPEC.but({"tiles": tmp_path / "none"}), out)
+            generate_on(executor, SPEC.replace(tiles=tmp_path / "none"), out)
         out.mkdir()
         (out / "mine.txt").write_text("")
         with pytest.raises(InputError, match="expected a folder that is new or empty"):
@@ -146,7 +146,7 @@ def test_without_dask_it_is_said(tmp_path, capsys, monkeypatch):
 def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(cluster, "_SEEDS_A_PART", 2)
-    spec = SPEC.but({"search": SEARCH.but({"generations": 30_000})})
+    spec = SPEC.replace(search=SEARCH.replace(generations=30_000))
     generate(spec, tmp_path / "one")
     out = tmp_path / "maps"
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:

@@ -28,7 +28,7 @@ EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.in
 @pytest.mark.parametrize("style", STYLES)
 def test_a_style_is_a_specification(style):
     spec = SearchSpec(style=style)
-    assert spec == SearchSpec().but({"style": style}) == SearchSpec(**json.loads(json.dumps(spec.to_plain())))
+    assert spec == SearchSpec().replace(style=style) == SearchSpec(**json.loads(json.dumps(spec.to_plain())))
 
 
 def test_the_papers_style_changes_nothing():
@@ -36,7 +36,7 @@ def test_the_papers_style_changes_nothing():
 
 
 def test_given_settings_stand_before_those_of_a_style():
-    spec = SearchSpec().but({"style": "town", "rules": None, "axes": "turns:5", "preset": "tuned"})
+    spec = SearchSpec().replace(style="town", rules=None, axes="turns:5", preset="tuned")
     town = SearchSpec(style="town")
     assert (spec.rules, spec.preset, [axis.metric for axis in spec.axes]) == (None, "tuned", ["turns"])
     assert town.rules == "duckietown" and spec.weights == town.weights != ()
@@ -47,7 +47,7 @@ def test_ranges_and_weights_are_joined(tmp_path):
     file.write_text('where = ["crossings=4..", "turns=9"]\n[weights]\nturns = 3\nedges = 1\n')
     given = {"style": file, "where": "turns=..5 bridges=0", "weights": {"edges": -1}}
     expected = SearchSpec(where="crossings=4.. turns=..5 bridges=0", weights={"turns": 3, "edges": -1})
-    assert SearchSpec().but(given) == SearchSpec(**given) == expected
+    assert SearchSpec().replace(**given) == SearchSpec(**given) == expected
     like = SearchSpec(like=[RING], where="symmetry=0.1..")
     assert [str(item) for item in like.where if item.name == "symmetry"] == ["symmetry=0.1.."] and len(like.where) > 4
 
@@ -70,14 +70,14 @@ def test_large_maps_have_settings_of_their_own(tmp_path):
     spec = SearchSpec(style=file)
     assert spec.on((11, 30)) == small and spec.on((12, 12)) == large
     assert small.on((12, 12)) == small
-    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec == SearchSpec().but({"style": file})
+    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec == SearchSpec().replace(style=file)
     # Given ones hold for all sizes.
     given = {"axes": "bridges:2", "where": "turns=3..", "weights": {"edges": 1}}
     joined = SearchSpec(evaluations=500, **given | {"where": "turns=3.. edges=9.."})
-    for one in (SearchSpec(style=file, **given), SearchSpec().but({"style": file, **given})):
+    for one in (SearchSpec(style=file, **given), SearchSpec().replace(style=file, **given)):
         assert one.on((12, 12)) == joined
-    assert spec.but(given).on((12, 12)) == SearchSpec(evaluations=500, **given)
-    assert spec.but({"large": None}).on((12, 12)) == small
+    assert spec.replace(**given).on((12, 12)) == SearchSpec(evaluations=500, **given)
+    assert spec.replace(large=None).on((12, 12)) == small
 
 
 def test_large_towns_are_those_of_their_style():
@@ -87,7 +87,7 @@ def test_large_towns_are_those_of_their_style():
     with pytest.raises(InputError, match="large: expected settings of a search.*got 'large'"):
         SearchSpec(large={"large": {}})
     searched = evolve(jax.random.split(jax.random.key(0), 1), (12, 12), style="town", evaluations=0).spec
-    assert searched == large.but({"evaluations": 0})
+    assert searched == large.replace(evaluations=0)
 
 
 @pytest.mark.parametrize(
@@ -192,8 +192,8 @@ def _anything():
 
 
 def test_given_settings_stay_beside_maps_to_be_like():
-    spec = SearchSpec().but({"like": [RING], "preset": "tuned", "rules": None})
+    spec = SearchSpec().replace(like=[RING], preset="tuned", rules=None)
     assert (spec.preset, spec.rules) == ("tuned", None) and len(spec.where) == 6 and spec.targets
-    assert SearchSpec().but({"like": [RING], "method": "ea"}).preset == "tuned"
-    assert SearchSpec().but({"style": "town", "method": "ea"}).preset == "tuned"
-    assert not SearchSpec().but({"like": [RING], "axes": "turns:5"}).targets
+    assert SearchSpec().replace(like=[RING], method="ea").preset == "tuned"
+    assert SearchSpec().replace(style="town", method="ea").preset == "tuned"
+    assert not SearchSpec().replace(like=[RING], axes="turns:5").targets

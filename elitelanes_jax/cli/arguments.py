@@ -10,7 +10,7 @@ from typing import NoReturn, TypeAlias
 from elitelanes_jax._util.checks import Check, path, switch, whole
 from elitelanes_jax._util.errors import InputError, likely
 from elitelanes_jax._util.progress import Loudness
-from elitelanes_jax._util.settings import Option, Settings
+from elitelanes_jax._util.records import Option, Record
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 
@@ -52,7 +52,7 @@ def checked_by(check: Check) -> Callable[[str], UserValue]:
     return parse
 
 
-def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
+def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
     """Adds an option for each field of a record that has a metavar, and of the records in its other fields.
 
     The option's help is the field's description in the record's docstring, with the default.
@@ -64,7 +64,7 @@ def add_options(command: argparse.ArgumentParser, defaults: Settings) -> None:
     said = descriptions(type(defaults))
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Settings):
+        if option.metavar is None and isinstance(default, Record):
             add_options(command, default)
         elif option.metavar is not None:
             command.add_argument(
@@ -147,7 +147,7 @@ def add_scheduler(command: argparse.ArgumentParser) -> None:
     )
 
 
-def read_options(given: argparse.Namespace, defaults: Settings) -> UserValue:
+def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
     """Returns the record with the values that were given on the command line.
 
     Raises:
@@ -156,16 +156,16 @@ def read_options(given: argparse.Namespace, defaults: Settings) -> UserValue:
     values: dict[str, Untyped] = {}
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Settings):
+        if option.metavar is None and isinstance(default, Record):
             values[name] = read_options(given, default)
         elif hasattr(given, name):
             values[name] = getattr(given, name)
     with naming_options(defaults):
-        return defaults.but(values)
+        return defaults.replace(**values)
 
 
 @contextmanager
-def naming_options(defaults: Settings, *only: str, **more: str) -> Iterator[None]:
+def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
     """Lets errors in its block that start with the name of a field start with the option's name.
 
     Args:
@@ -186,12 +186,12 @@ def _name_flag(message: str, flags: Mapping[str, str]) -> str:
     return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
 
 
-def _flags(defaults: Settings) -> dict[str, str]:
+def _flags(defaults: Record) -> dict[str, str]:
     """Returns the options for the fields of a record, and of the records in its fields, by name."""
     found: dict[str, str] = {}
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
-        if option.metavar is None and isinstance(default, Settings):
+        if option.metavar is None and isinstance(default, Record):
             found |= _flags(default)
         elif option.metavar is not None:
             found[name] = _flag(name, option)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
 from elitelanes_jax._util.errors import InputError, many, short
-from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
@@ -80,7 +80,7 @@ _name = none_or(name)
 
 
 @dataclass(frozen=True)
-class _FormatOptions(Settings):
+class _FormatOptions(Record):
     """Settings of some formats.
 
     Attributes:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 
 
@@ -22,7 +22,7 @@ def _check_crop(crop: UserValue) -> int:
 
 
 @dataclass(frozen=True)
-class Transforms(Settings):
+class Transforms(Record):
     """The ranges of views; each value is drawn uniformly from its range. By default nothing varies.
 
     Attributes:
@@ -84,9 +84,9 @@ def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:
         if text in ("none", "standard"):
             transforms = STANDARD if text == "standard" else Transforms()
         elif text == "quarter-turns":
-            transforms = transforms.but({"quarter_turns": True})
+            transforms = transforms.replace(quarter_turns=True)
         elif equals and name in numbers:
-            transforms = transforms.but({name: value})
+            transforms = transforms.replace(**{name: value})
         else:
             known = ", ".join(("none", "standard", "quarter-turns", *(f"{number}=..." for number in numbers)))
             raise InputError(f"transforms: expected some of {known}, got {text!r}")

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, real, whole
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 
 
 @dataclass(frozen=True)
-class Viewpoints(Settings):
+class Viewpoints(Record):
     """Poses on the lanes of a map, and the camera there, by default gym-duckietown's.
 
     Attributes:
@@ -53,4 +53,4 @@ def parse_viewpoints(texts: UserValue) -> Viewpoints:
         if not equals or name not in Viewpoints.options():
             known = ", ".join(f"{number}=..." for number in Viewpoints.options())
             raise InputError(f"camera: expected some of {known}, got {short(repr(name + equals))}")
-    return Viewpoints().but({name: value for name, _, value in pairs})
+    return Viewpoints().replace(**{name: value for name, _, value in pairs})

@@ -201,7 +201,7 @@ def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
     """Draws the samples that are not complete on an executor's workers."""
     waiting, total = drawing.waiting(), len(drawing.splits)
     spec = drawing.spec
-    spec = spec.but({"tiles": spec.tiles and spec.tiles.absolute(), "maps_from": None})
+    spec = spec.replace(tiles=spec.tiles and spec.tiles.absolute(), maps_from=None)
     folders = [folder.absolute() for folder in (drawing.files, drawing.records)]
     rounds = [file.absolute() for file in drawing.maps.rounds]
     jobs = {

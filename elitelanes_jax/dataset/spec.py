@@ -1,6 +1,6 @@
 """The specification of a dataset, and the numbers of maps of each size and split; without JAX and OpenCV."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import product
 from math import floor, prod
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._given import GivenMaps, parse_given
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
@@ -67,7 +67,7 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True)
-class DatasetSpec(Settings):
+class DatasetSpec(Record):
     """A dataset. Longer runs give hardly more maps that differ, more runs do.
 
     Attributes:
@@ -106,17 +106,17 @@ class DatasetSpec(Settings):
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
-    def but(self, given: Mapping[str, UserValue]) -> "DatasetSpec":
+    def replace(self, **given: UserValue) -> "DatasetSpec":
         """Returns the record with other values in some fields.
 
         Raises:
-          InputError: as that of `Settings`, and for the number or the sizes of maps beside `maps_from`.
+          InputError: as that of `Record`, and for the number or the sizes of maps beside `maps_from`.
         """
         if given.get("maps_from", self.maps_from) is not None:
             for name in ("maps", "size"):
                 if name in given:
                     raise InputError(f"{name}: expected none beside given maps, which say it, got {given[name]!r}")
-        return super().but(given)
+        return super().replace(**given)
 
     def check_together(self) -> None:
         """Checks the number of maps against sizes and splits, given cells against sizes, and the crop."""
@@ -164,7 +164,7 @@ class DatasetSpec(Settings):
                 "transforms: expected light, contrast, colour, blur and noise with a camera, which sees maps from its "
                 f"own places, got {changed[0].replace('_', '-')}"
             )
-        object.__setattr__(self, "transforms", self.transforms.but(still))
+        object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
     def _check_pixels(self) -> None:
         """Checks that the pictures can be made, and be read again."""

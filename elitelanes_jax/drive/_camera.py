@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int, Key, UInt8
 
-from elitelanes_jax._util.checks import none_or, real, whole
-from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax._util.checks import check_named, none_or, real, whole
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record, record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
@@ -50,10 +51,10 @@ def _colour(value: UserValue) -> tuple[float, ...]:
     return tuple(real(0, 255)(part) for part in value)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class Camera(Config):
-    """Settings of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, swept by `jax.vmap`.
+class Camera(Record):
+    """Settings of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       height: metres above the ground.
@@ -69,15 +70,15 @@ class Camera(Config):
       columns: of the picture; static.
     """
 
-    height: Numeric = swept(0.108, real(0, 10, exclusive=True))
-    forward: Numeric = swept(0.066, real(-1, 1))
-    pitch: Numeric = swept(19.15, real(-90, 90))
-    field_of_view: Numeric = swept(75.0, real(1, 170))
-    distortion: Numeric = swept(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
-    light: Numeric = swept(1.0, real(0, 10))
-    noise: Numeric = swept(None, none_or(real(0, 255)))
-    ground: Numeric = swept((86.0, 118.0, 72.0), _colour)
-    sky: Numeric = swept((115.0, 210.0, 255.0), _colour)
+    height: Numeric = traced(0.108, real(0, 10, exclusive=True))
+    forward: Numeric = traced(0.066, real(-1, 1))
+    pitch: Numeric = traced(19.15, real(-90, 90))
+    field_of_view: Numeric = traced(75.0, real(1, 170))
+    distortion: Numeric = traced(None, none_or(lambda value: tuple(real(-10, 10)(part) for part in value)))
+    light: Numeric = traced(1.0, real(0, 10))
+    noise: Numeric = traced(None, none_or(real(0, 255)))
+    ground: Numeric = traced((86.0, 118.0, 72.0), _colour)
+    sky: Numeric = traced((115.0, 210.0, 255.0), _colour)
     rows: int = static(48, whole(1, 4096))
     columns: int = static(64, whole(1, 4096))
 
@@ -131,7 +132,9 @@ def make_sight(
     places = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
     if not 0 <= places.min() <= places.max() < len(atlas.pixels):
         raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {places.max()}")
-    return Sight((Camera() if camera is None else camera).checked("camera"), atlas, jnp.asarray(places))
+    return Sight(
+        Camera() if camera is None else check_named("camera", record(Camera), camera), atlas, jnp.asarray(places)
+    )
 
 
 def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:

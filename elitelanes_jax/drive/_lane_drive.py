@@ -1,7 +1,7 @@
 """LaneDrive: a robot with two wheels that keeps to its lane, or drives along a route to a goal."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -11,8 +11,9 @@ from jaxtyping import Array, ArrayLike, Bool, Float, Int8, Int32, Key, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import REQUIRED, Record, nested, option
 from elitelanes_jax._util.types import Numeric, Pytree, UserValue
 from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
@@ -49,10 +50,10 @@ def _check_ahead(value: UserValue) -> tuple[float, ...]:
     return tuple(real(0, 1)(distance) for distance in value)
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class LaneDriveParams(Config):
-    """Settings of `LaneDrive`. A pytree: numbers may be arrays, swept by `jax.vmap`.
+class LaneDriveParams(Record):
+    """Settings of `LaneDrive`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       levels: a batch, from which `reset` draws; `make_levels` makes one.
@@ -75,22 +76,22 @@ class LaneDriveParams(Config):
       sight: the camera and the tiles that it sees, of `camera.make_sight`; None for none.
     """
 
-    levels: Level = field(metadata={"check": check_batch})
-    robot: Robot = nested(Robot)
-    limit: Numeric = swept(1500, whole(1))
-    start_d: Numeric = swept(0.03, real(0, LANE_OFFSET))
-    start_phi: Numeric = swept(0.15, real(0, 3.2))
-    progress_reward: Numeric = swept(1.0, real(-1e6, 1e6))
-    offset_cost: Numeric = swept(1.0, real(-1e6, 1e6))
-    heading_cost: Numeric = swept(0.1, real(-1e6, 1e6))
-    oncoming_cost: Numeric = swept(5.0, real(-1e6, 1e6))
-    leaving_cost: Numeric = swept(10.0, real(-1e6, 1e6))
-    goal_reward: Numeric = swept(10.0, real(-1e6, 1e6))
+    levels: Level = option(REQUIRED, check_batch)
+    robot: Robot = nested(Robot())
+    limit: Numeric = traced(1500, whole(1))
+    start_d: Numeric = traced(0.03, real(0, LANE_OFFSET))
+    start_phi: Numeric = traced(0.15, real(0, 3.2))
+    progress_reward: Numeric = traced(1.0, real(-1e6, 1e6))
+    offset_cost: Numeric = traced(1.0, real(-1e6, 1e6))
+    heading_cost: Numeric = traced(0.1, real(-1e6, 1e6))
+    oncoming_cost: Numeric = traced(5.0, real(-1e6, 1e6))
+    leaving_cost: Numeric = traced(10.0, real(-1e6, 1e6))
+    goal_reward: Numeric = traced(10.0, real(-1e6, 1e6))
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
     ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
     observe: str = static("lane", one_of("lane", "camera"))
-    sight: Sight | None = field(default=None, metadata={"check": _check_sight})
+    sight: Sight | None = option(None, _check_sight)
 
     def check_together(self) -> None:
         """Checks that there is a camera where one is observed.

@@ -1,6 +1,6 @@
 """RoadNav: from tile to tile across a map, choosing right, straight or left at crossings."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Int32, Key
 
 from elitelanes_jax._util.checks import flag, one_of, real, whole
-from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch
@@ -25,10 +26,10 @@ def _check_window(value: UserValue) -> int:
     return size
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class RoadNavParams(Config):
-    """Settings of `RoadNav`. A pytree: numbers may be arrays, swept by `jax.vmap`.
+class RoadNavParams(Record):
+    """Settings of `RoadNav`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       levels: a batch, from which `reset` draws; `make_levels` makes one.
@@ -41,11 +42,11 @@ class RoadNavParams(Config):
       whole_map: whether the map, the place and, unless `goal` is "none", the goal are observed; static.
     """
 
-    levels: Level = field(metadata={"check": check_batch})
-    limit: Numeric = swept(256, whole(1))
-    goal_reward: Numeric = swept(1.0, real(-1e6, 1e6))
-    tile_cost: Numeric = swept(0.01, real(-1e6, 1e6))
-    stuck_cost: Numeric = swept(1.0, real(-1e6, 1e6))
+    levels: Level = option(REQUIRED, check_batch)
+    limit: Numeric = traced(256, whole(1))
+    goal_reward: Numeric = traced(1.0, real(-1e6, 1e6))
+    tile_cost: Numeric = traced(0.01, real(-1e6, 1e6))
+    stuck_cost: Numeric = traced(1.0, real(-1e6, 1e6))
     window: int = static(5, _check_window)
     goal: str = static("compass", one_of("compass", "mark", "both", "none"))
     whole_map: bool = static(False, flag)

@@ -14,8 +14,8 @@ from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
 from elitelanes_jax.drive._levels import Level
@@ -46,9 +46,9 @@ def _makers(spaces: Untyped) -> Untyped:
 
 
 def _checked(params: Pytree) -> Pytree:
-    if not isinstance(params, Config):
+    if not isinstance(params, Record):
         raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {short(repr(params))}")
-    return params.checked("params")
+    return params
 
 
 def _check_gymnasium(module: Untyped) -> None:

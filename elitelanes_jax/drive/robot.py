@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float, Key
 
 from elitelanes_jax._util.checks import none_or, real
-from elitelanes_jax._util.config import Config, swept
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 
@@ -18,10 +19,10 @@ TILE = 0.585
 _DELAYS = 5  # commands that are kept
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class Robot(Config):
-    """Measures of the robot, by default gym-duckietown's. A pytree: numbers may be arrays, swept by `jax.vmap`.
+class Robot(Record):
+    """Measures of the robot, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       dt: seconds a step.
@@ -34,14 +35,14 @@ class Robot(Config):
       latency: steps until a command takes effect, 0 to 4, parts of a step too; None for none.
     """
 
-    dt: Numeric = swept(1 / 30, real(0, 0.1, exclusive=True))
-    top_speed: Numeric = swept(1.2, real(0, 1.2, exclusive=True))
-    top_turn: Numeric = swept(8.0, real(0, 100, exclusive=True))
-    wheel_distance: Numeric = swept(0.102, real(0, 1, exclusive=True))
-    width: Numeric = swept(0.15, real(0, 1))
-    trim: Numeric = swept(0.0, real(-0.5, 0.5))
-    noise: Numeric = swept(None, none_or(real(0, 1)))
-    latency: Numeric = swept(None, none_or(real(0, _DELAYS - 1)))
+    dt: Numeric = traced(1 / 30, real(0, 0.1, exclusive=True))
+    top_speed: Numeric = traced(1.2, real(0, 1.2, exclusive=True))
+    top_turn: Numeric = traced(8.0, real(0, 100, exclusive=True))
+    wheel_distance: Numeric = traced(0.102, real(0, 1, exclusive=True))
+    width: Numeric = traced(0.15, real(0, 1))
+    trim: Numeric = traced(0.0, real(-0.5, 0.5))
+    noise: Numeric = traced(None, none_or(real(0, 1)))
+    latency: Numeric = traced(None, none_or(real(0, _DELAYS - 1)))
 
 
 class Wheels(NamedTuple):

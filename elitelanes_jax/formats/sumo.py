@@ -22,7 +22,7 @@ from elitelanes_jax._util.checks import one_of, real
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.optional_imports import import_optional
-from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax.formats.graph import Cell, reduced_graph
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDE_TOWARDS
@@ -44,7 +44,7 @@ _HALF = _ARC.size // 2
 
 
 @dataclass(frozen=True)
-class Streets(Settings):
+class Streets(Record):
     """Measures of the streets that tiles become.
 
     The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of them. On shorter

@@ -114,10 +114,10 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
 
 def _read_archive(folder: Path, spec: GenerateSpec, number: int, count: int) -> Result:
     result = Result.load(folder / ARCHIVE)
-    seeds = len(spec.but({"part": (number, count)}).seed_numbers)
+    seeds = len(spec.replace(part=(number, count)).seed_numbers)
     alphabet = spec.search.alphabet or result.spec.alphabet  # where none is given, the tile set has one
     got, expected = result.elites.grids.shape, (seeds, *spec.size)
-    if result.spec.but({"alphabet": alphabet}) != spec.search.on(spec.size).but({"alphabet": alphabet}):
+    if result.spec.replace(alphabet=alphabet) != spec.search.on(spec.size).replace(alphabet=alphabet):
         raise InputError(f"{folder / ARCHIVE}: expected the search in {RECORD} beside it, got another")
     if got[:-3] + got[-2:] != expected:
         raise InputError(f"{folder / ARCHIVE}: expected {seeds} seeds of {spec.size[0]} x {spec.size[1]}, got {got}")

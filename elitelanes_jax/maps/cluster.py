@@ -11,7 +11,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.optional_imports import import_optional
 from elitelanes_jax._util.progress import Progress, announce
-from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
@@ -57,7 +57,7 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
     settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
     with output_folder(out, settings, inputs=inputs_of(spec), foreign=foreign_to_maps, force=force) as work:
         parts = [work.kept / str(number) for number in range(1, count + 1)]
-        _run_parts(executor, {part: spec.but({"part": (int(part.name), count)}) for part in parts})
+        _run_parts(executor, {part: spec.replace(part=(int(part.name), count)) for part in parts})
         return write_joined(parts, work.files)
 
 

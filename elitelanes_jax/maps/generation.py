@@ -14,7 +14,7 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.progress import Progress, announce, detail
-from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
@@ -173,7 +173,7 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
         raise InputError(f"alphabet: expected codes of the tile set {tiles.name!r}, {codes}, got {min(missing)}")
-    return search.but({"alphabet": search.alphabet or tiles.alphabet})
+    return search.replace(alphabet=search.alphabet or tiles.alphabet)
 
 
 def _budget(search: SearchSpec) -> str:

@@ -120,7 +120,7 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
     asked = parse_ranges(map(str, spec.where), search.features)
     ranges = {item.name: item for item in (*search.where, *asked)}
     targets = search.targets if spec.axes is None else ()
-    return search.but({"where": tuple(ranges.values()), "rules": spec.rules or search.rules, "targets": targets})
+    return search.replace(where=tuple(ranges.values()), rules=spec.rules or search.rules, targets=targets)
 
 
 def _wanted(search: SearchSpec, axes: Sequence[Axis], found: Sequence[Result]) -> list[str]:

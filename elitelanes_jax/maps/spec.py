@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import flag, none_or, path, switch, whole
 from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.settings import Settings, option, record
+from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.constraints import Range, parse_ranges
@@ -43,7 +43,7 @@ def parse_part(part: UserValue) -> tuple[int, int]:
 
 
 @dataclass(frozen=True)
-class GenerateSpec(Settings):
+class GenerateSpec(Record):
     """A folder of generated maps.
 
     Attributes:
@@ -98,7 +98,7 @@ def _parse_any_axes(axes: UserValue) -> tuple[Axis, ...]:
 
 
 @dataclass(frozen=True)
-class PickSpec(Settings):
+class PickSpec(Record):
     """A folder of maps chosen from archives; their names of features are checked with the archives.
 
     Attributes:

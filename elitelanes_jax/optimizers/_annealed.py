@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Real
 
 from elitelanes_jax._util.checks import real, whole
-from elitelanes_jax._util.config import Config, nested, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.optimizers._annealing import (
     AnnealingConfig,
@@ -33,10 +34,10 @@ from elitelanes_jax.optimizers.base import Elites, Info, Optimizer, as_elites
 from elitelanes_jax.problem.problem import Problem
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedPsoConfig(Config):
-    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+class AnnealedPsoConfig(Record):
+    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: numbers may be mapped by `jax.vmap`.
 
     Attributes:
       annealing: of the particles, each of which knows those of its island.
@@ -44,29 +45,29 @@ class AnnealedPsoConfig(Config):
       social: probability that it is pulled towards the best of its island; else it moves by itself.
     """
 
-    annealing: AnnealingConfig = nested(AnnealingConfig)
-    cognitive: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
-    social: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
+    annealing: AnnealingConfig = nested(AnnealingConfig())
+    cognitive: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
+    social: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that the probabilities add up to 1 at most."""
         one, other = self.cognitive, self.social
         if isinstance(one, float) and isinstance(other, float) and one + other > 1:
-            raise InputError(f"expected cognitive + social to be at most 1, got {one:g} + {other:g}")
+            raise InputError(f"social: expected cognitive + social to be at most 1, got {one:g} + {other:g}")
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedGwoConfig(Config):
-    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+class AnnealedGwoConfig(Record):
+    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: numbers may be mapped by `jax.vmap`.
 
     Attributes:
       annealing: of the wolves, each island a pack.
       leaders: how many of a pack's best positions lead it: alpha, beta and so on; at most all.
     """
 
-    annealing: AnnealingConfig = nested(AnnealingConfig)
-    leaders: Int[ArrayLike, "..."] = swept(3, whole(1))
+    annealing: AnnealingConfig = nested(AnnealingConfig())
+    leaders: Int[ArrayLike, "..."] = traced(3, whole(1))
 
 
 class AnnealedState(NamedTuple):
@@ -94,11 +95,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
     Args:
       problem: with a shape, an alphabet and a fitness.
       config: the defaults are the preset `tuned`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         return island_mates(bits.mate, state.chains.grids, config.chains_on(problem.shape))
@@ -107,8 +104,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 
 
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
-    """Makes the tuned PSO; its elites are the particles' best grids. Arguments and errors are as in `annealed_ea`."""
-    config = config.checked()
+    """Makes the tuned PSO; its elites are the particles' best grids. Arguments are as in `annealed_ea`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
@@ -123,8 +119,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
 
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
-    """Makes the tuned GWO; its elites are the wolves' best grids. Arguments and errors are as in `annealed_ea`."""
-    config = config.checked()
+    """Makes the tuned GWO; its elites are the wolves' best grids. Arguments are as in `annealed_ea`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:

@@ -20,7 +20,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import flag, none_or, real, whole
-from elitelanes_jax._util.config import Config, nested, static, swept
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.growth import SMALLEST_GROWN, grow_town
@@ -58,10 +59,10 @@ _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealedMapElitesConfig(Config):
-    """Settings; the defaults are the preset `tuned`. A pytree: numbers may be swept by `jax.vmap`.
+class AnnealedMapElitesConfig(Record):
+    """Settings; the defaults are the preset `tuned`. A pytree: numbers may be mapped by `jax.vmap`.
 
     Attributes:
       annealing: of the chains, each an island of its own; its cycles do not grow, and by default are a thirty-second of
@@ -83,13 +84,13 @@ class AnnealedMapElitesConfig(Config):
         that hold flawed elites.
     """
 
-    annealing: AnnealingConfig = nested(lambda: AnnealingConfig(chains=1, hottest=40, coldest=12))
-    bin_penalty: Int[ArrayLike, "..."] = swept(400, whole(1, 10_000))
-    restart: Real[ArrayLike, "..."] = swept(0.1, real(0, 1))
-    restart_length: Int[ArrayLike, "..."] = swept(16, whole(1))
-    frontier: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    elite_mate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
-    opposite: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
+    annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
+    bin_penalty: Int[ArrayLike, "..."] = traced(400, whole(1, 10_000))
+    restart: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
+    restart_length: Int[ArrayLike, "..."] = traced(16, whole(1))
+    frontier: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    opposite: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     mirrored: bool | None = static(None, none_or(flag))
     grown: int | None = static(None, none_or(whole(1)))
     drifts: bool = static(False, flag)
@@ -151,11 +152,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     Args:
       problem: with a shape, an alphabet, a fitness and axes; niches outside an axis' target bin are stepping stones.
       config: the defaults are the preset `tuned`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     grows = config.grown is not None and shape[0] * shape[1] >= config.grown and min(shape) >= SMALLEST_GROWN
     if grows:

@@ -9,14 +9,14 @@ has about the right length, and no budget need be known beforehand.
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import none_or, whole
-from elitelanes_jax._util.config import Config, nested, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.network.bits import exponential, randint, random_bits
 from elitelanes_jax.optimizers._moves import Mix, random_move
@@ -42,12 +42,12 @@ SMALL = 64
 _CHAINS = 4
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class AnnealingConfig(Config):
+class AnnealingConfig(Record):
     """Settings of annealing; the defaults are those of the tuned EA. A pytree.
 
-    `cycle` and the numbers of `moves` may be arrays, swept by `jax.vmap`. Temperatures are static: their table is made
+    `cycle` and the numbers of `moves` may be arrays, mapped by `jax.vmap`. Temperatures are static: their table is made
     in double precision on the host, so that it is the same on every machine.
 
     Attributes:
@@ -64,18 +64,17 @@ class AnnealingConfig(Config):
     chains: int | None = static(None, none_or(whole(1)))
     hottest: int = static(60, whole(1, _HOTTEST))
     coldest: int = static(18, whole(1))
-    cycle: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(1)))
-    moves: Mix = nested(Mix)
+    cycle: Int[ArrayLike, "..."] | None = traced(None, none_or(whole(1)))
+    moves: Mix = nested(Mix())
 
     def check_together(self) -> None:
         """Checks that islands share the chains evenly, and that chains cool."""
         chains = self.chains or _CHAINS
         if self.population % chains:
-            raise InputError(
-                f"expected a population that is a multiple of the {chains} chains of an island, got {self.population}"
-            )
+            expected = f"a multiple of the {chains} chains of an island"
+            raise InputError(f"population: expected {expected}, got {self.population}")
         if self.coldest > self.hottest:
-            raise InputError(f"expected coldest <= hottest, got {self.coldest} and {self.hottest}")
+            raise InputError(f"coldest: expected at most the hottest, {self.hottest}, got {self.coldest}")
 
     def chains_on(self, shape: tuple[int, int]) -> int:
         """Returns the number of chains of an island on grids of a shape."""

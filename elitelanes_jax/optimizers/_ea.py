@@ -23,11 +23,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
     Args:
       problem: with a shape, an alphabet and a fitness.
       config: the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 
     def init(key: Array) -> Population:

@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Real
 
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import symmetric_uniform
 from elitelanes_jax.network.fixed_point import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import Population, concatenate, evaluate, truncate
@@ -24,10 +25,10 @@ from elitelanes_jax.problem.problem import Problem
 _LONGEST_HORIZON = 2**15 - 1
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class GwoConfig(Config):
-    """Settings; the defaults are the preset `paper`. A pytree: `perturbation` and `horizon` may be swept by `jax.vmap`.
+class GwoConfig(Record):
+    """Settings; the defaults are the preset `paper`. A pytree: all but sizes may be mapped by `jax.vmap`.
 
     Attributes:
       wolves: how many, and how many grids a step evaluates; static, a size of arrays.
@@ -39,8 +40,8 @@ class GwoConfig(Config):
     """
 
     wolves: int = static(40, whole(1))
-    perturbation: Real[ArrayLike, "..."] = swept(0.35, real(0, 16))
-    horizon: Int[ArrayLike, "..."] = swept(200, whole(1, _LONGEST_HORIZON))
+    perturbation: Real[ArrayLike, "..."] = traced(0.35, real(0, 16))
+    horizon: Int[ArrayLike, "..."] = traced(200, whole(1, _LONGEST_HORIZON))
     omega: Literal["own", "worst"] = static("own", one_of("own", "worst"))
 
 
@@ -64,11 +65,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
     Args:
       problem: with a shape, an alphabet and a fitness.
       config: the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)
     largest = to_fixed(config.perturbation)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int8, UInt32
 
 from elitelanes_jax._util.checks import one_of
-from elitelanes_jax._util.config import Config, nested, static
+from elitelanes_jax._util.pytrees import pytree, static
+from elitelanes_jax._util.records import Record, nested
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (
@@ -25,9 +25,9 @@ from elitelanes_jax.problem.archive import Archive, empty_archive, insert
 from elitelanes_jax.problem.problem import Problem
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class MapElitesConfig(Config):
+class MapElitesConfig(Record):
     """Settings; the defaults are the preset `paper`, with parents from the archive they are `standard`. A pytree.
 
     Attributes:
@@ -36,7 +36,7 @@ class MapElitesConfig(Config):
         "archive" uniformly from the filled niches, as MAP-Elites is usually defined; static, it chooses the program.
     """
 
-    loop: EvolutionConfig = nested(EvolutionConfig)
+    loop: EvolutionConfig = nested(EvolutionConfig())
     parents: Literal["population", "archive"] = static("population", one_of("population", "archive"))
 
 
@@ -58,11 +58,7 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
     Args:
       problem: with a shape, an alphabet, a fitness and axes.
       config: the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     loop = config.loop
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)
 

@@ -16,8 +16,9 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import none_or, real, whole
-from elitelanes_jax._util.config import Config, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
@@ -27,10 +28,10 @@ from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._windows import flawless_fillings
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class Mix(Config):
-    """The shares of the moves in a random move; a pytree, whose numbers may be arrays, swept by `jax.vmap`.
+class Mix(Record):
+    """The shares of the moves in a random move; a pytree, whose numbers may be arrays, mapped by `jax.vmap`.
 
     The defaults were measured (experiments/moves.md).
 
@@ -49,23 +50,23 @@ class Mix(Config):
       filling: probability that the filling repair follows the move (see `with_filling`), where repair does not fill.
     """
 
-    link: Int[ArrayLike, "..."] = swept(1, whole(0))
-    corner: Int[ArrayLike, "..."] = swept(4, whole(0))
-    outline: Int[ArrayLike, "..."] = swept(1, whole(0))
-    street: Int[ArrayLike, "..."] = swept(1, whole(0))
-    straight: Int[ArrayLike, "..."] = swept(8, whole(0))
-    clear: Int[ArrayLike, "..."] = swept(1, whole(0))
-    mirror: Int[ArrayLike, "..."] = swept(1, whole(0))
-    slide: Int[ArrayLike, "..."] = swept(1, whole(0))
-    transplant: Int[ArrayLike, "..."] = swept(16, whole(0))
-    displaced: Int[ArrayLike, "..."] = swept(4, whole(0))
-    refit: Int[ArrayLike, "..."] | None = swept(None, none_or(whole(0)))
-    filling: Real[ArrayLike, "..."] = swept(0.3, real(0, 1))
+    link: Int[ArrayLike, "..."] = traced(1, whole(0))
+    corner: Int[ArrayLike, "..."] = traced(4, whole(0))
+    outline: Int[ArrayLike, "..."] = traced(1, whole(0))
+    street: Int[ArrayLike, "..."] = traced(1, whole(0))
+    straight: Int[ArrayLike, "..."] = traced(8, whole(0))
+    clear: Int[ArrayLike, "..."] = traced(1, whole(0))
+    mirror: Int[ArrayLike, "..."] = traced(1, whole(0))
+    slide: Int[ArrayLike, "..."] = traced(1, whole(0))
+    transplant: Int[ArrayLike, "..."] = traced(16, whole(0))
+    displaced: Int[ArrayLike, "..."] = traced(4, whole(0))
+    refit: Int[ArrayLike, "..."] | None = traced(None, none_or(whole(0)))
+    filling: Real[ArrayLike, "..."] = traced(0.3, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that there is a move to make."""
         if all(share is None or (isinstance(share, int) and share == 0) for share in astuple(self)[:-1]):
-            raise InputError("expected a share over 0 for at least one move, got none")
+            raise InputError("link: expected a share over 0 for at least one move, got none")
 
 
 def random_move(mix: Mix, *, fill: bool, fixed: AnyArray = None) -> Move:

@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int8, Int32, Key, Real, UInt32
 
 from elitelanes_jax._util.checks import one_of, real, whole
-from elitelanes_jax._util.config import Config, static, swept
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import randint
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
@@ -21,10 +22,10 @@ from elitelanes_jax.problem.problem import Problem
 _Tree = TypeVar("_Tree")
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class EvolutionConfig(Config):
-    """Settings of the loop; the defaults are the paper's. A pytree: rates may be arrays, swept by `jax.vmap`.
+class EvolutionConfig(Record):
+    """Settings of the loop; the defaults are the paper's. A pytree: rates may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       population: mu, the survivors of a generation; static, a size of arrays.
@@ -40,16 +41,14 @@ class EvolutionConfig(Config):
     offspring: int = static(40, whole(1))
     tournament: int = static(3, whole(1))
     survivors: Literal["plus", "comma"] = static("plus", one_of("plus", "comma"))
-    tile_rate: Real[ArrayLike, "..."] = swept(0.7, real(0, 1))
-    crossing_rate: Real[ArrayLike, "..."] = swept(0.5, real(0, 1))
+    tile_rate: Real[ArrayLike, "..."] = traced(0.7, real(0, 1))
+    crossing_rate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
 
     def check_together(self) -> None:
         """Checks that enough offspring are there to survive."""
         if self.survivors == "comma" and self.offspring < self.population:
-            raise InputError(
-                f"expected at least as many offspring as the population of {self.population} "
-                f"when survivors is 'comma', got {self.offspring}"
-            )
+            expected = f"at least the population, {self.population}, when survivors is 'comma'"
+            raise InputError(f"offspring: expected {expected}, got {self.offspring}")
 
 
 class Population(NamedTuple):

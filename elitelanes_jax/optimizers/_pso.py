@@ -13,7 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int32, Real
 
 from elitelanes_jax._util.checks import real, whole
-from elitelanes_jax._util.config import Config, static, swept
+from elitelanes_jax._util.pytrees import pytree, static, traced
+from elitelanes_jax._util.records import Record
 from elitelanes_jax.network.bits import categorical, random_bits, random_bits16, symmetric_uniform
 from elitelanes_jax.network.fixed_point import UNIT, multiply, to_fixed
 from elitelanes_jax.optimizers._population import Population, evaluate, select
@@ -25,10 +26,10 @@ from elitelanes_jax.problem.problem import Problem
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 
-@jax.tree_util.register_dataclass
+@pytree
 @dataclass(frozen=True)
-class PsoConfig(Config):
-    """Settings; the defaults are the preset `paper`. A pytree: all but `particles` may be swept by `jax.vmap`.
+class PsoConfig(Record):
+    """Settings; the defaults are the preset `paper`. A pytree: all but `particles` may be mapped by `jax.vmap`.
 
     Attributes:
       particles: how many, and how many grids a step evaluates; static, a size of arrays.
@@ -40,11 +41,11 @@ class PsoConfig(Config):
     """
 
     particles: int = static(40, whole(1))
-    inertia: Real[ArrayLike, "..."] = swept(0.7, real(0, 3))
-    cognitive: Real[ArrayLike, "..."] = swept(1.5, real(0, 3))
-    social: Real[ArrayLike, "..."] = swept(1.5, real(0, 3))
-    fastest: Real[ArrayLike, "..."] = swept(4.0, real(0, 16))
-    start: Real[ArrayLike, "..."] = swept(0.1, real(0, 16))
+    inertia: Real[ArrayLike, "..."] = traced(0.7, real(0, 3))
+    cognitive: Real[ArrayLike, "..."] = traced(1.5, real(0, 3))
+    social: Real[ArrayLike, "..."] = traced(1.5, real(0, 3))
+    fastest: Real[ArrayLike, "..."] = traced(4.0, real(0, 16))
+    start: Real[ArrayLike, "..."] = traced(0.1, real(0, 16))
 
 
 class PsoState(NamedTuple):
@@ -69,11 +70,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
     Args:
       problem: with a shape, an alphabet and a fitness.
       config: the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a setting out of its range.
     """
-    config = config.checked()
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)
     inertia, cognitive, social = to_fixed(config.inertia), to_fixed(config.cognitive), to_fixed(config.social)

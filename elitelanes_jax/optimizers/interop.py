@@ -83,7 +83,7 @@ def qdax_moves(
     Raises:
       InputError: for a bad mix; from the functions, for genotypes of another shape or type.
     """
-    move = random_move(mix.checked(), fill=problem.fill, fixed=problem.fixed)
+    move = random_move(mix, fill=problem.fill, fixed=problem.fixed)
 
     def varied(bits: Array, grid: Array, mate: Array) -> Array:
         return problem.repair(*move.apply(bits, grid, mate))

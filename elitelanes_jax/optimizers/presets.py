@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 
-from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.records import Record
 from elitelanes_jax.optimizers._annealed import (
     AnnealedGwoConfig,
     AnnealedPsoConfig,
@@ -33,7 +33,7 @@ _IRREGULAR = AnnealingConfig(
     moves=Mix(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, filling=0.0),
 )
 
-PRESETS: dict[tuple[str, str], Config] = {
+PRESETS: dict[tuple[str, str], Record] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
@@ -61,12 +61,12 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 }
 
 
-def make_optimizer(problem: Problem, config: Config) -> Optimizer:
+def make_optimizer(problem: Problem, config: Record) -> Optimizer:
     """Makes the optimiser of a kind of configuration, on a problem."""
     return _FACTORIES[type(config)](problem, config)
 
 
-def find_preset(config: Config) -> tuple[str, str]:
+def find_preset(config: Record) -> tuple[str, str]:
     """Returns the method and the preset of a configuration's kind.
 
     Raises:

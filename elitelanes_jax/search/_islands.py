@@ -11,9 +11,9 @@ from jax.sharding import PartitionSpec
 from jaxtyping import Array, Key
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError, many
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Elites, Optimizer
@@ -34,7 +34,7 @@ def evolve_islands(
     islands: int,
     every: int = 200,
     spec: SearchSpec = SearchSpec(),
-    config: Config | None = None,
+    config: Record | None = None,
     features: Mapping[str, Kernel] | None = None,
     progress: bool | None = None,
     **options: UserValue,

@@ -15,11 +15,10 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.config import Config
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax._util.settings import record
+from elitelanes_jax._util.records import Record, record
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax._util.version import installed_versions
@@ -63,7 +62,7 @@ def evolve(
     *,
     seeds: int | None = None,
     spec: SearchSpec = SearchSpec(),
-    config: Config | None = None,
+    config: Record | None = None,
     optimizer: Callable[[Problem], Optimizer] | None = None,
     state: RunState | None = None,
     checkpoint: str | Path | None = None,
@@ -271,28 +270,27 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[Key[Array, " S"], boo
     return jnp.atleast_1d(key), key.ndim == 0
 
 
-def _resolve_config(spec: SearchSpec, config: Config | None, named: bool) -> tuple[SearchSpec, Config]:
+def _resolve_config(spec: SearchSpec, config: Record | None, named: bool) -> tuple[SearchSpec, Record]:
     """Returns the specification and the configuration, each after the other: a configuration says which method."""
     if config is None:
         return spec, PRESETS[spec.method, spec.preset]
     method, preset = find_preset(config)
     if named and method != spec.method:
         raise InputError(f"config: expected settings of {spec.method}, got {type(config).__name__}")
-    config = config.checked()
     for leaf in jax.tree.leaves(config):
         if isinstance(leaf, jax.Array | np.ndarray):
             raise InputError(f"config: expected plain numbers, got an array of shape {leaf.shape}")
-    return spec.but({"method": method, "preset": preset}), config
+    return spec.replace(method=method, preset=preset), config
 
 
 def prepare(
     spec: SearchSpec,
     shape: tuple[int, int],
-    config: Config | None,
+    config: Record | None,
     factory: Callable[[Problem], Optimizer] | None,
     features: Mapping[str, Kernel] | None,
     options: Mapping[str, UserValue],
-) -> tuple[SearchSpec, Config, Program, Numbers]:
+) -> tuple[SearchSpec, Record, Program, Numbers]:
     """Checks a search's settings, and parts them into those that a program is compiled for and those that it takes.
 
     Returns:
@@ -304,7 +302,7 @@ def prepare(
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
     kernels = check_kernels(features, shape)
     given = dict(options) if features is None else {**options, "features": tuple(kernels)}
-    spec, config = _resolve_config(spec.but(given).on(shape), config, "method" in options)
+    spec, config = _resolve_config(spec.replace(**given).on(shape), config, "method" in options)
     spec.check_on(shape, "shape")
     unknown = [name for name in spec.features if name not in kernels]
     if unknown:
@@ -356,7 +354,7 @@ def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> 
     return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
 
 
-def _identity(search: _Search, config: Config, first: int) -> dict[str, Plain]:
+def _identity(search: _Search, config: Record, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on but its budget, plain values for JSON."""
     settings = search.spec.to_plain()
     del settings["evaluations"], settings["generations"]

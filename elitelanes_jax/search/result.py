@@ -153,7 +153,7 @@ class Result:
             elites = jax.tree.map(lambda array: array[None], elites)
         features: dict[str, AnyArray] = dict(measure_missing(elites.features, ranges, elites.grids))
         elites = elites._replace(features=features)
-        result = replace(self, elites=elites, spec=self.spec.but({"where": tuple(ranges.values())}))
+        result = replace(self, elites=elites, spec=self.spec.replace(where=tuple(ranges.values())))
         return result.choose(check_named("count", whole(1), count), seed).maps
 
     def choose(

@@ -17,7 +17,7 @@ from elitelanes_jax._util.checks import (
     whole,
 )
 from elitelanes_jax._util.errors import InputError, likely, many, short
-from elitelanes_jax._util.settings import Settings, option
+from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
@@ -148,7 +148,7 @@ def parse_large(large: UserValue, own: Collection[str] = ()) -> "SearchSpec":
         if field not in known:
             words = f"settings of a search, {', '.join(known)}"
             raise InputError(f"expected {words}, got {short(repr(field), 40)}{likely(field, known)}")
-    return SearchSpec().but({**large, "features": tuple(own)})
+    return SearchSpec().replace(**{**large, "features": tuple(own)})
 
 
 _BY_FEATURE = (("where", parse_ranges), ("weights", parse_weights))
@@ -189,7 +189,7 @@ def _left(large: "SearchSpec", given: Mapping[str, UserValue]) -> "SearchSpec":
 
 
 @dataclass(frozen=True)
-class SearchSpec(Settings):
+class SearchSpec(Record):
     """A search: the method, its budget, and what is searched for.
 
     Attributes:
@@ -244,16 +244,16 @@ class SearchSpec(Settings):
         object.__setattr__(self, "style", None)
         super().__post_init__()
 
-    def but(self, given: Mapping[str, UserValue]) -> "SearchSpec":
+    def replace(self, **given: UserValue) -> "SearchSpec":
         """Returns the record with other values in some fields; those given stand before those of a style.
 
         Raises:
-          InputError: as that of `Settings`, and for a style that is none (see `read_style`).
+          InputError: as that of `Record`, and for a style that is none (see `read_style`).
         """
         taken = self._with_taken(given, given.get("features", self.features))
         if "large" not in taken and self.large is not None:
             taken["large"] = _left(self.large, taken)
-        return super().but({field: value for field, value in taken.items() if field != "style"})
+        return super().replace(**{field: value for field, value in taken.items() if field != "style"})
 
     @property
     def given(self) -> dict[str, UserValue]:

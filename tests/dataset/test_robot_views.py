@@ -161,4 +161,4 @@ def test_what_is_wrong_with_a_camera_is_named(tmp_path):
     with pytest.raises(InputError, match="expected lanes to look from"):
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
     assert DatasetSpec().pixels == 64
-    assert DatasetSpec().but({"camera": []}).pixels == 256
+    assert DatasetSpec().replace(camera=[]).pixels == 256

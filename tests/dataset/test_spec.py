@@ -127,7 +127,7 @@ def test_plain_values_are_json(tmp_path):
         initial=[[[6, 3], [12, 9]]],
         alphabet=range(1, 16),
     )
-    spec = DatasetSpec(size=2, transforms=STANDARD.but({"crop": 16}), tiles=tmp_path, search=search)
+    spec = DatasetSpec(size=2, transforms=STANDARD.replace(crop=16), tiles=tmp_path, search=search)
     for one in (DatasetSpec(), spec):
         plain = json.loads(json.dumps(one.to_plain()))
         assert set(plain) == set(DatasetSpec.options())
@@ -135,7 +135,7 @@ def test_plain_values_are_json(tmp_path):
         searched = SearchSpec(**plain.pop("search"))
         transforms = plain.pop("transforms")
         back = DatasetSpec(**plain, search=searched)
-        assert back.but({"transforms": one.transforms}) == one
+        assert back.replace(transforms=one.transforms) == one
         assert Transforms(**transforms | {"scale": tuple(transforms["scale"])}) == one.transforms
 
 

@@ -57,7 +57,7 @@ def test_quarter_turns_are_exact_for_pictures_masks_and_points(seed, size):
 @given(st.integers(0, 10**6))
 def test_a_crop_is_a_part_of_the_whole_view(seed):
     mask = np.random.default_rng(seed).integers(0, 256, (60, 80), np.uint8)
-    whole, part = (view_of(seed, STANDARD.but({"crop": crop}), mask.shape) for crop in (0, 32))
+    whole, part = (view_of(seed, STANDARD.replace(crop=crop), mask.shape) for crop in (0, 32))
     x, y = _corner(whole, part)
     assert part.size == (32, 32)
     # Where a pixel's centre comes from between two others, rounding may choose the other one.
@@ -131,7 +131,7 @@ def test_views_keep_to_their_ranges(seed):
 
 def test_reading():
     assert parse_transforms(["none"]) == parse_transforms([]) == Transforms()
-    assert parse_transforms(["standard", "noise=0"]) == STANDARD.but({"noise": 0.0})
+    assert parse_transforms(["standard", "noise=0"]) == STANDARD.replace(noise=0.0)
     assert parse_transforms(["quarter-turns", "scale=0.5..2", "crop=64", "rotation=10"]) == Transforms(
         quarter_turns=True, scale=(0.5, 2.0), crop=64, rotation=10.0
     )

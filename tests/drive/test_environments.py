@@ -33,7 +33,7 @@ def maps(seed=1):
 @cache
 def made(name, seed=1):
     environment, settings, few = ENVIRONMENTS[name]
-    return environment, settings(make_levels(jax.random.key(seed), maps(seed)), **few).checked("params")
+    return environment, settings(make_levels(jax.random.key(seed), maps(seed)), **few)
 
 
 @cache

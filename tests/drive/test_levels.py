@@ -11,7 +11,6 @@ from driving_oracle import place_graph
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._levels import check_level, make_level, make_levels
-from elitelanes_jax.drive._road_nav import RoadNavParams
 from elitelanes_jax.drive.lanes import Place
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.repairing import repair
@@ -120,5 +119,3 @@ def test_faults_of_a_batch_are_named(maps, any_types):
             make_level(RING, Place(0, 1, 1), goal)
     with pytest.raises(InputError, match="level: expected one of make_level, or a batch of make_levels, got None"):
         check_level(None)
-    with pytest.raises(InputError, match="params.levels: expected a batch of levels .* got ndarray"):
-        RoadNavParams(maps).checked("params")

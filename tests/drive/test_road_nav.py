@@ -1,12 +1,10 @@
 """RoadNav: every step as a walk in the graph of places, every observation as a turned map."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from driving_oracle import BITS, place_graph, turned
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive._levels import make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.network.codes import rotate_codes
@@ -21,10 +19,9 @@ def params():
     drawn = random_grids(jax.random.key(1), COUNT, SHAPE)
     maps = jax.jit(jax.vmap(lambda grid: repair(grid)))(drawn)
     levels = make_levels(jax.random.key(2), maps)
-    made = RoadNavParams(
+    return RoadNavParams(
         levels, limit=LIMIT, goal_reward=2.0, tile_cost=0.25, stuck_cost=3.0, goal="both", whole_map=True
     )
-    return made.checked("params")
 
 
 def test_episodes_are_walks_in_the_graph_of_places(params):
@@ -97,18 +94,3 @@ def test_what_is_not_asked_for_is_not_observed(params):
     everything = {"ways": (3,), "whole_map": SHAPE, "here": (3,)}
     assert shapes(window=0, goal="none", whole_map=True) == everything
     assert shapes(window=0, goal="mark", whole_map=True) == everything | {"there": (3,)}
-
-
-def test_settings_are_checked(params):
-    for settings, message in (
-        ({"window": 4}, "params.window: expected an odd number of tiles, or 0 for none, got 4"),
-        ({"goal": "smell"}, "params.goal: expected one of compass, mark, both, none, got 'smell'"),
-        ({"limit": 0}, "params.limit: expected a whole number, 1 or more, got 0"),
-        ({"tile_cost": float("nan")}, "params.tile_cost: expected a number"),
-    ):
-        with pytest.raises(InputError, match=message):
-            RoadNavParams(params.levels, **settings).checked("params")
-    one = jax.tree.map(lambda part: part[0], params.levels)
-    with pytest.raises(InputError, match="params.levels: expected a batch of levels .* got one of shape"):
-        RoadNavParams(one).checked("params")
-    assert jnp.asarray(params.limit) == LIMIT

@@ -1,7 +1,6 @@
 """The environments in other libraries' interfaces; with these installed, in their own loops."""
 
 from copy import deepcopy
-from dataclasses import replace
 from types import ModuleType, SimpleNamespace
 
 import jax
@@ -35,7 +34,7 @@ def levels():
 
 @pytest.fixture(scope="module")
 def params(levels):
-    return RoadNavParams(levels, limit=6, window=3).checked()
+    return RoadNavParams(levels, limit=6, window=3)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +42,7 @@ def seeing(levels):
     tiles = load_tiles()
     scaled = scale_tiles(tiles, 16)
     sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=12, columns=16, noise=2.0))
-    return LaneDriveParams(levels, limit=20, observe="camera", sight=sight).checked()
+    return LaneDriveParams(levels, limit=20, observe="camera", sight=sight)
 
 
 def test_the_camera_is_an_observation_of_all_wrappers(seeing):
@@ -64,8 +63,6 @@ def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     places = seeing.sight.places[grid.astype(int), 0]
     plain = seeing.sight.camera.__class__(rows=12, columns=16)
     assert (look(key, pose, places, seeing.sight.atlas, plain).labels > 0).any()
-    with pytest.raises(InputError, match="sight: expected what make_sight returns, to observe the camera, got None"):
-        LaneDriveParams(seeing.levels, observe="camera").checked()
     with pytest.raises(InputError, match="rotations: expected a picture of code 0"):
         make_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
 
@@ -161,7 +158,6 @@ def test_what_is_wrong_is_named(params):
         (lambda: GymnaxEnv(RoadNav, params, None), "spaces: expected the module gymnax.environments.spaces, got None"),
         (lambda: GymnaxEnv(RoadNav, None, SPACES), "params: expected RoadNavParams or LaneDriveParams, got None"),
         (lambda: GymnaxEnv(RoadNav, params, SPACES, values=7), "values: expected 5 or 6, got 7"),
-        (lambda: JaxUedEnv(RoadNav, replace(params, limit=0), SPACES), "params.limit: expected a whole number, 1 or"),
         (lambda: gymnasium_env(RoadNav, params, None), "gymnasium: expected the module gymnasium, got None"),
         (lambda: gymnasium_vector_env(RoadNav, params, SimpleNamespace(Env=0), 0), "count: expected a whole number"),
     ):

@@ -15,9 +15,6 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers._annealed import AnnealedPsoConfig
-from elitelanes_jax.optimizers._annealing import AnnealingConfig
-from elitelanes_jax.optimizers._moves import Mix
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 from elitelanes_jax.search.evolution import evolve
@@ -173,19 +170,3 @@ def test_chains_that_pursue_flawless_niches_fill_more_of_them():
 def test_target_bins_are_bins():
     with pytest.raises(InputError, match="expected target to be a bin, 0 to 2"):
         evolve(jax.random.key(0), (4, 4), axes=[Axis("crossings", 3, target=3)])
-
-
-@pytest.mark.parametrize(
-    ("method", "config", "message"),
-    [
-        ("ea", AnnealingConfig(population=0), "config.population: expected a whole number, 1 or more, got 0"),
-        ("ea", AnnealingConfig(population=10), "config: expected a population that is a multiple of the 4 chains"),
-        ("ea", AnnealingConfig(coldest=90), "config: expected coldest <= hottest, got 90 and 60"),
-        ("ea", AnnealingConfig(cycle=0), "config.cycle: expected a whole number, 1 or more, got 0"),
-        ("ea", AnnealingConfig(moves=Mix(filling=2)), "config.moves.filling: expected a number, 0 to 1, got 2"),
-        ("pso", AnnealedPsoConfig(cognitive=0.7, social=0.7), r"config: expected cognitive \+ social to be at most 1"),
-    ],
-)
-def test_settings_are_checked(method, config, message):
-    with pytest.raises(InputError, match=message):
-        evolve(jax.random.key(0), (4, 4), method=method, config=config)

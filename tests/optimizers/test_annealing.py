@@ -30,7 +30,7 @@ def test_exponential_numbers_have_their_quantiles():
 
 
 def test_cycles_cool_and_grow():
-    config = AnnealingConfig(cycle=10).checked()
+    config = AnnealingConfig(cycle=10)
     place = Cooling.first(config, (12, 12))
     temperatures, starts = [], []
     for step in range(1, 60):

@@ -17,7 +17,6 @@ from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.optimizers._annealed import (
@@ -316,22 +315,3 @@ def test_parents_from_the_archive_come_from_every_filled_niche_alike():
 def test_parents_from_the_archive_leave_the_first_population_as_it_is():
     name = "map-elites, parents from the archive"
     chex.assert_trees_all_equal(whole_run(name)[0].population, compiled(name).first.population)
-
-
-@pytest.mark.usefixtures("any_types")
-def test_settings_are_checked_when_an_optimizer_is_made():
-    for factory, config, message in (
-        (ea, EvolutionConfig(population=0), "config.population: expected a whole number"),
-        (ea, EvolutionConfig(tile_rate=2), "config.tile_rate: expected a number, 0 to 1, got 2"),
-        (
-            map_elites,
-            MapElitesConfig(parents="none"),
-            "config.parents: expected one of population, archive, got 'none'",
-        ),
-        (map_elites, MapElitesConfig(EvolutionConfig(tournament=0)), "config.loop.tournament: expected"),
-        (pso, PsoConfig(inertia=-1), "config.inertia: expected a number, 0 to 3, got -1"),
-        (gwo, GwoConfig(horizon=2**15), "config.horizon: expected a whole number, 1 to 32767, got 32768"),
-        (annealed_ea, AnnealingConfig(moves=Mix(link=-1)), "config.moves.link: expected a whole number, 0 or more"),
-    ):
-        with pytest.raises(InputError, match=message):
-            factory(PROBLEMS[False], config)

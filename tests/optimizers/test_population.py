@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
@@ -88,22 +87,3 @@ def test_an_evaluation_asks_for_what_it_was_made_for():
 
 def test_the_defaults_are_the_papers():
     assert EvolutionConfig() == EvolutionConfig(20, 40, 3, "plus", 0.7, 0.5)
-
-
-@pytest.mark.usefixtures("any_types")
-def test_settings_are_checked():
-    assert EvolutionConfig(tile_rate=1).checked().tile_rate == 1.0
-    swept = jnp.array([0.1, 0.2])
-    assert EvolutionConfig(tile_rate=swept).checked().tile_rate is swept
-    for wrong, message in (
-        ({"population": 0}, "config.population: expected a whole number, 1 or more, got 0"),
-        ({"offspring": 2.0}, "config.offspring: expected a whole number, 1 or more, got 2.0"),
-        ({"tournament": -1}, "config.tournament: expected"),
-        ({"survivors": "best"}, "config.survivors: expected one of plus, comma, got 'best'"),
-        ({"survivors": "comma", "offspring": 10}, "at least as many offspring as the population of 20 .*, got 10"),
-        ({"tile_rate": 1.5}, "config.tile_rate: expected a number, 0 to 1, got 1.5"),
-        ({"crossing_rate": "often"}, "config.crossing_rate: expected a number, 0 to 1, got 'often'"),
-        ({"crossing_rate": float("nan")}, "config.crossing_rate: expected a number"),
-    ):
-        with pytest.raises(InputError, match=message):
-            EvolutionConfig(**wrong).checked()

@@ -5,7 +5,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import categorical, random_bits, random_bits16
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
@@ -116,23 +115,6 @@ def test_the_longest_horizon_with_the_largest_perturbation_stays_in_range():
     step, state = jax.jit(optimizer.step), jax.jit(optimizer.init)(jax.random.key(6))
     pack = [np.asarray(step(jax.random.key(number), state)[0].pack.grids) for number in range(20)]
     assert len({grid.tobytes() for grids in pack for grid in grids}) > 50, "so large a perturbation leaves no vote"
-
-
-@pytest.mark.usefixtures("any_types")
-def test_settings_are_checked():
-    for make, wrong, message in (
-        (PsoConfig, {"particles": 0}, "config.particles: expected a whole number, 1 or more, got 0"),
-        (PsoConfig, {"inertia": -1}, "config.inertia: expected a number, 0 to 3, got -1"),
-        (PsoConfig, {"social": 4}, "config.social: expected a number, 0 to 3, got 4"),
-        (PsoConfig, {"fastest": "fast"}, "config.fastest: expected a number, 0 to 16, got 'fast'"),
-        (GwoConfig, {"wolves": True}, "config.wolves: expected a whole number, 1 or more, got True"),
-        (GwoConfig, {"horizon": 0}, "config.horizon: expected a whole number, 1 to 32767, got 0"),
-        (GwoConfig, {"horizon": 40_000}, "config.horizon: expected a whole number, 1 to 32767, got 40000"),
-        (GwoConfig, {"omega": "best"}, "config.omega: expected one of own, worst, got 'best'"),
-        (GwoConfig, {"perturbation": 20}, "config.perturbation: expected a number, 0 to 16, got 20"),
-    ):
-        with pytest.raises(InputError, match=message):
-            make(**wrong).checked()
 
 
 def test_the_defaults_are_the_papers():

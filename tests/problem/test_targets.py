@@ -45,7 +45,7 @@ def test_wrong_targets_are_named(targets, message):
 
 def test_targets_give_way_to_axes():
     assert SearchSpec(style="town").targets and not SearchSpec(style="town", axes="turns:5").targets
-    assert not SearchSpec(style="town").but({"axes": "turns:5"}).targets
+    assert not SearchSpec(style="town").replace(axes="turns:5").targets
     both = SearchSpec(style="town", axes="turns:5", targets=TWO)
     assert both.targets == TWO and replace(both) == both
 

@@ -1,0 +1,50 @@
+"""Records that are pytrees of JAX: their numbers may be traced, and mapped by `jax.vmap`."""
+
+from collections.abc import Iterable
+from dataclasses import field, fields
+from typing import TypeVar
+
+import jax
+import numpy as np
+
+from elitelanes_jax._util.checks import Check
+from elitelanes_jax._util.records import Option, Record, option
+from elitelanes_jax._util.types import UserValue
+
+R = TypeVar("R", bound=Record)
+
+
+def static(default: UserValue, check: Check) -> UserValue:
+    """Declares a field that `jax.jit` compiles for: each value needs its own program."""
+    return field(default=default, metadata={"option": Option(check), "static": True})
+
+
+def traced(default: UserValue, check: Check) -> UserValue:
+    """Declares a field with a number, or an array of numbers: one program serves all values. Arrays are not checked."""
+    return option(default, lambda value: value if isinstance(value, jax.Array | np.ndarray) else check(value))
+
+
+def pytree(kind: type[R]) -> type[R]:
+    """Registers a record as a pytree: its static fields belong to the structure, all others are children.
+
+    `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. Transformations put values
+    there that are no settings: tracers, axes, None.
+    """
+    structure = [one.name for one in fields(kind) if one.metadata.get("static")]  # type: ignore[arg-type]
+    children = [name for name in kind.options() if name not in structure]
+
+    def flatten(one: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+        return [getattr(one, name) for name in children], tuple(getattr(one, name) for name in structure)
+
+    def flatten_with_keys(one: R) -> tuple[list[UserValue], tuple[UserValue, ...]]:
+        values, values_of_structure = flatten(one)
+        keys = map(jax.tree_util.GetAttrKey, children)
+        return list(zip(keys, values, strict=True)), values_of_structure
+
+    def unflatten(values_of_structure: tuple[UserValue, ...], values: Iterable[UserValue]) -> R:
+        one = object.__new__(kind)
+        vars(one).update(zip((*structure, *children), (*values_of_structure, *values), strict=True))
+        return one
+
+    jax.tree_util.register_pytree_with_keys(kind, flatten_with_keys, unflatten, flatten)
+    return kind

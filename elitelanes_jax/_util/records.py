@@ -1,0 +1,97 @@
+"""Records of options: frozen dataclasses that check every field when they are made.
+
+A field is one line: its default and its check. The command line makes its options from the same lines
+(`elitelanes_jax.cli.arguments`). Records that JAX traces are in `elitelanes_jax._util.pytrees`.
+"""
+
+from collections.abc import Callable
+from dataclasses import MISSING, field, fields, replace
+from typing import NamedTuple, Self
+
+from elitelanes_jax._util.checks import Check, check_named
+from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.types import UserValue
+
+REQUIRED = MISSING
+"""The default of a field that has none."""
+
+
+class Option(NamedTuple):
+    """The properties of a field, apart from its name, default and description.
+
+    Attributes:
+      check: checks the value.
+      metavar: what the help of the command line calls the values; None if there is no such option.
+      flag: the option's name on the command line, if it is not the field's.
+      many: whether the option takes several values; "*" if it also takes none.
+      replaces: the name of a field that cannot be given together with this one.
+      after: the name of an earlier field; the check takes its value as a second argument.
+    """
+
+    check: Callable[..., UserValue]
+    metavar: str | tuple[str, ...] | None = None
+    flag: str | None = None
+    many: bool | str = False
+    replaces: str | None = None
+    after: str | None = None
+
+
+def option(
+    default: UserValue, check: Callable[..., UserValue], metavar: str | tuple[str, ...] | None = None, **more: UserValue
+) -> UserValue:
+    """Declares a field of a record: its default, and the arguments of `Option`."""
+    return field(default=default, metadata={"option": Option(check, metavar, **more)})
+
+
+def nested(default: "Record") -> UserValue:
+    """Declares a field with another record."""
+    return option(default, record(type(default)))
+
+
+class Record:
+    """The base of frozen dataclasses whose fields are declared by `option`, `nested`, `static` and `traced`."""
+
+    def __post_init__(self) -> None:
+        """Checks each field, then all together.
+
+        Raises:
+          InputError: for a wrong value; the message starts with the field's name.
+        """
+        for name, one in self.options().items():
+            earlier = () if one.after is None else (getattr(self, one.after),)
+            object.__setattr__(self, name, check_named(name, one.check, getattr(self, name), *earlier))
+        self.check_together()
+
+    def check_together(self) -> None:
+        """Checks fields against each other; raises `InputError`."""
+
+    @classmethod
+    def options(cls) -> dict[str, Option]:
+        """Returns the `Option` of each field, by name."""
+        return {one.name: one.metadata["option"] for one in fields(cls)}  # type: ignore[arg-type]
+
+    def replace(self, **values: UserValue) -> Self:
+        """Returns the record with new values in some fields.
+
+        Raises:
+          InputError: for an unknown name, a wrong value, or two fields that cannot be given together.
+        """
+        known = self.options()
+        for name in values:
+            if name not in known:
+                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{likely(name, known)}")
+            other = known[name].replaces
+            if other is not None and other in values and values[name] is not None:
+                raise InputError(f"{name}: expected it or {other}, got both, {values[name]} and {values[other]}")
+        return replace(self, **values) if values else self  # type: ignore[type-var]
+
+
+def record(kind: type[Record]) -> Check:
+    """Makes a check: a record of a kind."""
+
+    def check(value: UserValue) -> Record:
+        if not isinstance(value, kind):
+            raise InputError(f"expected {kind.__name__}, got {short(repr(value))}")
+        return value
+
+    return check

@@ -1,0 +1,144 @@
+"""Records: each is checked when it is made, whatever it is of; those of JAX are pytrees."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError
+from elitelanes_jax.dataset import DatasetSpec
+from elitelanes_jax.drive import Camera, LaneDriveParams, RoadNavParams, make_levels
+from elitelanes_jax.drive.robot import Robot
+from elitelanes_jax.formats import Streets
+from elitelanes_jax.maps import GenerateSpec
+from elitelanes_jax.optimizers import (
+    AnnealedGwoConfig,
+    AnnealedMapElitesConfig,
+    AnnealedPsoConfig,
+    AnnealingConfig,
+    EvolutionConfig,
+    GwoConfig,
+    MapElitesConfig,
+    Mix,
+    PsoConfig,
+)
+from elitelanes_jax.search import SearchSpec
+
+LEVELS = make_levels(jax.random.key(0), np.array([[[6, 3], [12, 9]]], np.int8))
+NO_MOVES = dict.fromkeys(Mix.options(), 0)
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize(
+    ("kind", "wrong", "message"),
+    [
+        (EvolutionConfig, {"population": 0}, "population: expected a whole number, 1 or more, got 0"),
+        (EvolutionConfig, {"offspring": 2.0}, "offspring: expected a whole number, 1 or more, got 2.0"),
+        (EvolutionConfig, {"tournament": -1}, "tournament: expected"),
+        (EvolutionConfig, {"survivors": "best"}, "survivors: expected one of plus, comma, got 'best'"),
+        (EvolutionConfig, {"survivors": "comma", "offspring": 10}, "offspring: expected .* population, 20, .* got 10"),
+        (EvolutionConfig, {"tile_rate": 1.5}, "tile_rate: expected a number, 0 to 1, got 1.5"),
+        (EvolutionConfig, {"crossing_rate": "often"}, "crossing_rate: expected a number, 0 to 1, got 'often'"),
+        (EvolutionConfig, {"crossing_rate": float("nan")}, "crossing_rate: expected a number"),
+        (MapElitesConfig, {"parents": "none"}, "parents: expected one of population, archive, got 'none'"),
+        (MapElitesConfig, {"loop": 3}, "loop: expected EvolutionConfig, got 3"),
+        (PsoConfig, {"particles": 0}, "particles: expected a whole number, 1 or more, got 0"),
+        (PsoConfig, {"inertia": -1}, "inertia: expected a number, 0 to 3, got -1"),
+        (PsoConfig, {"social": 4}, "social: expected a number, 0 to 3, got 4"),
+        (PsoConfig, {"fastest": "fast"}, "fastest: expected a number, 0 to 16, got 'fast'"),
+        (GwoConfig, {"wolves": True}, "wolves: expected a whole number, 1 or more, got True"),
+        (GwoConfig, {"horizon": 0}, "horizon: expected a whole number, 1 to 32767, got 0"),
+        (GwoConfig, {"horizon": 2**15}, "horizon: expected a whole number, 1 to 32767, got 32768"),
+        (GwoConfig, {"omega": "best"}, "omega: expected one of own, worst, got 'best'"),
+        (GwoConfig, {"perturbation": 20}, "perturbation: expected a number, 0 to 16, got 20"),
+        (AnnealingConfig, {"population": 0}, "population: expected a whole number, 1 or more, got 0"),
+        (AnnealingConfig, {"population": 10}, "population: expected a multiple of the 4 chains of an island, got 10"),
+        (AnnealingConfig, {"coldest": 90}, "coldest: expected at most the hottest, 60, got 90"),
+        (AnnealingConfig, {"cycle": 0}, "cycle: expected a whole number, 1 or more, got 0"),
+        (AnnealedPsoConfig, {"cognitive": 0.7, "social": 0.7}, r"social: expected cognitive \+ social to be at most 1"),
+        (AnnealedGwoConfig, {"leaders": 0}, "leaders: expected a whole number, 1 or more, got 0"),
+        (AnnealedMapElitesConfig, {"restart_length": 0}, "restart_length: expected a whole number, 1 or more, got 0"),
+        (AnnealedMapElitesConfig, {"restart": 2}, "restart: expected a number, 0 to 1, got 2"),
+        (AnnealedMapElitesConfig, {"bin_penalty": 10**6}, "bin_penalty: expected a whole number, 1 to 10000"),
+        (AnnealedMapElitesConfig, {"annealing": jnp.zeros(3)}, "annealing: expected AnnealingConfig, got Array"),
+        (Mix, {"link": -1}, "link: expected a whole number, 0 or more, got -1"),
+        (Mix, {"filling": 2}, "filling: expected a number, 0 to 1, got 2"),
+        (Mix, NO_MOVES, "link: expected a share over 0 for at least one move, got none"),
+        (Robot, {"dt": -1}, "dt: expected a number, 0 to 0.1, got -1"),
+        (Robot, {"latency": 5}, "latency: expected a number, 0 to 4, got 5"),
+        (Camera, {"pitch": 120}, "pitch: expected a number, -90 to 90, got 120"),
+        (Camera, {"sky": (1, 2)}, "sky: expected three numbers, 0 to 255"),
+        (RoadNavParams, {"levels": np.zeros((2, 2))}, "levels: expected a batch of levels .* got ndarray"),
+        (
+            RoadNavParams,
+            {"levels": jax.tree.map(lambda part: part[0], LEVELS)},
+            "levels: expected a batch of levels .* got one of shape",
+        ),
+        (RoadNavParams, {"levels": LEVELS, "window": 4}, "window: expected an odd number of tiles, or 0 .* got 4"),
+        (RoadNavParams, {"levels": LEVELS, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),
+        (RoadNavParams, {"levels": LEVELS, "limit": 0}, "limit: expected a whole number, 1 or more, got 0"),
+        (RoadNavParams, {"levels": LEVELS, "tile_cost": float("nan")}, "tile_cost: expected a number"),
+        (LaneDriveParams, {"levels": LEVELS, "ahead": (2,)}, "ahead: expected a number, 0 to 1, got 2"),
+        (LaneDriveParams, {"levels": LEVELS, "task": "park"}, "task: expected one of route, lane, got 'park'"),
+        (LaneDriveParams, {"levels": LEVELS, "observe": "camera"}, "sight: expected what make_sight returns, .* None"),
+        (Streets, {"tile": 6}, "tile: expected more than two lanes, 6.4 m, got 6 m"),
+    ],
+)
+def test_a_record_is_checked_when_it_is_made(kind, wrong, message):
+    with pytest.raises(InputError, match=f"^{message}"):
+        kind(**wrong)
+    if "levels" not in wrong:
+        with pytest.raises(InputError, match=f"^{message}"):
+            kind().replace(**wrong)
+
+
+def test_replaced_fields_are_named():
+    for made, wrong, message in (
+        (GenerateSpec(), {"mpas": 3}, "mpas: expected one of size, maps, .*; is it maps?"),
+        (GwoConfig(), {"wolfs": 3}, "wolfs: expected one of wolves, .*; is it wolves?"),
+        (SearchSpec(), {"generations": 3, "evaluations": 9}, "generations: expected it or evaluations, got both, 3"),
+        (DatasetSpec(), {"views": 0}, "views: expected a whole number, 1 or more"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}"):
+            made.replace(**wrong)
+    assert GwoConfig().replace() == GwoConfig()
+    assert GwoConfig().replace(wolves=3, horizon=np.int64(7)) == GwoConfig(wolves=3, horizon=7)
+
+
+@pytest.mark.usefixtures("any_types")
+def test_numbers_become_plain_and_arrays_pass():
+    assert type(EvolutionConfig(tile_rate=1).tile_rate) is float
+    assert type(AnnealingConfig(cycle=np.int32(3)).cycle) is int
+    rates = jnp.array([0.1, 7.0])
+    assert EvolutionConfig(tile_rate=rates).tile_rate is rates
+
+
+@pytest.mark.parametrize("made", [AnnealedMapElitesConfig(), MapElitesConfig(), Camera(), RoadNavParams(LEVELS)])
+def test_a_pytree_goes_through_transformations(made):
+    """Whatever stands in its fields meanwhile: it is not checked again."""
+    leaves, structure = jax.tree.flatten(made)
+    back = jax.tree.unflatten(structure, leaves)
+    assert type(back) is type(made) and jax.tree.structure(back) == structure
+    assert vars(back).keys() == vars(made).keys()
+    assert all(one is other for one, other in zip(jax.tree.leaves(back), leaves, strict=True))
+    axes = jax.tree.map(lambda _: None, made)
+    assert jax.tree.leaves(axes) == []
+    assert jax.tree.leaves(jax.tree.map(lambda _: object, made)) == [object] * len(leaves)
+    paths = [jax.tree_util.keystr(path) for path, _ in jax.tree_util.tree_leaves_with_path(made)]
+    assert all(eval(f"made{path}", {"made": made}) is leaf for path, leaf in zip(paths, leaves, strict=True))
+
+
+def test_static_fields_choose_the_program_and_traced_ones_do_not():
+    traces = []
+
+    @jax.jit
+    def doubled(config):
+        traces.append(config)
+        return 2 * config.tile_rate
+
+    assert doubled(EvolutionConfig(tile_rate=0.25)) == 0.5 and doubled(EvolutionConfig(tile_rate=0.5)) == 1
+    assert len(traces) == 1
+    doubled(EvolutionConfig(population=3))
+    assert len(traces) == 2
+    both = jax.vmap(doubled)(EvolutionConfig(tile_rate=jnp.array([0.25, 0.5]), crossing_rate=jnp.zeros(2)))
+    np.testing.assert_array_equal(both, [0.5, 1])
