@@ -134,4 +134,4 @@ def test_it_runs_goes_on_and_comes_out_the_same(tmp_path, monkeypatch, capsys):
     assert segmentation.main(arguments) == 0
     assert [file.read_bytes() for file in files] == before
     assert segmentation.main([*arguments, "--seeds", "2"]) == 2
-    assert "expected results of seeds 2, got some of 1" in capsys.readouterr().err
+    assert "expected results with seeds 2, got results with 1" in capsys.readouterr().err

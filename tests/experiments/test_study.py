@@ -265,9 +265,9 @@ def test_results_of_other_settings_are_left_alone(compared, tmp_path, capsys):
     before = contents(compared)
     with_maps = [argument for argument in SMALL if argument != "--no-maps"]
     for arguments, message in (
-        ([*SMALL, "--seeds", "4"], "expected results of seeds 4, got some of 3; take another folder for these"),
-        ([*SMALL, "--reading", "fill"], "expected results of reading 'fill', got some of 'ours'"),
-        (with_maps, "expected results of maps True, got some of False"),
+        ([*SMALL, "--seeds", "4"], "expected results with seeds 4, got results with 3; use another folder"),
+        ([*SMALL, "--reading", "fill"], "expected results with reading 'fill', got results with 'ours'"),
+        (with_maps, "expected results with maps True, got results with False"),
     ):
         assert compare([*arguments, "--out", str(compared)]) == 2
         assert message in capsys.readouterr().err
@@ -291,7 +291,7 @@ def test_a_folder_that_an_early_end_left_is_used(tmp_path):
     (tmp_path / "out" / ".settings.json.part").write_text("{")
     open_results(tmp_path / "out", {"seeds": 1})
     open_results(tmp_path / "out", {"seeds": 1})
-    with pytest.raises(InputError, match="expected results of seeds 2, got some of 1"):
+    with pytest.raises(InputError, match="expected results with seeds 2, got results with 1"):
         open_results(tmp_path / "out", {"seeds": 2})
 
 
