@@ -65,7 +65,7 @@ def _open_arrays(path: str | Path) -> Iterator[Untyped]:
             raise zipfile.BadZipFile("no archive of arrays")
         with zipfile.ZipFile(stream) as members:
             size = sum(member.file_size for member in members.infolist())
-        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), (free_memory() or 0) // 4)
+        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
         if size > most:
             raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
         stream.seek(0)

@@ -169,7 +169,7 @@ def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
     taken = 2 * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(states))
     needed = taken + _COMPILER
-    if free is None or needed <= free:
+    if needed <= free:
         return
     if free < _COMPILER:
         raise NotEnoughMemoryError(
