@@ -29,7 +29,7 @@ from elitelanes_jax import evolve, fitness, measure
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.folders import remove
-from elitelanes_jax._util.version import installed_versions
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax.benchmark import find_task
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say

@@ -24,7 +24,7 @@ from training_sets import CONDITIONS, SOURCES, Pictures, draw_maps, make_maps, p
 from elitelanes_jax import InputError, __version__
 from elitelanes_jax._util.checks import path, whole
 from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.formats import table_to_csv

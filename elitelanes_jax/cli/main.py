@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import NoReturn
 
 from elitelanes_jax._util.folders import check_apart
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.progress import Loudness
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset

@@ -16,10 +16,10 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset._card import sample_sheet, write_card
 from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset
 from elitelanes_jax.dataset._given import GivenMaps, given

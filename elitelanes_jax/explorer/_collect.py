@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides

@@ -11,8 +11,8 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import first_difference, has_unfinished
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec

@@ -9,11 +9,10 @@ from typing import TypeVar
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.folders import output_folder
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional, installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import RECORD
 from elitelanes_jax.maps.folder import foreign_to_maps

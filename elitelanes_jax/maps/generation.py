@@ -13,10 +13,10 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder, remove
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Plain
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import ARCHIVE, RECORD, Evolved, join_parts
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps

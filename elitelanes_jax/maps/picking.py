@@ -10,9 +10,9 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import ARCHIVE
 from elitelanes_jax.maps.folder import foreign_to_maps, write_maps

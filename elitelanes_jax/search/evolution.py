@@ -17,11 +17,11 @@ from jaxtyping import Array, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import Record, record
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import COUNT_NAMES

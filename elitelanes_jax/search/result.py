@@ -15,8 +15,8 @@ from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, short
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import Metrics
