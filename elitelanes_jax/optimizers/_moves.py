@@ -33,7 +33,7 @@ from elitelanes_jax.optimizers._windows import flawless_fillings
 class Mix(Record):
     """The shares of the moves in a random move; a pytree, whose numbers may be arrays, mapped by `jax.vmap`.
 
-    The defaults were measured (experiments/moves.md).
+    The defaults were measured (experiments/search/moves.md).
 
     Attributes:
       link: share of `toggle_link`, a whole number.

@@ -9,6 +9,7 @@ import shlex
 import shutil
 from dataclasses import MISSING, fields, is_dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import cv2
@@ -29,7 +30,12 @@ from elitelanes_jax.tiles.tileset import inspect_tiles, load_tiles
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-FILES = [*ROOT.glob("*.md"), *DOCS.rglob("*.md"), *(ROOT / "experiments").glob("*.md")]
+FILES = [
+    *ROOT.glob("*.md"),
+    *DOCS.rglob("*.md"),
+    *(ROOT / "experiments").glob("**/README.md"),
+    ROOT / "experiments/search/moves.md",
+]
 PAGES = {file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8") for file in sorted(FILES)}
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 REFERENCE = "".join(text for page, text in PAGES.items() if page.startswith("docs/reference/"))
@@ -111,8 +117,10 @@ def test_links_targets_and_scripts_are_there():
             assert (ROOT / page).parent.joinpath(link).exists(), f"{page}: {link}"
         for target in re.findall(r"(?:^|`)make ([\w-]+)", text, re.MULTILINE):
             assert f"\n{target}:" in MAKEFILE, f"{page}: make {target}"
-        for script in re.findall(r"python ((?:docs|experiments|notebooks)/\w+\.py)", text):
+        for script in re.findall(r"python ((?:docs|notebooks)/\w+\.py)", text):
             assert (ROOT / script).exists(), f"{page}: {script}"
+        for module in re.findall(r"python -m (experiments[\w.]+)", text):
+            assert find_spec(module), f"{page}: {module}"
 
 
 @pytest.mark.parametrize(

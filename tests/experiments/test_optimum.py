@@ -1,9 +1,10 @@
-"""The yardsticks of experiments/optimum.py, and that it runs."""
+"""The yardsticks of experiments/search/optimum.py, and that it runs."""
 
 import numpy as np
-import optimum
 import pytest
 from oracle import fitness, measure
+
+from experiments.search import optimum
 
 
 @pytest.mark.parametrize("side", [8, 12, 16, 24])

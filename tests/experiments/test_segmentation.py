@@ -6,19 +6,19 @@ import sys
 import jax
 import numpy as np
 import pytest
-import segmentation
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from training_sets import Condition, draw_maps, patterns, split_tiles, training_set
 
 from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.network.wfc import generate_batch
+from experiments.perception import segmentation
+from experiments.perception.training_sets import Condition, draw_maps, patterns, split_tiles, training_set
 
-unet = pytest.importorskip("unet", reason="flax and optax are not here", exc_type=ImportError)
+unet = pytest.importorskip("experiments.perception.unet", reason="flax and optax are not here", exc_type=ImportError)
 
 
 def collapsed(count, seed, alphabet=range(3, 16)):

@@ -1,10 +1,10 @@
-"""The yardsticks of experiments/benchmark.py are right where they differ most: borders, ends, bridges."""
+"""The yardsticks of experiments/search/speed.py are right where they differ most: borders, ends, bridges."""
 
 import numpy as np
 import pytest
-from yardsticks import cpp_fitness, networkx_fitness
 
 from elitelanes_jax.network.codes import ROAD_ALPHABET
+from experiments.search.baselines import cpp_fitness, networkx_fitness
 
 
 def test_compiled_tarjan_is_exact():
