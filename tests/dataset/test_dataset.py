@@ -551,6 +551,7 @@ sys.path.insert(0, sys.argv[1])
 from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.dataset.make import make_dataset
 
 out = Path(sys.argv[2])

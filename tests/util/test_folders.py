@@ -246,6 +246,7 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
 
 KILLED = """
 import os, signal, sys
+from elitelanes_jax._util.folders import output_folder
 with output_folder(sys.argv[1], {"command": "killed"}) as work:
     (work.files / "maps").mkdir()
     (work.files / "maps" / ".file-0123abcd.part.png").write_text("half")
