@@ -73,7 +73,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
 def test_bad_requests_are_refused_before_anything_runs(tmp_path):
     out = tmp_path / "maps"
     with Lossy() as executor:
-        with pytest.raises(InputError, match="^part: expected none where workers run all the parts, got 1/2$"):
+        with pytest.raises(InputError, match="^part: expected none, because workers run all the parts, got 1/2$"):
             generate_on(executor, SPEC.replace(part=(1, 2)), out)
         with pytest.raises(InputError, match="none: expected a folder of tile pictures"):
             generate_on(executor, SPEC.replace(tiles=tmp_path / "none"), out)

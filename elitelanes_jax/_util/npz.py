@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, reason, short
+from elitelanes_jax._util.errors import InputError, reason, shorten
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.memory import free_memory
 from elitelanes_jax._util.types import Plain, Untyped
@@ -48,7 +48,7 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
-        words = short(str(error).partition("\n")[0] or type(error).__name__)
+        words = shorten(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
 
 

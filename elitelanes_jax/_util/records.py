@@ -9,7 +9,7 @@ from dataclasses import MISSING, field, fields, replace
 from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
@@ -79,7 +79,7 @@ class Record:
         known = self.options()
         for name in values:
             if name not in known:
-                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{likely(name, known)}")
+                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
             other = known[name].replaces
             if other is not None and other in values and values[name] is not None:
                 raise InputError(f"{name}: expected it or {other}, got both, {values[name]} and {values[other]}")
@@ -91,7 +91,7 @@ def record(kind: type[Record]) -> Check:
 
     def check(value: UserValue) -> Record:
         if not isinstance(value, kind):
-            raise InputError(f"expected {kind.__name__}, got {short(repr(value))}")
+            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
         return value
 
     return check

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.cli.arguments import Commands, checked_by
 from elitelanes_jax.cli.program import say, warn
 
@@ -101,7 +101,7 @@ def _masks(options: argparse.Namespace) -> int:
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
-        f"{many(len(masks), 'mask')} of {many(len(proposals), 'tile')} in {options.folder}"
+        f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
         + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
         + f"; all of them on {sheet}\n"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
@@ -29,7 +29,7 @@ from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_sp
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.cluster import run_on
-from elitelanes_jax.maps.generation import drawable
+from elitelanes_jax.maps.run import drawable
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
@@ -163,10 +163,11 @@ def _plan(
     executor: Executor | None,
 ) -> _Drawing:
     """Evolves the maps, unless they are given, and assigns them to the splits."""
-    announce(f"making a dataset of {many(spec.maps, 'map')} of {_sizes(spec)} tiles, {many(spec.views, 'view')} each")
+    count, views = pluralize(spec.maps, "map"), pluralize(spec.views, "view")
+    announce(f"making a dataset of {count} of {_sizes(spec)} tiles, {views} each")
     if own is not None and own.repeated:
         which = "that is another one" if own.repeated == 1 else "that are others"
-        announce(f"left out {many(own.repeated, 'map')} {which} rotated or mirrored")
+        announce(f"left out {pluralize(own.repeated, 'map')} {which} rotated or mirrored")
     maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
     splits = np.repeat(split_maps(spec, maps, test_tiles), spec.views)
     return _Drawing(spec, maps, splits, work.files, work.kept / "records")

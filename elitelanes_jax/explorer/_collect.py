@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.packages import __version__
@@ -222,7 +222,7 @@ def _read_run(folder: Path) -> _Finds:
     size = record.get("settings", {}).get("size") if isinstance(record.get("settings"), dict) else None
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
-        raise InputError(f"{folder}: expected maps of {short(json.dumps(size))}, as run.json says, got {got}")
+        raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
     return run._replace(record={key: record[key] for key in _RECORDED if key in record})
 
 
@@ -234,7 +234,7 @@ def _read_record(file: Path) -> dict[str, Plain]:
         raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
-        raise InputError(f"{file}: expected the JSON of a run, got: {short(words)}") from None
+        raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
     if not isinstance(record, dict) or "versions" not in record:
         raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
     return record

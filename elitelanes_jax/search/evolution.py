@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
@@ -176,10 +176,10 @@ def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
             f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
         )
     fitting = (free - _COMPILER) * seeds // taken
-    fewer = f"{many(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
+    fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
-        f"not enough memory: {many(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} or "
-        f"more, and {in_gigabytes(free)} are free; {fewer} would fit"
+        f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
+        f"or more, and {in_gigabytes(free)} are free; {fewer} would fit"
     )
 
 

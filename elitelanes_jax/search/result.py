@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.packages import __version__
@@ -286,7 +286,7 @@ def _read_settings(settings: Plain) -> tuple[SearchSpec, tuple[Axis, ...], int |
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("a file without its settings")
     if settings["format"] != _FORMAT:
-        raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
+        raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
     try:
         spec = SearchSpec(**settings["search"])
         axes, seed = parse_axes(settings["axes"], spec.features), settings["seed"]

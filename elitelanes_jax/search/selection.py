@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
@@ -139,7 +139,7 @@ def describe_choice(choice: Choice, maps: int) -> str:
     rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
     if choice.alike:
         rejected.append(f"{choice.alike} like another when rotated or mirrored")
-    return f"found {len(choice.maps)} of {many(maps, 'map')} among {many(choice.found, 'elite')}" + (
+    return f"found {len(choice.maps)} of {pluralize(maps, 'map')} among {pluralize(choice.found, 'elite')}" + (
         f" ({', '.join(rejected)})" if rejected else ""
     )
 

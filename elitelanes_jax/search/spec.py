@@ -16,7 +16,7 @@ from elitelanes_jax._util.checks import (
     split_settings,
     whole,
 )
-from elitelanes_jax._util.errors import InputError, likely, many, short
+from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
@@ -61,11 +61,11 @@ def check_names(features: UserValue) -> tuple[str, ...]:
       InputError: for anything but names, one given twice, or one of another feature.
     """
     if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError(f"features: expected names, got {short(repr(features))}")
+        raise InputError(f"features: expected names, got {shorten(repr(features))}")
     names = check_unique("features", "name", map(name, features))
     for one in names:
         if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
-            raise InputError(f"features: expected names that no other feature has, got {short(repr(one), 40)}")
+            raise InputError(f"features: expected names that no other feature has, got {shorten(repr(one), 40)}")
     return tuple(names)
 
 
@@ -96,19 +96,19 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
     try:
         metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     except (TypeError, ValueError):
-        raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
+        raise InputError(f"weights: expected weights such as 'bridges=300', got {shorten(repr(weight))}") from None
     metric = metric.strip() if isinstance(metric, str) else metric
     known = (*Weights._fields, *TOWN_FEATURES, *own)
     if metric not in known:
         raise InputError(
-            f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
-            f"{likely(metric, known)} (there are {', '.join(known)})"
+            f"weights: expected a metric such as dead_ends, or constant, got {shorten(repr(metric), 40)}"
+            f"{suggest(metric, known)} (there are {', '.join(known)})"
         )
     try:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:
         text = weight if isinstance(weight, str) else f"{metric}={number}"
-        raise InputError(f"weights: expected NAME=N with a whole number, got {short(repr(text), 40)}") from None
+        raise InputError(f"weights: expected NAME=N with a whole number, got {shorten(repr(text), 40)}") from None
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
@@ -142,12 +142,12 @@ def parse_large(large: UserValue, own: Collection[str] = ()) -> "SearchSpec":
     if isinstance(large, SearchSpec):
         return large
     if not isinstance(large, Mapping):
-        raise InputError(f"expected settings by their names, got {short(repr(large))}")
+        raise InputError(f"expected settings by their names, got {shorten(repr(large))}")
     known = [field for field in SearchSpec.options() if field not in (*_NOT_A_STYLES, "large")]
     for field in large:
         if field not in known:
             words = f"settings of a search, {', '.join(known)}"
-            raise InputError(f"expected {words}, got {short(repr(field), 40)}{likely(field, known)}")
+            raise InputError(f"expected {words}, got {shorten(repr(field), 40)}{suggest(field, known)}")
     return SearchSpec().replace(**{**large, "features": tuple(own)})
 
 
@@ -293,7 +293,7 @@ class SearchSpec(Record):
             raise InputError(f"fill: expected none with the rules of {self.rules}, which leave cells empty, got True")
         if self.initial and (self.method, self.preset) == ("pso", "paper"):
             expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
-            raise InputError(f"initial: expected {expected}, got {many(len(self.initial), 'grid')}")
+            raise InputError(f"initial: expected {expected}, got {pluralize(len(self.initial), 'grid')}")
 
     def check_on(self, shape: tuple[int, int], name: str = "size") -> None:
         """Checks the settings for grids ``(height, width)``; a search does so before it starts.

@@ -4,7 +4,7 @@ import tomllib
 from collections.abc import Collection
 from pathlib import Path
 
-from elitelanes_jax._util.errors import InputError, likely, reason, short
+from elitelanes_jax._util.errors import InputError, reason, shorten, suggest
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
@@ -31,16 +31,16 @@ def read_style(style: UserValue, known: Collection[str] | None = None) -> dict[s
     text = str(style) if isinstance(style, str | Path) else ""
     if not text.endswith(".toml") and text not in STYLES:
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError(f"style: expected {names}, got {short(repr(style), 40)}{likely(text, STYLES)}")
+        raise InputError(f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}")
     file = Path(text) if text.endswith(".toml") else FOLDER / f"{text}.toml"
     try:
         settings = tomllib.loads(read_text(file, MIB))
     except OSError as error:
         raise InputError(f"style {text!r}: {reason(error)}") from None
     except ValueError as error:  # of TOML, or of UTF-8
-        raise InputError(f"style {text!r}: expected TOML, got a file that is none: {short(str(error))}") from None
+        raise InputError(f"style {text!r}: expected TOML, got a file that is none: {shorten(str(error))}") from None
     for name in settings:
         if known is not None and name not in known:
             words = f"settings of a search, {', '.join(known)}"
-            raise InputError(f"style {text!r}: expected {words}, got {short(repr(name), 40)}{likely(name, known)}")
+            raise InputError(f"style {text!r}: expected {words}, got {shorten(repr(name), 40)}{suggest(name, known)}")
     return settings
