@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from elitelanes_jax import Axis, DatasetSpec, InputError
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.generation import NEAREST, generate
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.run import DIFFERENCE
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
@@ -279,7 +280,7 @@ def test_maps_like_given_ones_are_written_with_their_difference(tmp_path, any_ty
     )
     assert maps
     for number, road_map in enumerate(maps):
-        difference = json.loads((tmp_path / f"out/maps/{number:04}/map.json").read_text())["metrics"][NEAREST]
+        difference = json.loads((tmp_path / f"out/maps/{number:04}/map.json").read_text())["metrics"][DIFFERENCE]
         assert difference == pytest.approx(difference_from(road_map.codes, [RING]), abs=1e-3)
         assert difference > 0
         low = next(item.low for item in search.where if item.name == "box_fill")

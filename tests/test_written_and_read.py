@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.limited_read import MIB
+from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax.benchmark.submissions import Submission, write_submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, find_task

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, reason, short
-from elitelanes_jax._util.limited_read import MIB
+from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.memory import free_memory
 from elitelanes_jax._util.types import Plain, Untyped
 
@@ -48,7 +48,7 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
-        words = short(str(error).partition("\n")[0] or type(error).__name__)
+        words = shorten(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
 
 
@@ -65,7 +65,7 @@ def _open_arrays(path: str | Path) -> Iterator[Untyped]:
             raise zipfile.BadZipFile("no archive of arrays")
         with zipfile.ZipFile(stream) as members:
             size = sum(member.file_size for member in members.infolist())
-        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), (free_memory() or 0) // 4)
+        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
         if size > most:
             raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
         stream.seek(0)

@@ -9,7 +9,7 @@ from dataclasses import MISSING, field, fields, replace
 from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
@@ -87,7 +87,7 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
     known = list(known)
     for name in names:
         if name not in known:
-            raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{likely(name, known)}")
+            raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
 
 
 def record(kind: type[Record]) -> Check:
@@ -95,7 +95,7 @@ def record(kind: type[Record]) -> Check:
 
     def check(value: UserValue) -> Record:
         if not isinstance(value, kind):
-            raise InputError(f"expected {kind.__name__}, got {short(repr(value))}")
+            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
         return value
 
     return check

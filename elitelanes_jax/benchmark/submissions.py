@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Int, Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.limited_read import read_bytes
+from elitelanes_jax._util.files import read_bytes, write_atomic
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task

@@ -70,7 +70,7 @@ def _policy(text: str) -> str | Path:
 
 
 def _drive(options: argparse.Namespace) -> int:
-    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, write_atomic
     from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
     from elitelanes_jax.formats.rides import MOST_POSES
     from elitelanes_jax.formats.road_map import read_map
@@ -106,7 +106,6 @@ def _drive(options: argparse.Namespace) -> int:
         image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
         write_atomic(options.out, png_of(image))
     else:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
         write_film(options.out, film(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen))
     reached, count = int(rides.success.sum()), len(rides.success)
     say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from elitelanes_jax._util.atomic_io import check_apart
-from elitelanes_jax._util.progress import Loudness
+from elitelanes_jax._util.folders import check_apart
+from elitelanes_jax._util.packages import __version__
+from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
@@ -29,7 +29,7 @@ from elitelanes_jax.cli.tiles import add_tiles
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: _act(options), options.interrupted, options.loud)
+    return guarded("elitelanes", lambda: _act(options), options.interrupted, options.verbosity)
 
 
 def _act(options: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def _act(options: argparse.Namespace) -> int:
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
-    parser.set_defaults(interrupted="nothing was written", loud=Loudness.NORMAL)
+    parser.set_defaults(interrupted="nothing was written", verbosity=Verbosity.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for add in (

@@ -3,7 +3,7 @@
 import argparse
 
 from elitelanes_jax._util.checks import folder, path
-from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.arguments import Commands, add_force, add_options, add_verbosity, checked_by, read_options
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
@@ -40,7 +40,7 @@ def add_pick(commands: Commands) -> None:
         const="archive",
         help="as --force, and also a folder with an archive.npz, which pick does not write again",
     )
-    add_loudness(command)
+    add_verbosity(command)
     command.set_defaults(action=_pick)
 
 

@@ -2,12 +2,13 @@
 
 import argparse
 import shutil
+from contextlib import ExitStack
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.cli.arguments import Commands, checked_by
 from elitelanes_jax.cli.program import say, warn
 
@@ -100,7 +101,7 @@ def _masks(options: argparse.Namespace) -> int:
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
-        f"{many(len(masks), 'mask')} of {many(len(proposals), 'tile')} in {options.folder}"
+        f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
         + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
         + f"; all of them on {sheet}\n"
@@ -119,7 +120,7 @@ def _keep(file: Path) -> Path:
 
 def _new_beside(folder: Path, file: Path) -> Path:
     """Checks that a file is new, and outside the tiles' own folders, where a picture would be taken for a tile's."""
-    from elitelanes_jax._util.atomic_io import check_new
+    from elitelanes_jax._util.files import check_new
 
     check_new(file)
     if file.resolve().parent.parent == folder.resolve():
@@ -129,19 +130,12 @@ def _new_beside(folder: Path, file: Path) -> Path:
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
     """Writes all pictures or, if one cannot be written, none."""
+    from elitelanes_jax._util.files import new_file
     from elitelanes_jax.tiles.rendering import write_png
 
-    aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
-    try:
+    with ExitStack() as stack:
         for file, pixels in pictures.items():
-            write_png(aside[file], pixels)
-        for file, part in aside.items():
-            part.replace(file)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(file)) from None
-    finally:
-        for part in aside.values():
-            part.unlink(missing_ok=True)
+            write_png(stack.enter_context(new_file(file)), pixels)
 
 
 def _png(text: str) -> Path:

@@ -6,7 +6,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_maps
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -56,7 +56,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
         return sources
     listed = [sources] if isinstance(sources, str | Path) else sources
     if not isinstance(listed, Iterable):
-        raise InputError(f"expected files of maps, got {short(repr(sources))}")
+        raise InputError(f"expected files of maps, got {shorten(repr(sources))}")
     found = [road_map for source in listed for file in _files(path(source)) for road_map in read_maps(file)]
     if not found:
         raise InputError("expected at least one map, got none")

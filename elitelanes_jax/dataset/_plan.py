@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
@@ -165,7 +165,7 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
             expected = (
-                f"{many(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
+                f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
             )
             raise InputError(
                 f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"

@@ -3,7 +3,6 @@
 import errno
 import json
 import runpy
-import uuid
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
@@ -19,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
@@ -254,16 +254,8 @@ def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     Raises:
       OSError: that names the file, if it cannot be written.
     """
-    suffix = file.suffix.lower()
-    aside = file.with_name(f".{file.stem}-{uuid.uuid4().hex[:8]}.part{suffix}")
-    try:
-        count = (_write_gif if suffix == ".gif" else _write_mp4)(aside, frames)
-        aside.replace(file)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(file)) from None
-    finally:
-        aside.unlink(missing_ok=True)
-    return count
+    with new_file(file) as part:
+        return (_write_gif if file.suffix.lower() == ".gif" else _write_mp4)(part, frames)
 
 
 def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import has_unfinished
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.unfinished import is_kept
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
@@ -223,19 +222,19 @@ def _read_run(folder: Path) -> _Finds:
     size = record.get("settings", {}).get("size") if isinstance(record.get("settings"), dict) else None
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
-        raise InputError(f"{folder}: expected maps of {short(json.dumps(size))}, as run.json says, got {got}")
+        raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
     return run._replace(record={key: record[key] for key in _RECORDED if key in record})
 
 
 def _read_record(file: Path) -> dict[str, Plain]:
     try:
-        record = parse_json(read_text(file, 32 * MIB))
+        record = read_json(file)
     except OSError:
-        unfinished = "; its search is not done, the same generate command continues it" * is_kept(file.parent)
+        unfinished = "; its search is not done, the same generate command continues it" * has_unfinished(file.parent)
         raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
-        raise InputError(f"{file}: expected the JSON of a run, got: {short(words)}") from None
+        raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
     if not isinstance(record, dict) or "versions" not in record:
         raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
     return record

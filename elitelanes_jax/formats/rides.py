@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.checks import check_grid
 

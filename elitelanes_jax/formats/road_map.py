@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
-from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
@@ -71,7 +70,7 @@ class RoadMap:
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
-                raise InputError(f"{name}: expected {expected}, got {short(json.dumps(value, default=repr))}")
+                raise InputError(f"{name}: expected {expected}, got {shorten(json.dumps(value, default=repr))}")
             object.__setattr__(self, name, value)
         object.__setattr__(self, "codes", codes)
         object.__setattr__(self, "seed", self.seed and tuple(self.seed))
@@ -174,11 +173,11 @@ def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
         raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
     if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError(f"format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
+        raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
     codes = _grid(values["codes"])
     shape = values.get("shape", list(codes.shape))
     if shape != list(codes.shape):
-        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {short(json.dumps(shape))}")
+        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {shorten(json.dumps(shape))}")
     return RoadMap(codes, **{name: values[name] for name in _FIELDS if name in values})
 
 
@@ -200,7 +199,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
         for y, row in enumerate(rows):
             for x, code in enumerate(row):
                 if not is_whole(code) or not 0 <= code <= 15:
-                    got = short(json.dumps(code))
+                    got = shorten(json.dumps(code))
                     raise InputError(f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}")
     return np.array(check_grid(rows))
 

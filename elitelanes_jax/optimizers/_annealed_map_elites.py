@@ -52,9 +52,9 @@ from elitelanes_jax.problem.archive import VACANT, Archive, empty_archive, inser
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_bins, niche_index
 from elitelanes_jax.problem.problem import Problem
 
-# What experiments/search/moves.md settled: the share of `refit_window` on small grids; the groups of isolated chains; among
-# how many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in
-# usual cycles, penalty of a bin and temperatures.
+# From experiments/search/moves.md: the share of `refit_window` on small grids; the groups of isolated chains; among how
+# many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in usual
+# cycles, penalty of a bin and temperatures.
 _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 

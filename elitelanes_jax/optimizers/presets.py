@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import TypeAlias, TypeVar
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.optimizers._annealed import (
@@ -115,14 +115,14 @@ def config_from_plain(plain: Plain) -> Config:
     """
     kinds = {kind.__name__: kind for kind in _FACTORIES}
     if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
-        raise InputError(f"config: expected a kind, one of {', '.join(kinds)}, got {short(repr(plain))}")
+        raise InputError(f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}")
     return _from_plain(kinds[plain["kind"]](), {name: value for name, value in plain.items() if name != "kind"})
 
 
 def _from_plain(default: R, plain: Plain) -> R:
     names = default.options()
     if not isinstance(plain, Mapping) or set(plain) != set(names):
-        raise InputError(f"config: expected {', '.join(names)}, got {short(repr(plain))}")
+        raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
     parts = {name: getattr(default, name) for name in names}
     nested = {name: _from_plain(part, plain[name]) for name, part in parts.items() if isinstance(part, Record)}
     return default.replace(**{**plain, **nested})

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.problem.features import FEATURES, SHARE_UNIT, SHARES, check_feature, feature_unit, is_share
@@ -156,7 +156,7 @@ def _range(source: str, name: UserValue, limits: UserValue, own: Collection[str]
         limits = [limit.strip() or None for limit in limits.split("..", 1)]
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
-        raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")
+        raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")
     if all(limit is None for limit in pair):
         raise InputError(f"{source}: expected at least one limit, got none")
     low, high = (None if limit is None else _limit(source, name, limit) for limit in pair)
@@ -171,13 +171,13 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
         # As a fraction 1e99999999 would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(f"{source}: expected a number, got {short(repr(limit))}") from None
+        raise InputError(f"{source}: expected a number, got {shorten(repr(limit))}") from None
     most = 1 if is_share(name) else LARGEST
     if not 0 <= number <= most:
         unit = " (a part of 1)" if is_share(name) else ""
-        raise InputError(f"{source}: expected 0 to {most:,}{unit}, got {short(text)}")
+        raise InputError(f"{source}: expected 0 to {most:,}{unit}, got {shorten(text)}")
     if feature_unit(name) == 1 and number.denominator != 1:
-        raise InputError(f"{source}: expected whole numbers, got {short(text)}")
+        raise InputError(f"{source}: expected whole numbers, got {shorten(text)}")
     # The third that 0.333333333 stands for; small denominators keep sums within 64 bits.
     return number.limit_denominator(10**6)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, LARGEST_FEATURE, TOWN_FEATURES, extra_names
@@ -33,18 +33,18 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     if features is None:
         return {}
     if not isinstance(features, Mapping):
-        raise InputError(f"features: expected kernels by name, got {short(repr(features))}")
+        raise InputError(f"features: expected kernels by name, got {shorten(repr(features))}")
     for name, kernel in features.items():
         if not isinstance(name, str) or not name.isidentifier():
-            raise InputError(f"features: expected names of letters, digits and _, got {short(repr(name), 40)}")
+            raise InputError(f"features: expected names of letters, digits and _, got {shorten(repr(name), 40)}")
         if name in (*FEATURES, *TOWN_FEATURES):
             raise InputError(f"features: expected names that no other feature has, got {name!r}")
         if not callable(kernel):
-            raise InputError(f"features: expected {name} to be a function of a grid, got {short(repr(kernel))}")
+            raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         made = jax.eval_shape(kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
-            got = short(repr(made), 60) if kind is None else f"{kind} of shape {made.shape}"
+            got = shorten(repr(made), 60) if kind is None else f"{kind} of shape {made.shape}"
             raise InputError(f"features: expected {name} to return an integer scalar, got {got}")
     return dict(features)
 

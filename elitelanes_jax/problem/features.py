@@ -11,7 +11,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.counts import COUNT_NAMES
 from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
@@ -125,8 +125,8 @@ def check_feature(source: str, name: UserValue, own: Collection[str] | None = ()
     known = (*FEATURES, *TOWN_FEATURES, *(own or ()))
     if name not in known:
         raise InputError(
-            f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
-            f"{likely(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
+            f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
+            f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
     return str(name)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST, check_unique
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
 
@@ -38,7 +38,7 @@ def parse_targets(targets: UserValue, own: Collection[str] = ()) -> tuple[Target
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-        raise InputError(f"targets: expected features with their values, got {short(repr(targets))}")
+        raise InputError(f"targets: expected features with their values, got {shorten(repr(targets))}")
     read = tuple(_target(pair, own) for pair in pairs)
     check_unique("targets", "feature", [target.name for target in read])
     if len({len(target.values) for target in read}) > 1:
@@ -86,14 +86,14 @@ def _target(pair: UserValue, own: Collection[str]) -> Target:
         name, values = pair
         values = [*values]
     except (TypeError, ValueError):
-        raise InputError(f"targets: expected a feature with its values, got {short(repr(pair))}") from None
+        raise InputError(f"targets: expected a feature with its values, got {shorten(repr(pair))}") from None
     check_feature("targets", name, own)
     most = 1 if is_share(name) else LARGEST
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise InputError(f"targets: {name}: expected numbers, got {short(repr(value))}")
+            raise InputError(f"targets: {name}: expected numbers, got {shorten(repr(value))}")
         if not 0 <= value <= most:
-            raise InputError(f"targets: {name}: expected 0 to {most:,}, got {short(repr(value))}")
+            raise InputError(f"targets: {name}: expected 0 to {most:,}, got {shorten(repr(value))}")
     if not values:
         raise InputError(f"targets: {name}: expected at least one value, got none")
     return Target(str(name), tuple(map(float, values)))

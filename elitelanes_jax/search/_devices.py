@@ -1,20 +1,16 @@
 """Rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.cores import count_cores
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import AnyArray, Pytree
-
-T = TypeVar("T")
 
 # Rows of one call on a device. With fewer rows the calls cost more than the rows; with more rows the memory grows, and
 # the time does not fall.
@@ -127,32 +123,6 @@ def join(parts: Sequence[Pytree], rows: int) -> Pytree:
         return np.concatenate(arrays)[:rows]
 
     return jax.tree.map(joined, *parts)
-
-
-def side_by_side(calls: Iterable[Callable[[], T]], *, leave: bool = False) -> list[T]:
-    """Calls functions at once, each in a thread, and returns their results in order.
-
-    Each call starts as soon as the iterable yields it. An error, or an interruption, is raised when all calls have
-    ended.
-
-    Args:
-      calls: the functions.
-      leave: whether an interruption is raised at once, so that the calls end by themselves.
-    """
-    if isinstance(calls, Sequence) and len(calls) == 1 and not leave:
-        return [calls[0]()]
-    pool = ThreadPoolExecutor(max_workers=1024)  # a thread starts only when a call needs it
-    left = False
-    try:
-        futures = [pool.submit(call) for call in calls]
-        for _ in as_completed(futures):  # an interruption is noticed whenever a call ends
-            pass
-        return [future.result() for future in futures]
-    except KeyboardInterrupt:
-        left = leave
-        raise
-    finally:
-        pool.shutdown(wait=not left)
 
 
 def _is_key(array: Pytree) -> bool:

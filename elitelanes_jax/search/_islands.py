@@ -12,7 +12,7 @@ from jax.sharding import PartitionSpec
 from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.checks import check_shape
@@ -72,14 +72,14 @@ def evolve_islands(
     """
     keys, impl, single = check_keys(jax.random.key(key) if is_whole(key) else key, None)
     if not single:
-        raise InputError(f"key: expected one key for all islands, got {many(len(keys), 'key')}")
+        raise InputError(f"key: expected one key for all islands, got {pluralize(len(keys), 'key')}")
     shape = check_shape(shape, new=True)
     spec, config, static, traced = prepare(spec, shape, config, None, features, options)
     check_named("islands", whole(1), islands)
     check_named("every", whole(1), every)
     devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
     if islands % len(devices):
-        raise InputError(f"islands: expected a multiple of {many(len(devices), 'device')}, got {islands}")
+        raise InputError(f"islands: expected a multiple of {pluralize(len(devices), 'device')}, got {islands}")
     optimizer = static.optimizer(traced)
     if optimizer.receive is None:
         raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")

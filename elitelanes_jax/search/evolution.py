@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import record
+from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.counts import COUNT_NAMES
@@ -35,7 +36,7 @@ from elitelanes_jax.problem.limits import check_ranges, find_limits
 from elitelanes_jax.problem.problem import Problem, road_problem
 from elitelanes_jax.problem.template import Template
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
-from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side
+from elitelanes_jax.search._devices import choose_devices, cut, join
 from elitelanes_jax.search._options import SearchOptions
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
@@ -171,17 +172,17 @@ def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     stats = jax.local_devices()[0].memory_stats()  # of an accelerator
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
     needed = 2 * states + _COMPILER
-    if free is None or needed <= free:
+    if needed <= free:
         return
     if free < _COMPILER:
         raise NotEnoughMemoryError(
             f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
         )
     fitting = (free - _COMPILER) * seeds // (2 * states)
-    fewer = f"{many(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
+    fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
-        f"not enough memory: {many(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} or "
-        f"more, and {in_gigabytes(free)} are free; {fewer} would fit"
+        f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
+        f"or more, and {in_gigabytes(free)} are free; {fewer} would fit"
     )
 
 
@@ -444,7 +445,7 @@ def _compile(search: _Search, *, starts: bool, runs: bool) -> None:
                 yield _advance.lower(static, traced, part, inputs, np.int32(0), np.int32(0)).compile
 
     # In threads, as an interruption does not wait for those.
-    side_by_side(compilers(), leave=True)
+    side_by_side(compilers(), wait=False)
     _COMPILED.add(needed)
 
 

@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, UInt32
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.counts import Metrics
@@ -295,7 +295,7 @@ def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Ax
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("a file without its settings")
     if settings["format"] != _FORMAT:
-        raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
+        raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
     try:
         spec = SearchSpec.from_plain(settings["search"])
         config = None if spec.method == CUSTOM else config_from_plain(settings["config"])

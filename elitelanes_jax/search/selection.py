@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
@@ -60,7 +60,7 @@ class Choice(NamedTuple):
         reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
         if self.alike:
             reasons.append(f"{self.alike} like another when rotated or mirrored")
-        found = f"found {len(self.maps)} of {many(wanted, 'map')} among {many(self.found, 'elite')}"
+        found = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
         return f"{found} ({', '.join(reasons)})" if reasons else found
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:

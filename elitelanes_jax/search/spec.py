@@ -9,7 +9,7 @@ from typing import Unpack
 import numpy as np
 
 from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, split_settings, whole
-from elitelanes_jax._util.errors import InputError, likely, many, short
+from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
@@ -60,11 +60,11 @@ def check_features(features: UserValue) -> tuple[str, ...]:
       InputError: for a value that is not names, a name given twice, or the name of another feature.
     """
     if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError(f"features: expected names, got {short(repr(features))}")
+        raise InputError(f"features: expected names, got {shorten(repr(features))}")
     names = check_unique("features", "name", map(name, features))
     for one in names:
         if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
-            raise InputError(f"features: expected names that no other feature has, got {short(repr(one), 40)}")
+            raise InputError(f"features: expected names that no other feature has, got {shorten(repr(one), 40)}")
     return tuple(names)
 
 
@@ -95,19 +95,19 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
     try:
         metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     except (TypeError, ValueError):
-        raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
+        raise InputError(f"weights: expected weights such as 'bridges=300', got {shorten(repr(weight))}") from None
     metric = metric.strip() if isinstance(metric, str) else metric
     known = (*Weights._fields, *TOWN_FEATURES, *own)
     if metric not in known:
         raise InputError(
-            f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
-            f"{likely(metric, known)} (there are {', '.join(known)})"
+            f"weights: expected a metric such as dead_ends, or constant, got {shorten(repr(metric), 40)}"
+            f"{suggest(metric, known)} (there are {', '.join(known)})"
         )
     try:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:
         text = weight if isinstance(weight, str) else f"{metric}={number}"
-        raise InputError(f"weights: expected NAME=N with a whole number, got {short(repr(text), 40)}") from None
+        raise InputError(f"weights: expected NAME=N with a whole number, got {shorten(repr(text), 40)}") from None
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
@@ -133,7 +133,7 @@ def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]
     if isinstance(large, SearchSpec):
         large = {name: value for name, value in large._given.items() if name not in _NOT_OF_LARGE}
     if not isinstance(large, Mapping):
-        raise InputError(f"expected options by their names, got {short(repr(large))}")
+        raise InputError(f"expected options by their names, got {shorten(repr(large))}")
     return _check_options(large, own, without=_NOT_OF_LARGE)
 
 
@@ -236,13 +236,13 @@ class SearchSpec(Record):
           InputError: for a missing or unknown option, or a wrong value.
         """
         if not isinstance(plain, Mapping) or set(plain) != set(cls.options()):
-            raise InputError(f"search: expected all options of a search, got {short(repr(plain))}")
+            raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
         rest = {"style": none_or(name)(plain["style"]), "large": None}
         values = {name: value for name, value in plain.items() if name not in rest}
         values = _check_options(values, check_features(values["features"])) | rest
         if (large := plain["large"]) is not None:
             if not isinstance(large, Mapping):
-                raise InputError(f"large: expected options by their names, got {short(repr(large))}")
+                raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
             values["large"] = cls.from_plain({**plain, **large, "large": None})
         return _empty()._fill(values)
 
@@ -294,7 +294,7 @@ class SearchSpec(Record):
             raise InputError(f"fill: expected none with the rules of {self.rules}, which leave cells empty, got True")
         if self.initial and (self.method, self.preset) == ("pso", "paper"):
             expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
-            raise InputError(f"initial: expected {expected}, got {many(len(self.initial), 'grid')}")
+            raise InputError(f"initial: expected {expected}, got {pluralize(len(self.initial), 'grid')}")
 
     def check_on(self, shape: tuple[int, int], name: str = "size") -> None:
         """Checks the options for grids ``(height, width)``; a search does so before it starts.

@@ -6,8 +6,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, likely, reason, short
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.errors import InputError, reason, shorten, suggest
+from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
 FOLDER = Path(__file__).parent / "styles"
@@ -46,7 +46,7 @@ def read_style(style: UserValue) -> Style:
     text = str(style) if isinstance(style, str | Path) else ""
     if not text.endswith(".toml") and text not in STYLES:
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError(f"style: expected {names}, got {short(repr(style), 40)}{likely(text, STYLES)}")
+        raise InputError(f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}")
     return _read(Path(text)) if text.endswith(".toml") else _read_own(text)
 
 
@@ -62,7 +62,7 @@ def _read(file: Path) -> Style:
     except OSError as error:
         raise InputError(f"style {text!r}: {reason(error)}") from None
     except ValueError as error:  # of TOML, or of UTF-8
-        raise InputError(f"style {text!r}: expected TOML, got {short(str(error))}") from None
+        raise InputError(f"style {text!r}: expected TOML, got {shorten(str(error))}") from None
 
 
 def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:

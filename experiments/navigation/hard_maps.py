@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, Result, evolve
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.drive import ambiguity

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.problem import Axis
 from elitelanes_jax.tiles import load_tiles, render
 from experiments.common import save, table

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from elitelanes_jax import InputError, __version__
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.threads import count_cores
 from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.search import use_compile_cache

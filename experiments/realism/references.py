@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats import read_map, without_dead_ends
 from elitelanes_jax.network import SIDE_TOWARDS, canonical_form

@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, Result, evolve
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.formats import read_map

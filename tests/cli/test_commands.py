@@ -271,7 +271,7 @@ def test_folders_that_are_not_new_are_left_alone(tmp_path, capsys):
     for out, message in (
         (tmp_path, "expected a folder that is new or empty, got one with files in it"),
         (tmp_path / "file", "expected a folder that is new or empty, got a file"),
-        (tmp_path / "file" / "out", "out: expected a place that can be written to"),
+        (tmp_path / "file" / "out", "out: expected a path that can be written to"),
     ):
         for command in (["generate"], ["render", str(default_tiles())]):
             if command == ["render", str(default_tiles())]:

@@ -81,17 +81,17 @@ def test_what_is_to_be_replaced_stays_where_the_new_run_fails(folder, monkeypatc
     before = files(folder)
     assert main([*SMALL, "--maps", "999", "--force", "--out", str(folder)]) == 1
     assert files(folder) == before
-    usual, moved = Path.replace, []
+    usual, moved = Path.rename, []
 
-    def replace(self, target):
+    def rename(self, target):
         moved.append(self)
-        if len(moved) == 6:  # four old entries have gone aside, and one new one has its place
+        if len(moved) == 8:  # the files are complete, four old entries are moved out, and a new one is in
             raise OSError(28, os.strerror(28), str(target))
         return usual(self, target)
 
-    monkeypatch.setattr(Path, "replace", replace)
+    monkeypatch.setattr(Path, "rename", rename)
     assert main([*SMALL, "--maps", "2", "--force", "--out", str(folder)]) == 2
-    assert len(moved) > 6
+    assert len(moved) > 8
     assert files(folder) == before
     assert [entry.name for entry in folder.parent.iterdir()] == ["out"]
 
@@ -118,7 +118,7 @@ def test_what_is_read_is_not_replaced_through_a_link_either(through, folder, cap
     link.symlink_to({"folder": folder, "file": folder / "archive.npz", "out": folder}[through])
     source = {"folder": link / "archive.npz", "file": link, "out": folder / "archive.npz"}[through]
     out = link if through == "out" else folder
-    words = f"{out}: expected a folder to replace that holds none of the inputs, got one with {source}"
+    words = f"{out}: expected a folder to replace that contains no input, got one with {source}"
     assert main(["pick", str(source), "--maps", "2", "--out", str(out), "--force-archive"]) == 2
     assert capsys.readouterr().err == f"elitelanes: {words}\n"
     with pytest.raises(InputError, match=re.escape(words)):
@@ -149,7 +149,7 @@ def test_no_part_is_replaced_by_what_it_is_merged_into(tmp_path, capsys):
     for number, part in enumerate(parts, start=1):
         assert main([*SMALL, "--part", f"{number}/2", "--out", str(part)]) == 0
     before = files(tmp_path)
-    words = f"{parts[0]}: expected a folder to replace that holds none of the inputs, got one with {parts[0]}"
+    words = f"{parts[0]}: expected a folder to replace that contains no input, got one with {parts[0]}"
     assert main(["merge", *map(str, parts), "--out", str(parts[0]), "--force"]) == 2
     assert capsys.readouterr().err == f"elitelanes: {words}\n"
     with pytest.raises(InputError, match=re.escape(words)):
