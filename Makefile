@@ -29,7 +29,7 @@ notebooks: $(READY)
 # The explorer's module is built anew; it differs from the one in the package only where a change was not built.
 # Then the page and the widget are clicked through, in Chromium and JupyterLab.
 explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
-	cd explorer && npm run --silent check && node build.mjs ../$(BUILT)
+	cd explorer && npm run --silent check && npm run --silent test && node build.mjs ../$(BUILT)
 	diff -r $(BUILT) elitelanes_jax/explorer/static
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py
 
@@ -110,40 +110,40 @@ docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(SITE)
 
 benchmark: $(READY)
-	$(BIN)/python experiments/benchmark.py
+	$(BIN)/python -m experiments.search.speed
 
 compare: $(READY)
-	$(BIN)/python experiments/compare.py
+	$(BIN)/python -m experiments.paper.compare
 
 scaling: $(READY)
-	$(BIN)/python experiments/scaling.py
+	$(BIN)/python -m experiments.paper.scaling
 
 optimum: $(READY)
-	$(BIN)/python experiments/optimum.py
+	$(BIN)/python -m experiments.search.optimum
 
 certify: $(READY)
-	$(BIN)/python experiments/certify.py --out results/certificates.json --table results/certificates.md
+	$(BIN)/python -m experiments.search.certify --out results/certificates.json --table results/certificates.md
 
 segmentation: $(READY)
-	$(BIN)/python experiments/segmentation.py
+	$(BIN)/python -m experiments.perception.segmentation
 
 realism: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism]'
-	$(BIN)/python experiments/realism.py
+	$(BIN)/python -m experiments.realism.study
 
 # Maps of SUMO's generator in place of ours.
 references: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism,sumo]'
-	$(BIN)/python experiments/realism.py --styles netgenerate-grid netgenerate-rand --out results/references
+	$(BIN)/python -m experiments.realism.study --styles netgenerate-grid netgenerate-rand --out results/references
 
 navigation: $(READY)
-	$(BIN)/python experiments/navigation.py
+	$(BIN)/python -m experiments.navigation.study
 
 throughput: $(READY)
-	$(BIN)/python experiments/throughput.py
+	$(BIN)/python -m experiments.perception.throughput
 
 driving-speed: $(READY)
-	$(BIN)/python experiments/driving_speed.py
+	$(BIN)/python -m experiments.navigation.speed
 
 clean:
 	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-rl .venv-sumo $(DEMO) $(SITE)

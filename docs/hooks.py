@@ -1,16 +1,20 @@
-"""Makes links out of this folder work on the site as they do in a checkout.
+"""Builds the parts of the site that are not written by hand.
 
-Files elsewhere in the repository that pages link to become part of the site: pages with the files that they link to,
-notebooks as pages with their outputs. A link to a module of the package leads to its place in the reference, and so do
-names in the reference, such as `evolve`. The page on the explorer leads to a live one.
+Links out of this folder work on the site as they do in a checkout: files that pages link to become part of the site,
+notebooks as pages with their outputs. A link to a file of the package leads to the reference page of its room. The
+reference is made from the rooms' lists of public names: a room's page shows each of them, and names between backticks
+become links. The page on the explorer leads to a live one.
 """
 
-import ast
 import os
 import re
+from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
+import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -26,7 +30,9 @@ _LINK = re.compile(r"\[([^\]]*)\]\(([^)#:\s]+)(#[^)\s]*)?\)")
 
 _LIVE = "explore-live.html"
 
-_NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # but for parameters, which are bold, and links
+_DIRECTIVE = re.compile(r"^::: (elitelanes_jax\S*)$", re.MULTILINE)
+
+_NAME = re.compile(r'(?<![b"]>)<code>(\w+)</code>')  # parameters are bold, and links have their target already
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -56,10 +62,12 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Replaces the links on a page by links to the places of their targets on the site."""
+    """Writes out the reference's directives, and replaces links by links to the same files on the site."""
     if page.file.src_uri == "explore.md":
         live = f'<p><a href="{_LIVE}">Open the explorer of the run in the picture, live.</a></p>'
         markdown = markdown.replace("![", f"{live}\n\n![", 1)
+    markdown = _DIRECTIVE.sub(lambda found: _reference(found[1]), markdown)
+    here = Path(page.file.src_uri).parent
     source = Path(page.file.abs_src_path or ROOT / page.file.src_uri)  # a notebook's page has no file
 
     def replaced(found: re.Match[str]) -> str:
@@ -68,10 +76,12 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         if not target.exists() or not target.is_relative_to(ROOT):
             return found[0]
         if target.is_relative_to(PACKAGE):
-            return f"[{text}][{'.'.join(target.relative_to(ROOT).with_suffix('').parts)}]"
+            room = target.relative_to(PACKAGE).parts[0].partition(".")[0].replace("__init__", "index")
+            listed = DOCS / "reference" / f"{room}.md"
+            return f"[{text}]({os.path.relpath(_place(listed), here)})" if listed.exists() else text
         if target.is_dir():
             return text  # the site shows no folders
-        return f"[{text}]({os.path.relpath(_place(target), Path(page.file.src_uri).parent)}{anchor})"
+        return f"[{text}]({os.path.relpath(_place(target), here)}{anchor})"
 
     return _LINK.sub(replaced, markdown)
 
@@ -80,28 +90,51 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
     """Makes links of the package's names that docstrings have between backticks."""
 
     def linked(found: re.Match[str]) -> str:
-        home = _homes().get(found[1])
-        return f'<autoref identifier="{home}" optional>{found[0]}</autoref>' if home else found[0]
+        path = _paths().get(found[1])
+        return f'<autoref identifier="{path}" optional>{found[0]}</autoref>' if path else found[0]
 
     return _NAME.sub(linked, html) if page.file.src_uri.startswith("reference/") else html
 
 
+def _reference(path: str) -> str:
+    """Returns the Markdown of a directive: the names of a room in full, or tables of the whole package."""
+    face = import_module(path)
+    if path != "elitelanes_jax":
+        names = getattr(face, "__all__", None)
+        return "\n\n".join([face.__doc__ or "", *(f"::: {path}.{name}" for name in names)]) if names else f"::: {path}"
+    rooms = [name for name in face.__all__ if isinstance(getattr(face, name), ModuleType)]
+    others = [name for name in face.__all__ if name not in [*rooms, "__version__"]]
+    own = [name for name in others if _paths()[name] == f"{path}.{name}"]
+    return "\n\n".join(
+        [
+            _table((f"[`{name}`][{_paths()[name]}]", name) for name in others if name not in own),
+            "Each room has a page:",
+            _table((f"[{name}]({name}.md)", name) for name in rooms),
+            *(f"::: {path}.{name}" for name in own),
+        ]
+    )
+
+
+def _table(rows: Iterator[tuple[str, str]]) -> str:
+    return "\n".join(["| | |", "|---|---|", *(f"| {link} | {_first_sentence(name)} |" for link, name in rows)])
+
+
+def _first_sentence(name: str) -> str:
+    docstring = _package()[name].docstring
+    return re.split(r"(?<=\.)\s|\n\n", docstring.value if docstring else "")[0].replace("\n", " ")
+
+
 @cache
-def _homes() -> dict[str, str]:
-    """Returns the full names of public functions and classes, but for names that are also arguments or fields."""
-    homes: dict[str, str] = {}
-    ambiguous: set[str] = set()
-    for file in sorted(PACKAGE.rglob("*.py")):
-        module = ".".join(file.relative_to(ROOT).with_suffix("").parts)
-        tree = ast.parse(file.read_text(encoding="utf-8"))
-        ambiguous |= {node.arg for node in ast.walk(tree) if isinstance(node, ast.arg)}
-        for node in tree.body:
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-                ambiguous |= {node.name} & set(homes)
-                homes[node.name] = f"{module}.{node.name}"
-                fields = [field.target for field in node.body if isinstance(field, ast.AnnAssign)]
-                ambiguous |= {field.id for field in fields if isinstance(field, ast.Name)}
-    return {name: home for name, home in homes.items() if name not in ambiguous}
+def _package() -> griffe.Object | griffe.Alias:
+    return griffe.load("elitelanes_jax", search_paths=[str(ROOT)])
+
+
+@cache
+def _paths() -> dict[str, str]:
+    """Returns the public paths of all names, by name: in its room if it has one."""
+    top = import_module("elitelanes_jax")
+    rooms = [getattr(top, name) for name in top.__all__ if isinstance(getattr(top, name), ModuleType)]
+    return {name: f"{face.__name__}.{name}" for face in (top, *rooms) for name in getattr(face, "__all__", ())}
 
 
 def _joins_site(target: Path) -> bool:

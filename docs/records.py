@@ -28,7 +28,9 @@ def _plain_default(value: str | Expr | None) -> str | Expr | None:
     if not isinstance(value, ExprCall):
         return value
     declaration, first = str(value.function), next(iter(value.arguments), None)
-    return first if declaration in ("option", "nested", "static", "traced") else value
+    if declaration not in ("option", "nested", "static", "traced"):
+        return value
+    return None if str(first) == "REQUIRED" else first
 
 
 def _add_init(cls: Class) -> None:

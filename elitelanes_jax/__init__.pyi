@@ -10,12 +10,12 @@ from . import plots as plots
 from . import problem as problem
 from . import search as search
 from . import tiles as tiles
-from ._util.cores import use_cores as use_cores
 from ._util.errors import InputError as InputError
 from ._util.errors import MissingPackageError as MissingPackageError
 from ._util.errors import NotEnoughMapsError as NotEnoughMapsError
 from ._util.errors import NotEnoughMemoryError as NotEnoughMemoryError
-from ._util.version import __version__ as __version__
+from ._util.packages import __version__ as __version__
+from ._util.threads import use_cores as use_cores
 from .dataset.make import make_dataset as make_dataset
 from .dataset.spec import DatasetSpec as DatasetSpec
 from .explorer.page import explore as explore

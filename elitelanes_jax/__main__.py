@@ -17,6 +17,8 @@ def run() -> None:
             signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
     # Most of what is allocated while modules load and JAX traces is kept: to look for garbage is a fifth of the time.
     gc.set_threshold(100_000)
+    for name, level in (("OPENCV_LOG_LEVEL", "SILENT"), ("OPENCV_FFMPEG_LOGLEVEL", "-8")):
+        os.environ.setdefault(name, level)  # a line for each frame of a film on a full disk: the command says it in one
     from elitelanes_jax.cli.program import leave
 
     leave(_main)

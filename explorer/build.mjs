@@ -25,7 +25,10 @@ await build({
 
 // The chart's styles keep to the explorer's element, as all others do.
 await build({
-  stdin: { contents: `.elx{${read("node_modules/uplot/dist/uPlot.min.css")}}\n${read("src/style.css")}`, loader: "css" },
+  stdin: {
+    contents: `.elx{${read("node_modules/uplot/dist/uPlot.min.css")}}\n${read("src/style.css")}`,
+    loader: "css",
+  },
   outfile: `${folder}/explorer.css`,
   target: ["chrome111", "firefox113", "safari16.4"],
   minify: true,

@@ -3,6 +3,7 @@
 import ctypes
 import gc
 import os
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,17 @@ from pathlib import Path
 import jax
 import jaxtyping
 
+
+def known_to_jax(*options: str) -> str:
+    """Returns the options of XLA that the JAX at hand knows: an unknown one ends the process."""
+    start = [sys.executable, "-c", "import jax; jax.devices()"]
+    trials = {
+        option: subprocess.Popen(start, env=os.environ | {"XLA_FLAGS": option}, stderr=subprocess.DEVNULL)
+        for option in options
+    }
+    return " ".join(option for option, trial in trials.items() if trial.wait() == 0)
+
+
 # The programs of a session go to a folder of its own, which all workers and the commands that tests start share: what
 # one has compiled another only loads. A test runs a program a few times, so compiling sooner is worth more than speed:
 # without optimisation and MLIR it takes half the time, for the same results. Slow proofs compile as users do.
@@ -19,9 +31,10 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     folder = tempfile.TemporaryDirectory(prefix="elitelanes-tests-", ignore_cleanup_errors=True)
     os.environ["XDG_CACHE_HOME"] = folder.name
     if "slow" not in sys.argv:
-        os.environ["XLA_FLAGS"] = (
-            "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false "
-            "--xla_cpu_parallel_codegen_split_count=1"
+        os.environ["XLA_FLAGS"] = known_to_jax(
+            "--xla_backend_optimization_level=0",
+            "--xla_cpu_use_fusion_emitters=false",
+            "--xla_cpu_parallel_codegen_split_count=1",
         )
     os.environ["MALLOC_ARENA_MAX"] = "2"  # the compiler's threads would each keep memory of their own
 jax.config.update("jax_compilation_cache_dir", str(Path(os.environ["XDG_CACHE_HOME"]) / "elitelanes_jax"))

@@ -1,9 +1,29 @@
 """Helpers for tests of written pages."""
 
+import json
 import re
 import shlex
+from pathlib import Path
 
-__all__ = ["blocks", "commands", "run_program"]
+__all__ = ["READERS", "blocks", "commands", "programs", "run_program"]
+
+ROOT = Path(__file__).parents[1]
+# What readers copy from: only public names are used there.
+READERS = [
+    *ROOT.glob("*.md"),
+    *(file for room in ("docs", "notebooks", "experiments") for file in (ROOT / room).rglob("*.*")),
+]
+
+
+def programs(file):
+    """Returns the Python in a file: a module, the cells of a notebook, or the blocks of a page."""
+    if file.suffix == ".py":
+        return [file.read_text(encoding="utf-8")]
+    if file.suffix == ".ipynb":
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        sources = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+        return ["".join(line for line in source if not line.startswith(("%", "!"))) for source in sources]
+    return [text for _, text in blocks(file.read_text(encoding="utf-8"), "python")] if file.suffix == ".md" else []
 
 
 def blocks(text, *languages):

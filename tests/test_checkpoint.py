@@ -16,8 +16,7 @@ import pytest
 from killed_runs import digest
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
-from elitelanes_jax._util.locks import locked
-from elitelanes_jax._util.unfinished import is_kept
+from elitelanes_jax._util.folders import has_unfinished, locked
 from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.search import evolution as search
@@ -99,7 +98,7 @@ def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
         rest = run(generations=5, state=half.state, checkpoint=tmp_path / "rest")
         chex.assert_trees_all_equal(rest.elites, whole.elites)
         assert rest.history.generation.tolist() == [131, 132, 133, 134, 135]
-    with pytest.raises(InputError, match="expected results of after 0, got some of 130"):
+    with pytest.raises(InputError, match="expected results with after 0, got results with 130"):
         run(checkpoint=tmp_path / "rest")
 
 
@@ -157,13 +156,16 @@ def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monke
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"method": "map-elites"}, "expected results of method 'map-elites', got some of 'ea'; take another folder"),
-        ({"weights": {"bridges": 3}}, "expected results of bridges 3, got some of None"),
-        ({"fill": False}, "expected results of fill False, got some of None"),
+        (
+            {"method": "map-elites"},
+            "expected results with method 'map-elites', got results with 'ea'; use",
+        ),
+        ({"weights": {"bridges": 3}}, "expected results with bridges 3, got results with None"),
+        ({"fill": False}, "expected results with fill False, got results with None"),
         ({"generations": 100}, "expected a search of 100 generations at most, got 135 done"),
-        ({"shape": (6, 5)}, r"expected results of size \[6, 5\], got some of \[5, 6\]"),
-        ({"key": KEYS[:2]}, "expected results of seeds 2, got some of 3"),
-        ({"key": KEYS[::-1]}, "expected results of keys '"),
+        ({"shape": (6, 5)}, r"expected results with size \[6, 5\], got results with \[5, 6\]"),
+        ({"key": KEYS[:2]}, "expected results with seeds 2, got results with 3"),
+        ({"key": KEYS[::-1]}, "expected results with keys '"),
         ({"every": -1}, "every: expected a number, 0 or more, got -1"),
     ],
 )
@@ -179,7 +181,7 @@ def test_the_checkpoint_of_another_search_is_refused(change, message, kept, tmp_
 
 def test_a_checkpoint_of_another_version_is_refused(kept, tmp_path, monkeypatch):
     monkeypatch.setattr(search, "installed_versions", lambda: {"jax": "0.1"})
-    with pytest.raises(InputError, match="expected results of jax '0.1', got some of '"):
+    with pytest.raises(InputError, match="expected results with jax '0.1', got results with '"):
         run(checkpoint=shutil.copytree(kept[-1], tmp_path / "folder"))
 
 
@@ -195,7 +197,7 @@ def test_folders_in_use_damaged_or_no_folders_are_refused(kept, tmp_path):
     with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got one that does not hold"):
         run(checkpoint=folder)
     assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
-    with pytest.raises(InputError, match=r"result.npz: expected a place that can be written to"):
+    with pytest.raises(InputError, match=r"result.npz: expected a path that can be written to"):
         run(checkpoint=folder / "result.npz")
 
 
@@ -227,14 +229,14 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     generate(SMALL, tmp_path / "whole")
     monkeypatch.setattr("elitelanes_jax.search._checkpoint._WORTH_KEEPING", 0)
     monkeypatch.setattr(importlib.import_module("elitelanes_jax.maps.generation"), "_WORTH_KEEPING", 0)
-    out, hidden = tmp_path / "out", tmp_path / ".out-search"
+    out, hidden = tmp_path / "out", tmp_path / ".out-unfinished"
     with monkeypatch.context() as patch:
         interrupt_at(patch, 4)
         with pytest.raises(KeyboardInterrupt):
             generate(SMALL, out)
-    assert is_kept(out)
+    assert has_unfinished(out)
     with pytest.raises(
-        InputError, match=r"\.out-search/search: expected results of seeds 2, got some of 3; take another"
+        InputError, match=r"out: expected results with seeds 2, got results with 3; delete .*\.out-unfinished to start"
     ):
         generate(SMALL.replace(seeds=2), out)
     with locked(hidden, out), pytest.raises(InputError, match="out: expected no other run at work"):
@@ -244,10 +246,10 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             generate(SMALL, out)
     with monkeypatch.context() as patch:  # when the folder comes to its place
-        patch.setattr(Path, "replace", full_disk)
+        patch.setattr(Path, "rename", full_disk)
         with pytest.raises(OSError, match="No space"):
             generate(SMALL, out)
-    assert sorted(file.name for file in tmp_path.iterdir()) == [".out-search", "whole"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == [".out-unfinished", "whole"]
     with monkeypatch.context() as patch:
         patch.setattr(search, "_advance", None)
         with pytest.raises(NotEnoughMapsError, match=r"found \d+ of 60 maps"):
@@ -258,21 +260,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     assert json.loads((out / "run.json").read_text())["times"]["seconds"]["evolve"] > 0
 
 
-def test_generate_without_a_place_for_the_search(tmp_path, monkeypatch):
-    make = Path.mkdir
-
-    def refuse(path, *arguments, **options):
-        if path.name == ".out-search":
-            raise PermissionError(13, "Permission denied", str(path))
-        make(path, *arguments, **options)
-
-    (tmp_path / "out").mkdir()
-    monkeypatch.setattr(Path, "mkdir", refuse)
-    assert len(generate(SMALL, tmp_path / "out")) == 2
-    assert [file.name for file in tmp_path.iterdir()] == ["out"]
-
-
-REPLACE = Path.replace
+RENAME = Path.rename
 
 
 def interrupt():
@@ -280,9 +268,9 @@ def interrupt():
 
 
 def full_disk(path, target):
-    if path.name.startswith(".out-") and path.is_dir():
+    if path.parent.name.startswith(".out-"):
         raise OSError(28, "No space left on device", str(path))
-    return REPLACE(path, target)
+    return RENAME(path, target)
 
 
 def killed(out, kills, seed):

@@ -59,7 +59,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
     assert str(error.value) == "part 3 of 3: expected a worker to run it, got RuntimeError: the machine is gone"
     assert executor.ran == [1, 2, 3] and not out.exists()
 
-    with Lossy() as executor, pytest.raises(InputError, match="expected results of seed 1, got some of 0"):
+    with Lossy() as executor, pytest.raises(InputError, match="expected results with seed 1, got results with 0"):
         generate_on(executor, SPEC.replace(seed=1), out)
     assert executor.ran == []
 
@@ -73,7 +73,7 @@ def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
 def test_bad_requests_are_refused_before_anything_runs(tmp_path):
     out = tmp_path / "maps"
     with Lossy() as executor:
-        with pytest.raises(InputError, match="^part: expected none where workers run all the parts, got 1/2$"):
+        with pytest.raises(InputError, match="^part: expected none, because workers run all the parts, got 1/2$"):
             generate_on(executor, SPEC.replace(part=(1, 2)), out)
         with pytest.raises(InputError, match="none: expected a folder of tile pictures"):
             generate_on(executor, SPEC.replace(tiles=tmp_path / "none"), out)
@@ -152,8 +152,8 @@ def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            parts = tmp_path / ".maps-search" / "search"
-            while not list(parts.glob(".[1-4]-search")):
+            parts = tmp_path / ".maps-unfinished" / "kept"
+            while not list(parts.glob(".[1-4]-unfinished")):
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)
@@ -188,7 +188,7 @@ def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            while len(list(out.glob(".unfinished/records/*/*.json"))) < 50:
+            while len(list(tmp_path.glob(".many-unfinished/kept/records/*/*.json"))) < 50:
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)

@@ -15,14 +15,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax._util import cores
-from elitelanes_jax._util.cores import use_cores
+from elitelanes_jax._util import threads
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.threads import side_by_side, use_cores
 from elitelanes_jax.cli.main import make_parser
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.search import _devices as devices
-from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side, spread
+from elitelanes_jax.search._devices import choose_devices, cut, join, spread
 from elitelanes_jax.search.evolution import evolve
 
 CPU = jax.devices("cpu")[0]
@@ -153,7 +153,7 @@ def test_errors_and_interruptions_come_when_all_have_ended_or_are_left():
             side_by_side([work, interrupt, work])
         assert len(ended) == 3
         with pytest.raises(KeyboardInterrupt):
-            side_by_side([work, interrupt], left=True)
+            side_by_side([work, interrupt], wait=False)
     finally:
         signal.signal(signal.SIGINT, before)
     assert len(ended) == 3
@@ -184,12 +184,12 @@ def test_arrays_that_cannot_be_spread_are_refused(arrays):
 
 
 def test_devices_are_cores_by_default():
-    assert choose_devices() == [CPU] * cores.count_cores()
+    assert choose_devices() == [CPU] * threads.count_cores()
     assert choose_devices(3) == choose_devices([CPU] * 3) == [CPU] * 3
 
 
 def test_fewer_cores_on_request(monkeypatch):
-    monkeypatch.setattr(cores, "_most", None)  # put back after the test
+    monkeypatch.setattr(threads, "_limit", None)  # put back after the test
     there = choose_devices()
     make_parser().parse_args(["generate", "--cores", "1", "--out", "maps"])
     assert choose_devices() == [CPU]

@@ -1,14 +1,13 @@
-"""The house: imports between rooms go one way, each room says what is public, and only what is needed is loaded."""
+"""The house: imports between rooms go one way, rooms say what is public, and nothing is loaded without need."""
 
 import ast
-import json
-import re
 import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from pages import READERS, programs
 
 import elitelanes_jax
 
@@ -20,11 +19,6 @@ MODULES = {
 }
 FACES = [name for name, file in MODULES.items() if file.with_suffix(".pyi").exists()]
 TREES = {name: ast.parse(file.read_text(encoding="utf-8")) for name, file in MODULES.items()}
-# Where only public names are used: what readers copy.
-READERS = [
-    *REPOSITORY.glob("*.md"),
-    *(file for room in ("docs", "notebooks", "experiments") for file in (REPOSITORY / room).rglob("*.*")),
-]
 
 
 def imported(tree: ast.AST):
@@ -34,18 +28,6 @@ def imported(tree: ast.AST):
             yield from ((node.module, name.name) for name in node.names)
         elif isinstance(node, ast.Import):
             yield from ((name.name, "*") for name in node.names if name.name.split(".")[0] == PACKAGE.name)
-
-
-def programs(file: Path):
-    """The Python in a file: a module, the cells of a notebook, the blocks of a page."""
-    if file.suffix == ".py":
-        yield file.read_text(encoding="utf-8")
-    elif file.suffix == ".ipynb":
-        for cell in json.loads(file.read_text(encoding="utf-8"))["cells"]:
-            if cell["cell_type"] == "code":
-                yield "".join(line for line in cell["source"] if not line.startswith(("%", "!")))
-    elif file.suffix == ".md":
-        yield from re.findall(r"```python\n(.*?)```", file.read_text(encoding="utf-8"), re.DOTALL)
 
 
 def test_imports_keep_the_contracts():

@@ -156,9 +156,10 @@ def test_ribs_solutions_stand_for_grids(problem, grids, evaluate):
 
 
 def axes_and_points():
-    """Hypothesis: axes, and descriptors inside and beyond them."""
-    axis = st.builds(Axis, st.just("cyclomatic"), st.integers(1, 9), st.integers(1, 400), st.integers(-5, 50))
-    return st.lists(axis, min_size=1, max_size=4).flatmap(
+    """Hypothesis: axes of different metrics, and descriptors inside and beyond them."""
+    numbers = st.integers(1, 9), st.integers(1, 400), st.integers(-5, 50), st.none()
+    axis = st.builds(Axis, st.sampled_from(["cyclomatic", "crossings", "turns", "bridges"]), *numbers)
+    return st.lists(axis, min_size=1, max_size=4, unique_by=lambda axis: axis.metric).flatmap(
         lambda axes: st.tuples(
             st.just(tuple(axes)),
             st.lists(st.tuples(*[st.integers(-10, 4000) | st.integers(0, 2**26)] * len(axes)), min_size=1),

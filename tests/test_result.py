@@ -10,12 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.optimizers._ea import ea
-from elitelanes_jax.optimizers._population import EvolutionConfig
-from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, EvolutionConfig, MapElitesConfig, Optimizer, ea
+from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import METHODS, SearchSpec
@@ -34,10 +35,10 @@ def result():
 
 
 def same(one, other):
-    assert (one.spec, one.axes) == (other.spec, other.axes)
-    for kept, given in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
-        np.testing.assert_array_equal(kept, given)
-        assert kept.dtype == given.dtype
+    assert (one.spec, one.axes, one.config) == (other.spec, other.axes, other.config)
+    for kept, first in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(kept, first)
+        assert kept.dtype == first.dtype
 
 
 def test_what_is_saved_is_loaded(result, tmp_path):
@@ -116,6 +117,111 @@ def test_a_state_of_ones_own_is_saved_and_one_with_keys_refused(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["arrays.npz"]
 
 
+class Factory:
+    """A factory that is an object."""
+
+    def __call__(self, problem):
+        return counting(problem)
+
+
+CONFIGS = [*PRESETS.values(), MapElitesConfig(EvolutionConfig(tile_rate=0.3)), AnnealedGwoConfig(leaders=2)]
+
+
+@pytest.mark.parametrize(
+    ("made_by", "method", "preset"),
+    [
+        ({"method": "ea", "preset": "paper"}, "ea", "paper"),
+        ({"config": MapElitesConfig()}, "map-elites", "paper"),
+        ({"config": MapElitesConfig(parents="archive")}, "map-elites", "standard"),
+        ({"config": EvolutionConfig(tile_rate=0.3)}, "ea", "custom"),
+        ({"config": EvolutionConfig(tile_rate=0.3), "preset": "tuned"}, "ea", "custom"),
+        ({"optimizer": counting}, "custom", "test_result.counting"),
+        ({"optimizer": partial(partial(counting))}, "custom", "test_result.counting"),
+        ({"optimizer": Factory(), "method": "pso"}, "custom", "test_result.Factory"),
+        ({"optimizer": lambda problem: counting(problem)}, "custom", "test_result.<lambda>"),
+    ],
+)
+def test_a_result_says_what_made_it(made_by, method, preset, tmp_path, capsys):
+    options = {"shape": (3, 4), "generations": 0, "progress": True}
+    result = evolve(KEYS, **options, **made_by)
+    assert (result.spec.method, result.spec.preset) == (method, preset)
+    name = preset if method == "custom" else method
+    assert repr(result).startswith(f"Result of {name}{'' if method == 'custom' else f', preset {preset}'}: 3 x 4 tiles")
+    assert name in capsys.readouterr().err
+    config = made_by.get("config", PRESETS.get((method, preset)))
+    assert result.config == config and (str(config) in repr(result)) is (preset == "custom")
+    result.save(tmp_path / "result.npz")
+    kept = Result.load(tmp_path / "result.npz")
+    same(kept, result)
+    # It can be made again with what it says.
+    again = evolve(KEYS, spec=kept.spec, config=kept.config, optimizer=made_by.get("optimizer"), **options)
+    same(again, result)
+    if method == "custom":
+        with pytest.raises(InputError, match="method: expected one of map-elites, .*optimizer, got 'custom'"):
+            evolve(KEYS, spec=kept.spec, **options)
+    elif preset == "custom":
+        with pytest.raises(InputError, match="preset: expected one of tuned, .*config, got 'custom'"):
+            evolve(KEYS, spec=kept.spec, **options)
+        assert evolve(KEYS, spec=kept.spec, preset="paper", **options).spec.preset == "paper"
+
+
+@pytest.mark.parametrize("config", CONFIGS)
+def test_configurations_are_plain_values(config):
+    back = config_from_plain(json.loads(json.dumps(config_to_plain(config))))
+    assert back == config and type(back) is type(config)
+    method, preset, exact = find_preset(back)
+    assert exact is (config in PRESETS.values()) and type(PRESETS[method, preset]) is type(config)
+    assert not exact or PRESETS[method, preset] == config
+
+
+WORDS = st.sampled_from(["", "custom", "paper", "town", "turns=3", "kind", "name"])
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | WORDS,
+    lambda items: st.lists(items, max_size=2) | st.dictionaries(WORDS, items, max_size=2),
+)
+
+
+@st.composite
+def spoilt(draw, value):
+    """A value of JSON with something else somewhere in it, missing or more."""
+    if isinstance(value, dict | list) and value and draw(st.booleans()) | draw(st.booleans()):
+        names = sorted(value) if isinstance(value, dict) else range(len(value))
+        name = draw(st.sampled_from(names))
+        copy = value.copy()
+        if draw(st.integers(0, 9)):
+            copy[name] = draw(spoilt(value[name]))
+        else:
+            del copy[name]
+        return copy
+    return {**value, "more": 1} if isinstance(value, dict) and draw(st.booleans()) else draw(anything)
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    file = tmp_path_factory.mktemp("saved") / "result.npz"
+    options = {"where": "turns=0..", "weights": "turns=2", "generations": 0, "rules": "duckietown"}
+    evolve(KEYS, (3, 4), config=MapElitesConfig(EvolutionConfig(tile_rate=0.3)), **options).save(file)
+    return file
+
+
+@pytest.mark.usefixtures("any_types")
+@given(st.data())
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_whatever_a_file_says_it_is_read_or_refused(saved, data):
+    about, arrays = unpack(saved)
+    wrong = data.draw(spoilt(about))
+    file = saved.with_name("wrong.npz")
+    file.write_bytes(pack(arrays, wrong))
+    try:
+        result = Result.load(file)
+    except InputError as error:
+        said = str(error)
+        assert "\n" not in said and said.startswith(str(file))
+    else:  # and then it says so again
+        result.save(file)
+        same(Result.load(file), result)
+
+
 def changed(file, **changes):
     about, arrays = unpack(file)
     for name, value in changes.items():
@@ -135,8 +241,12 @@ def changed(file, **changes):
             "one of the format 'elitelanes result, version 2', not 'elitelanes",
         ),
         ({"format": None}, "a file without its settings"),
-        ({"search": {"method": "luck"}}, "one whose settings do not hold: method: expected one of map-elites"),
-        ({"search": {"luck": 1}}, "one whose settings do not hold: .*luck"),
+        ({"search": {"method": "luck"}}, "one whose settings do not hold: search: expected all options"),
+        ({"search": SearchSpec().to_plain() | {"method": "luck"}}, ".* method: expected one of map-elites"),
+        ({"search": SearchSpec().to_plain() | {"luck": 1}}, ".* search: expected all options"),
+        ({"config": {"kind": "EaConfig"}}, ".* config: expected a kind, one of .*MapElitesConfig"),
+        ({"config": config_to_plain(MapElitesConfig())}, ".* config: expected one of ea, got MapElitesConfig"),
+        ({"config": {"kind": "EvolutionConfig", "population": 3}}, ".* config: expected population, offspring"),
         ({"search": [3]}, "one whose settings do not hold: "),
         ({"axes": "luck"}, "one whose settings do not hold: axes"),
         ({"axes": ["crossings:3"]}, "descriptor of int32"),
@@ -230,5 +340,5 @@ def test_the_settings_in_a_file_are_plain_json(result, tmp_path):
     with np.load(tmp_path / "result.npz") as stored:
         settings = json.loads(str(stored["settings"]))
         assert stored["grids"].shape == (3, 20, *SHAPE)
-    assert SearchSpec(**settings["search"]) == result.spec
+    assert SearchSpec.from_plain(settings["search"]) == result.spec
     assert settings["seed"] == 7

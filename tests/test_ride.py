@@ -10,7 +10,7 @@ import pytest
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive.lanes import on_road
-from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails
+from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.formats.rides import RIDES, read_rides
 from elitelanes_jax.tiles.rendering import render
@@ -106,6 +106,33 @@ def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*command, str(tmp_path / "none.avi")])
     assert "expected a name that ends in .mp4, .gif, .png or .json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+@pytest.mark.parametrize("room", [0, 1000, 20_000])
+def test_a_film_that_the_disk_has_no_room_for_is_none(suffix, room, tmp_path, small_files_only):
+    frames, file = np.random.default_rng(0).integers(0, 256, (12, 256, 256, 3), np.uint8), tmp_path / f"ride{suffix}"
+    small_files_only(room)
+    with pytest.raises(OSError, match="File too large") as raised:
+        write_film(file, iter(frames))
+    assert raised.value.filename == str(file)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".gif"])
+def test_two_films_written_at_once_are_both_whole(suffix, tmp_path):
+    file, frames = tmp_path / f"ride{suffix}", np.zeros((12, 64, 64, 3), np.uint8)
+
+    def slow():
+        yield from frames[:6]
+        assert write_film(file, iter(frames[:6])) == (2 if suffix == ".gif" else 6)
+        yield from frames[6:]
+
+    count = write_film(file, slow())
+    assert count == (4 if suffix == ".gif" else 12)
+    reader = cv2.VideoCapture(str(file))
+    assert sum(1 for _ in iter(reader.grab, False)) == count
+    assert list(tmp_path.iterdir()) == [file]
 
 
 POLICY = Path(__file__).parents[1] / "docs" / "examples" / "follow_lane.py"

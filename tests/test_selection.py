@@ -213,7 +213,7 @@ def test_maps_follow_the_targets(evolved):
     turns = {road_map.metrics["turns"] for road_map in evolved.maps(10**4)}
     low, high = min(turns), max(turns)
     aimed = replace(evolved, spec=evolved.spec.replace(targets={"turns": [low, high]}))
-    chosen = [road_map.metrics["turns"] for road_map in aimed.choose(6, least=(0.0,)).maps]
+    chosen = [road_map.metrics["turns"] for road_map in aimed.choose(6, min_difference=(0.0,)).maps]
     assert low in chosen and high in chosen
     everything = [one.choose(10**4).maps for one in (evolved, aimed)]
     forms = [sorted(canonical_form(road_map.codes) for road_map in maps) for maps in everything]

@@ -1,22 +1,29 @@
-"""Styles: settings as data, of the package and of one's own; and maps like given ones."""
+"""Styles: options as data, of the package and of users; and maps like example maps."""
 
+import argparse
 import json
+import pickle
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import Axis, DatasetSpec, InputError
+from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.generation import NEAREST, generate
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.run import DIFFERENCE
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import evolve, prepare
 from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import STYLES
@@ -25,69 +32,174 @@ RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)
 
 
+def plain(spec):
+    """What a file gives back of a specification."""
+    return SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain())))
+
+
 @pytest.mark.parametrize("style", STYLES)
 def test_a_style_is_a_specification(style):
     spec = SearchSpec(style=style)
-    assert spec == SearchSpec().replace(style=style) == SearchSpec(**json.loads(json.dumps(spec.to_plain())))
+    assert spec == SearchSpec().replace(style=style) == plain(spec) and spec.style == style
+    for shape in ((6, 6), (12, 15)):
+        resolved = spec.on(shape)
+        assert resolved == resolved.on(shape) == resolved.replace() == plain(spec).on(shape) == plain(resolved)
 
 
-def test_the_papers_style_changes_nothing():
-    assert SearchSpec(style="paper") == SearchSpec()
+def test_the_papers_style_changes_nothing_but_the_name():
+    assert SearchSpec(style="paper") == SearchSpec().replace(style="paper") != SearchSpec()
+    assert SearchSpec(style="paper").replace(style=None) == SearchSpec()
 
 
-def test_given_settings_stand_before_those_of_a_style():
-    spec = SearchSpec().replace(style="town", rules=None, axes="turns:5", preset="tuned")
-    town = SearchSpec(style="town")
-    assert (spec.rules, spec.preset, [axis.metric for axis in spec.axes]) == (None, "tuned", ["turns"])
-    assert town.rules == "duckietown" and spec.weights == town.weights != ()
+STYLE = """
+preset = "irregular"
+rules = "duckietown"
+generations = 7
+axes = [{ metric = "turns", bins = 4 }]
+where = ["turns=2..", "edges=9.."]
+fill = false
+[weights]
+turns = 3
+edges = 1
+[targets]
+turns = [4, 5]
+[large]
+axes = ["tiles:5"]
+where = ["turns=8.."]
+evaluations = 500
+"""
+
+# Values of each option: the default, the style's, others; of the command line too, where they are texts.
+VALUES = {
+    "style": [None, "paper", "town", "mine.toml"],
+    "like": [(), ["ring.json"], [RING, EIGHT]],
+    "method": ["map-elites"],
+    "preset": ["tuned", "irregular", "paper"],
+    "evaluations": [200_000, "500", 8],
+    "generations": [None, 7, "3"],
+    "axes": [None, ["turns:5"], "edges:2:3", (Axis("tiles", 5),)],
+    "where": [(), ["turns=3.."], ["edges=9..", "bridges=0"], {"turns": (2, None), "tiles": 7}],
+    "weights": [(), ["turns=3"], {"edges": -1, "bridges": 2}, [("turns", 0)]],
+    "targets": [(), {"turns": [4, 5]}, {"edges": [1]}],
+    "rules": [None, "duckietown"],
+    "fill": [None, False],
+    "initial": [(), ["ring.json"], [RING]],
+    "alphabet": [None, range(1, 16)],
+    "large": [None, {"where": "edges=30.."}, {"preset": "paper", "generations": 2}],
+}
 
 
-def test_ranges_and_weights_are_joined(tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text('where = ["crossings=4..", "turns=9"]\n[weights]\nturns = 3\nedges = 1\n')
-    given = {"style": file, "where": "turns=..5 bridges=0", "weights": {"edges": -1}}
-    expected = SearchSpec(where="crossings=4.. turns=..5 bridges=0", weights={"turns": 3, "edges": -1})
-    assert SearchSpec().replace(**given) == SearchSpec(**given) == expected
-    like = SearchSpec(like=[RING], where="symmetry=0.1..")
-    assert [str(item) for item in like.where if item.name == "symmetry"] == ["symmetry=0.1.."] and len(like.where) > 4
+@st.composite
+def options(draw):
+    """Some options, and the names of those that are given first."""
+    names = draw(st.lists(st.sampled_from([*VALUES]), unique=True))
+    given = {name: draw(st.sampled_from(VALUES[name])) for name in names}
+    if given.get("generations") is not None:
+        given.pop("evaluations", None)
+    return given, draw(st.sets(st.sampled_from([*given]))) if given else set()
 
 
-def test_a_style_of_ones_own(tmp_path):
-    file = tmp_path / "grid.toml"
-    file.write_text('method = "ea"\nwhere = ["crossings=4.."]\nevaluations = 500\n[weights]\nturns = 3\n')
-    expected = SearchSpec(method="ea", where="crossings=4..", evaluations=500, weights={"turns": 3})
-    assert SearchSpec(style=str(file)) == SearchSpec(style=file) == expected
+@pytest.fixture(scope="module", autouse=True)
+def _files(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("styles")
+    (folder / "mine.toml").write_text(STYLE)
+    (folder / "ring.json").write_text(json.dumps({"codes": RING.tolist()}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        yield
 
 
-def test_large_maps_have_settings_of_their_own(tmp_path):
-    file = tmp_path / "mine.toml"
-    file.write_text(
-        'axes = ["turns:4"]\nwhere = ["turns=2..", "edges=9.."]\n[targets]\nturns = [4, 5]\n'
-        '[large]\naxes = ["tiles:5"]\nwhere = ["turns=8.."]\nevaluations = 500\n'
-    )
-    small = SearchSpec(axes="turns:4", where="turns=2.. edges=9..", targets={"turns": [4, 5]})
-    large = SearchSpec(axes="tiles:5", where="turns=8.. edges=9..", evaluations=500)
-    spec = SearchSpec(style=file)
-    assert spec.on((11, 30)) == small and spec.on((12, 12)) == large
-    assert small.on((12, 12)) == small
-    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec == SearchSpec().replace(style=file)
-    # Given ones hold for all sizes.
-    given = {"axes": "bridges:2", "where": "turns=3..", "weights": {"edges": 1}}
-    joined = SearchSpec(evaluations=500, **given | {"where": "turns=3.. edges=9.."})
-    for one in (SearchSpec(style=file, **given), SearchSpec().replace(style=file, **given)):
-        assert one.on((12, 12)) == joined
-    assert spec.replace(**given).on((12, 12)) == SearchSpec(evaluations=500, **given)
-    assert spec.replace(large=None).on((12, 12)) == small
+def outcome(make):
+    """What is made, or the message."""
+    try:
+        return make()
+    except InputError as error:
+        return str(error)
+
+
+def on_the_command_line(given, defaults):
+    """What the command line makes of options; None where it has no such options."""
+    parser, words = argparse.ArgumentParser(), []
+    add_options(parser, defaults)
+    for name, value in given.items():
+        option = SearchSpec.options()[name]
+        texts = value if isinstance(value, list) else [value]
+        if option.metavar is None or not all(isinstance(text, str | int) for text in texts):
+            return None
+        words += [f"--{option.flag or name}", *map(str, texts)]
+    return read_options(parser.parse_args(words), defaults)
+
+
+def in_a_file(given):
+    """What a style file with these options makes; None where TOML has no such values, or a style no such options."""
+
+    def toml(value):
+        if isinstance(value, dict):
+            return "{" + ", ".join(f"{name} = {toml(item)}" for name, item in value.items()) + "}"
+        return json.dumps(value)
+
+    try:
+        text = "".join(f"{name} = {toml(value)}\n" for name, value in given.items())
+    except TypeError:
+        return None
+    if "null" in text or {"style", "like"} & set(given):
+        return None
+    Path("other.toml").write_text(text)
+    return SearchSpec(style="other.toml")
+
+
+def resolved(spec, **changed):
+    """All options but the style's name."""
+    return spec.to_plain() | {"style": None} | changed
+
+
+@given(options())
+@settings(max_examples=400)
+def test_all_ways_in_agree(drawn):
+    given, names = drawn
+    expected, replaced = (outcome(lambda make=make: make(**given)) for make in (SearchSpec, SearchSpec().replace))
+    assert replaced == expected
+    if isinstance(expected, str):
+        return
+    assert expected == plain(expected) == pickle.loads(pickle.dumps(expected)) == expected.replace()
+    first, then = ({name: given[name] for name in given if (name in names) is part} for part in (True, False))
+    if isinstance(spec := outcome(lambda: SearchSpec(**first)), str):
+        first, then, spec = {}, given, SearchSpec()
+    assert spec.replace(**then) == expected
+    if (said := outcome(lambda: on_the_command_line(given, SearchSpec()))) is not None:
+        assert said == expected
+    if (read := outcome(lambda: in_a_file(given))) is not None:
+        assert resolved(read) == resolved(expected)
+    dataset = DatasetSpec().search.replace(**given)
+    if expected.generations is None:
+        assert dataset.evaluations == (expected.evaluations if "evaluations" in given else 100_000)
+    assert resolved(dataset.on((5, 5)), evaluations=0) == resolved(expected.on((5, 5)), evaluations=0)
+    for shape in ((5, 5), (12, 13)):
+        searched = outcome(lambda shape=shape: prepare(spec, shape, None, None, None, then)[0])
+        assert isinstance(searched, str) or searched == expected.on(shape) == plain(expected).on(shape)
+
+
+@given(options())
+def test_what_is_given_stands(drawn):
+    given, _ = drawn
+    if isinstance(spec := outcome(lambda: SearchSpec(**given)), str):
+        return
+    for name, value in given.items():
+        alone = getattr(SearchSpec(**{name: value}), name)
+        if name in ("where", "weights"):
+            assert set(alone) <= set(getattr(spec, name))
+        elif name not in ("style", "like", "large"):
+            assert getattr(spec, name) == alone
 
 
 def test_large_towns_are_those_of_their_style():
     town, large = (SearchSpec(style="town").on(shape) for shape in ((11, 11), (12, 24)))
     assert town.targets and not large.targets and town.large is large.large is None
     assert "mean_block" in {axis.metric for axis in large.axes} & {item.name for item in large.where}
-    with pytest.raises(InputError, match="large: expected settings of a search.*got 'large'"):
+    with pytest.raises(InputError, match="large: expected one of method, .*, got 'large'"):
         SearchSpec(large={"large": {}})
     searched = evolve(jax.random.split(jax.random.key(0), 1), (12, 12), style="town", evaluations=0).spec
-    assert searched == large.replace(evaluations=0)
+    assert searched == large.replace(evaluations=0) and searched.style == "town"
 
 
 @pytest.mark.parametrize(
@@ -143,8 +255,7 @@ def test_what_is_like_given_maps():
             part = {"turn_share": "turns", "crossing_share": "crossings"}.get(item.name)
             value = values[part] / values["tiles"] if part else values[item.name] / feature_unit(item.name)
             assert item.low <= value <= item.high, item
-    again = SearchSpec(**json.loads(json.dumps(spec.to_plain())))
-    assert again == spec
+    assert plain(spec) == spec
     assert SearchSpec(like=[np.full((3, 3), 15)]).rules is None
     assert settings_like([RING])["where"] == settings_like([np.pad(RING, 2)])["where"]
     with pytest.raises(InputError, match="like: expected maps with roads"):
@@ -169,7 +280,7 @@ def test_maps_like_given_ones_are_written_with_their_difference(tmp_path, any_ty
     )
     assert maps
     for number, road_map in enumerate(maps):
-        difference = json.loads((tmp_path / f"out/maps/{number:04}/map.json").read_text())["metrics"][NEAREST]
+        difference = json.loads((tmp_path / f"out/maps/{number:04}/map.json").read_text())["metrics"][DIFFERENCE]
         assert difference == pytest.approx(difference_from(road_map.codes, [RING]), abs=1e-3)
         assert difference > 0
         low = next(item.low for item in search.where if item.name == "box_fill")
@@ -181,9 +292,9 @@ def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
     moved = np.pad(rotate(RING), [(1, 1), (0, 2)])
     found = evolve(jax.random.split(jax.random.key(0), 1), (6, 6), rules="duckietown", initial=[moved], generations=0)
     assert moved.tolist() in [road_map.codes.tolist() for road_map in found.maps(99)]
-    for given in (RING, moved):
-        like = replace(found, spec=replace(found.spec, like=[given], where=_anything()))
-        assert all(difference_from(road_map.codes, [given]) for road_map in like.maps(99))
+    for example in (RING, moved):
+        like = replace(found, spec=found.spec.replace(like=[example], where=_anything()))
+        assert all(difference_from(road_map.codes, [example]) for road_map in like.maps(99))
 
 
 def _anything():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 
 Check = Callable[[UserValue], UserValue]
@@ -44,7 +44,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
             with suppress(ValueError):
                 number = int(value)
         if not is_whole(number) or not least <= number <= most:
-            raise InputError(f"expected a whole number, {limit}, got {short(repr(value), 40)}")
+            raise InputError(f"expected a whole number, {limit}, got {shorten(repr(value), 40)}")
         return int(number)
 
     return check
@@ -67,7 +67,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
                 number = float(value)
         within = is_real(number) and least <= number <= most and abs(number) < float("inf")
         if not within or (exclusive and number == least):
-            raise InputError(f"expected {unit}{limit}, got {short(repr(value), 40)}")
+            raise InputError(f"expected {unit}{limit}, got {shorten(repr(value), 40)}")
         return float(number)
 
     return check
@@ -78,7 +78,7 @@ def one_of(*names: str) -> Check:
 
     def check(value: UserValue) -> str:
         if not isinstance(value, str) or value not in names:
-            raise InputError(f"expected one of {', '.join(names)}, got {short(repr(value), 40)}")
+            raise InputError(f"expected one of {', '.join(names)}, got {shorten(repr(value), 40)}")
         return value
 
     return check
@@ -110,7 +110,7 @@ def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; one that is there may have any name."""
     place = path(value)
     if ends_as_file(place) and not place.is_dir():
-        raise InputError(f"expected a folder, got the name of a file, {short(repr(str(place)), 40)}")
+        raise InputError(f"expected a folder, got the name of a file, {shorten(repr(str(place)), 40)}")
     return place
 
 
@@ -126,7 +126,7 @@ def switch(value: UserValue) -> bool:
     if isinstance(value, bool):
         return value
     if value not in ("on", "off"):
-        raise InputError(f"expected on or off, got {short(repr(value), 40)}")
+        raise InputError(f"expected on or off, got {shorten(repr(value), 40)}")
     return bool(value == "on")
 
 

@@ -11,12 +11,15 @@ from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, reason, short
-from elitelanes_jax._util.limited_read import MIB
+from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.files import MIB
+from elitelanes_jax._util.memory import free_memory
 from elitelanes_jax._util.types import Plain, Untyped
 
 _SETTINGS = "settings"
-_MOST_BYTES, _MOST_RATIO = 512 * MIB, 64  # unpacked, whichever is more; arrays of ours shrink to a tenth at most
+# Bytes unpacked, at most: the most of these, and a quarter of the free memory. Elites shrink to a tenth, vacant places
+# to a thousandth.
+_MOST_BYTES, _MOST_RATIO = 512 * MIB, 64
 
 # Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted.
 _DAMAGES = (
@@ -45,7 +48,7 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     except OSError as error:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
-        words = short(str(error).partition("\n")[0] or type(error).__name__)
+        words = shorten(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
 
 
@@ -54,7 +57,7 @@ def _open_arrays(path: str | Path) -> Iterator[Untyped]:
     """Opens a file of arrays by name, which are read without pickles.
 
     Raises:
-      InputError: if it would unpack to over 512 MiB and over 64 times its size.
+      InputError: if it would unpack to over 512 MiB, over 64 times its size, and over a quarter of the free memory.
       OSError: if it cannot be read; and any of `_DAMAGES`, here and when arrays are read.
     """
     with Path(path).open("rb") as stream:
@@ -62,7 +65,7 @@ def _open_arrays(path: str | Path) -> Iterator[Untyped]:
             raise zipfile.BadZipFile("no archive of arrays")
         with zipfile.ZipFile(stream) as members:
             size = sum(member.file_size for member in members.infolist())
-        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2))
+        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
         if size > most:
             raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
         stream.seek(0)

@@ -1,90 +1,91 @@
 """Progress of long work: a bar in a terminal or a notebook, lines in a log.
 
-Work opens a `Progress` and counts in it. One thread draws, so that the display goes on while a compiler is at work.
-Work within other work has no display of its own: it is named in that of the outermost.
+Work opens a `Progress` and counts. A thread draws, so that the display moves while a compiler works. Work within other
+work is named in the display of the outermost work.
 """
 
 import os
 import sys
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from enum import IntEnum
 from queue import Empty, SimpleQueue
+from threading import Thread
 from types import TracebackType
 from typing import TextIO
 
-# In seconds: between two drawings of a bar, between two lines, before a bar is shown that nobody asked for, and the
-# shortest step whose time is told.
-_REDRAW, _LINES, _DELAY, _TOLD = 0.2, 30.0, 1.0, 0.5
+# In seconds: between two drawings of a bar; between two lines; until a bar appears that nobody asked for; the shortest
+# step whose time is printed.
+_REDRAW, _LINES, _DELAY, _SHORTEST = 0.2, 30.0, 1.0, 0.5
 
 
-class Loudness(IntEnum):
-    """The amount that a command says: results and errors are not part of it, but that a quiet one has no results."""
+class Verbosity(IntEnum):
+    """How much a command prints. Does not affect errors. `QUIET` also hides results."""
 
     QUIET = 0
     NORMAL = 1
     VERBOSE = 2
 
 
-_loudness: Loudness | None = None  # None outside of commands
-_at_work: list["Progress"] = []  # the outermost first
-_last_line = 0.0  # when it was printed
+_verbosity: Verbosity | None = None  # None outside of commands
+_running: list["Progress"] = []  # the outermost work first
+_last_line = 0.0  # the time when it was printed
 
 
 @contextmanager
-def reporting(level: Loudness) -> Iterator[None]:
-    """Makes the work in its block that of a command: off a terminal its progress is a line every 30 seconds."""
-    global _loudness, _last_line
-    before, _loudness, _last_line = _loudness, level, time.monotonic()
+def reporting(level: Verbosity) -> Iterator[None]:
+    """Makes the block a command: without a terminal, its progress is a line every 30 seconds."""
+    global _verbosity, _last_line
+    before, _verbosity, _last_line = _verbosity, level, time.monotonic()
     try:
         yield
     finally:
-        _loudness = before
+        _verbosity = before
 
 
-def loudness() -> Loudness | None:
-    """Returns the loudness of the command at work, None outside of commands."""
-    return _loudness
+def verbosity() -> Verbosity | None:
+    """Returns the verbosity of the running command; None outside of commands."""
+    return _verbosity
 
 
 def announce(text: str) -> None:
     """Prints a line on standard error, in commands that are not quiet."""
-    if _loudness and sys.stderr is not None:
-        with suppress(OSError, ValueError):  # the stream may be closed, and the work goes on
-            print(("\r\x1b[K" if _is_drawn() else "") + text, file=sys.stderr, flush=True)
+    if _verbosity and sys.stderr is not None:
+        drawn = any(work.display is not None and work.display.is_drawn_bar for work in _running)
+        with suppress(OSError, ValueError):  # the stream may be closed; the work goes on
+            print(("\r\x1b[K" if drawn else "") + text, file=sys.stderr, flush=True)
 
 
 def detail(text: str) -> None:
     """Prints a line on standard error, in verbose commands."""
-    if _loudness is Loudness.VERBOSE:
+    if _verbosity is Verbosity.VERBOSE:
         announce(text)
 
 
 class Progress:
-    """Work that is done bit by bit: a context.
+    """A context for work that is counted.
 
     Args:
-      name: of the work.
-      total: the count at the end, if there is one.
-      unit: of the count, a plural.
+      name: the name of the work.
+      total: the count at the end; None if it is not known.
+      unit: the unit of the count, a plural.
       done: the count at the start.
-      shown: whether to show it, at once; by default in a terminal or notebook when it takes over a second, and in
-        commands also elsewhere, as a line every 30 seconds.
+      shown: whether the work is shown, at once. By default, a terminal or notebook shows work that takes over a
+        second, and a command prints a line every 30 seconds elsewhere.
     """
 
     def __init__(
         self, name: str, total: int | None = None, unit: str = "", *, done: int = 0, shown: bool | None = None
     ) -> None:
+        self.display: _Display | None = None
         self._name, self._total, self._unit, self._done = name, total, unit, done
-        self._note, self._doing = "", ""
-        self._since, self._first = time.monotonic(), done  # the time left follows from what was done since
+        self._note, self._step = "", ""
+        self._since, self._first = time.monotonic(), done  # of these follows the remaining time
         self._shown = shown
-        self._painter: _Painter | None = None
 
     def update(self, done: int, note: str = "") -> None:
-        """Sets the count, and words to stand behind it."""
+        """Sets the count, and text to show after it."""
         self._done, self._note = done, note
 
     def count(self, more: int = 1) -> None:
@@ -93,164 +94,120 @@ class Progress:
 
     @contextmanager
     def doing(self, step: str) -> Iterator[None]:
-        """Names what is done in the block, such as compiling, in place of the count."""
-        began, before = time.monotonic(), self._doing
-        self._doing, self._since = step, began
+        """Shows the name of a step, such as compiling, instead of the count while the block runs."""
+        start, before = time.monotonic(), self._step
+        self._step, self._since = step, start
         try:
             yield
         finally:
-            self._doing, self._since = before, time.monotonic()
-        if self._since - began > _TOLD:
-            detail(f"{self._name}: {step} took {self._since - began:.1f} s")
+            self._step, self._since = before, time.monotonic()
+        if self._since - start > _SHORTEST:
+            detail(f"{self._name}: {step} took {self._since - start:.1f} s")
 
     @property
     def fraction(self) -> float | None:
-        """The part that is done, None where there is no count."""
+        """The share of the work that is done; None if the total is not known."""
         return None if self._total is None else self._done / max(self._total, 1)
 
     def __str__(self) -> str:
-        """Returns the words for a display."""
+        """Returns the text for a display."""
         seconds = time.monotonic() - self._since
-        if self._doing or self._total is None:
-            return f"{self._name}{self._doing and f': {self._doing}'}, {seconds:.0f} s"
+        if self._step or self._total is None:
+            return f"{self._name}{self._step and f': {self._step}'}, {seconds:.0f} s"
         done = self._done - self._first
         left = f", {_clock(seconds / done * (self._total - self._done))} left" if done and self.fraction != 1 else ""
         return f"{self._name} {self._done:,}/{self._total:,} {self._unit}{self._note and f', {self._note}'}{left}"
 
     def __enter__(self) -> "Progress":
         if self._shown is not False:
-            _at_work.append(self)
-            if len(_at_work) == 1:
-                self._painter = _painter(self._shown)
+            _running.append(self)
+            if len(_running) == 1:
+                self.display = _start_display(self._shown)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._painter is not None:
-            self._painter.end(finished=error is None)
-        if self in _at_work:
-            _at_work.remove(self)
+        if self.display is not None:
+            self.display.end(finished=error is None)
+        if self in _running:
+            _running.remove(self)
 
 
-def _painter(shown: bool | None) -> "_Painter | None":
-    """Starts what shows the outermost work, if anything does."""
+def _start_display(shown: bool | None) -> "_Display | None":
+    """Starts the display of the outermost work, if it has one."""
     stream = sys.stderr
-    if _loudness is Loudness.QUIET or stream is None or stream.closed:
+    if _verbosity is Verbosity.QUIET or stream is None or stream.closed:
         return None
-    at_once = bool(shown) or _loudness is Loudness.VERBOSE
-    if stream.isatty() or "ipykernel" in sys.modules:
-        return _Bar(stream, at_once)
-    return _Lines(stream, at_once) if shown or _loudness is not None else None
+    at_once = bool(shown) or _verbosity is Verbosity.VERBOSE
+    bar = stream.isatty() or "ipykernel" in sys.modules
+    return _Display(stream, at_once, bar) if bar or shown or _verbosity is not None else None
 
 
-class _Painter(threading.Thread):
-    """A thread that shows what is at work; the queue is one that an interruption leaves intact."""
+class _Display(Thread):
+    """A thread that draws a bar or prints lines; an interruption leaves its queue intact."""
 
-    def __init__(self, stream: TextIO, at_once: bool) -> None:
+    def __init__(self, stream: TextIO, at_once: bool, bar: bool) -> None:
         super().__init__(daemon=True)
-        self.drawn = False
-        self._stream, self._at_once = stream, at_once
+        self._stream, self._at_once, self._bar, self._drawn = stream, at_once, bar, False
         self._ended: SimpleQueue[None] = SimpleQueue()
         self.start()
 
+    @property
+    def is_drawn_bar(self) -> bool:
+        return self._bar and self._drawn
+
     def run(self) -> None:
-        with suppress(OSError, ValueError):  # nobody reads it any more: the work goes on
-            while not self._waits(self._due()):
+        with suppress(OSError, ValueError):  # nobody reads it any more; the work goes on
+            while True:
+                with suppress(Empty):
+                    self._ended.get(timeout=max(self._wait(), 0))
+                    return
                 self._draw()
 
     def end(self, *, finished: bool) -> None:
-        """Ends the thread, and shows the last state where one was shown before or is asked for."""
+        """Ends the thread, and draws the last state if anything was drawn or the work is shown at once."""
         self._ended.put(None)
         self.join()
-        if self.drawn or self._at_once:
+        if self._drawn or self._at_once:
             with suppress(OSError, ValueError):
-                self._close(finished)
+                if finished and (self._bar or self._at_once):
+                    self._draw()
+                if self._bar:
+                    self._stream.write("\n")
+                    self._stream.flush()
 
-    def _waits(self, seconds: float) -> bool:
-        with suppress(Empty):
-            self._ended.get(timeout=max(seconds, 0))
-            return True
-        return False
-
-    def _due(self) -> float:
-        """Returns the seconds to the next drawing."""
-        raise NotImplementedError
-
-    def _draw(self) -> None:
-        raise NotImplementedError
-
-    def _close(self, finished: bool) -> None:
-        raise NotImplementedError
-
-
-class _Bar(_Painter):
-    """One line that is drawn again and again."""
-
-    def _due(self) -> float:
-        return _REDRAW if self.drawn or self._at_once else _DELAY
-
-    def _draw(self) -> None:
-        from tqdm import tqdm  # the kernels do without it
-
-        if not self.drawn:
-            self._print = tqdm.status_printer(self._stream)
-            self.drawn = True
-        fraction, words = _words()
-        # The figures stand first, as a narrow terminal cuts off the end.
-        form = "{desc}" if fraction is None else "{desc} |{bar}|"
-        columns = _columns(self._stream)
-        self._print(
-            tqdm.format_meter(
-                fraction or 0, 1, 0, ncols=columns, prefix=words, bar_format=form, ascii=not _has_blocks(self._stream)
-            )
-        )
-
-    def _close(self, finished: bool) -> None:
-        if finished:
-            self._draw()
-        self._stream.write("\n")
-        self._stream.flush()
-
-
-class _Lines(_Painter):
-    """A line from time to time."""
-
-    def _due(self) -> float:
-        return _REDRAW if self._at_once and not self.drawn else _last_line + _LINES - time.monotonic()
+    def _wait(self) -> float:
+        """Returns the seconds until the next drawing."""
+        if self.is_drawn_bar or (self._at_once and not self._drawn):
+            return _REDRAW
+        return _DELAY if self._bar else _last_line + _LINES - time.monotonic()
 
     def _draw(self) -> None:
         global _last_line
-        self.drawn, _last_line = True, time.monotonic()
-        print(_words()[1], file=self._stream, flush=True)
+        work = list(_running)
+        text = "; ".join(map(str, work))
+        if self._bar:
+            self._draw_bar(work[0].fraction if work else None, text)
+        else:
+            _last_line = time.monotonic()
+            print(text, file=self._stream, flush=True)
+        self._drawn = True
 
-    def _close(self, finished: bool) -> None:
-        if finished and self._at_once:
-            self._draw()
+    def _draw_bar(self, fraction: float | None, text: str) -> None:
+        from tqdm import tqdm  # the kernels do without it
 
-
-def _words() -> tuple[float | None, str]:
-    """Returns how much of the outermost work is done, and words for all that is at work."""
-    work = list(_at_work)
-    return (work[0].fraction, "; ".join(map(str, work))) if work else (None, "")
-
-
-def _is_drawn() -> bool:
-    return any(isinstance(work._painter, _Bar) and work._painter.drawn for work in _at_work)
-
-
-def _columns(stream: TextIO) -> int:
-    with suppress(OSError, ValueError):  # a notebook has none
-        return os.get_terminal_size(stream.fileno()).columns or 100
-    return 100
-
-
-def _has_blocks(stream: TextIO) -> bool:
-    try:
-        "█".encode(getattr(stream, "encoding", None) or "ascii")
-    except UnicodeEncodeError:
-        return False
-    return True
+        if not self._drawn:
+            self._print = tqdm.status_printer(self._stream)
+        columns = 100
+        with suppress(OSError, ValueError):  # a notebook has none
+            columns = os.get_terminal_size(self._stream.fileno()).columns or columns
+        # The figures are first, because a narrow terminal cuts off the end.
+        form = "{desc}" if fraction is None else "{desc} |{bar}|"
+        ascii_only = (getattr(self._stream, "encoding", None) or "ascii").lower() not in ("utf-8", "utf8")
+        self._print(
+            tqdm.format_meter(fraction or 0, 1, 0, ncols=columns, prefix=text, bar_format=form, ascii=ascii_only)
+        )
 
 
 def _clock(seconds: float) -> str:

@@ -4,12 +4,12 @@ A field is one line: its default and its check. The command line makes its optio
 (`elitelanes_jax.cli.arguments`). Records that JAX traces are in `elitelanes_jax._util.pytrees`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields, replace
 from typing import NamedTuple, Self
 
 from elitelanes_jax._util.checks import Check, check_named
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
@@ -24,7 +24,6 @@ class Option(NamedTuple):
       metavar: what the help of the command line calls the values; None if there is no such option.
       flag: the option's name on the command line, if it is not the field's.
       many: whether the option takes several values; "*" if it also takes none.
-      replaces: the name of a field that cannot be given together with this one.
       after: the name of an earlier field; the check takes its value as a second argument.
     """
 
@@ -32,7 +31,6 @@ class Option(NamedTuple):
     metavar: str | tuple[str, ...] | None = None
     flag: str | None = None
     many: bool | str = False
-    replaces: str | None = None
     after: str | None = None
 
 
@@ -68,22 +66,28 @@ class Record:
     @classmethod
     def options(cls) -> dict[str, Option]:
         """Returns the `Option` of each field, by name."""
-        return {one.name: one.metadata["option"] for one in fields(cls)}  # type: ignore[arg-type]
+        return {one.name: one.metadata["option"] for one in fields(cls) if one.metadata}  # type: ignore[arg-type]
 
     def replace(self, **values: UserValue) -> Self:
         """Returns the record with new values in some fields.
 
         Raises:
-          InputError: for an unknown name, a wrong value, or two fields that cannot be given together.
+          InputError: for an unknown name or a wrong value.
         """
-        known = self.options()
-        for name in values:
-            if name not in known:
-                raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{likely(name, known)}")
-            other = known[name].replaces
-            if other is not None and other in values and values[name] is not None:
-                raise InputError(f"{name}: expected it or {other}, got both, {values[name]} and {values[other]}")
+        check_names(values, self.options())
         return replace(self, **values) if values else self  # type: ignore[type-var]
+
+
+def check_names(names: Iterable[str], known: Iterable[str]) -> None:
+    """Checks that names of fields are known.
+
+    Raises:
+      InputError: that starts with the first name that is not.
+    """
+    known = list(known)
+    for name in names:
+        if name not in known:
+            raise InputError(f"{name}: expected one of {', '.join(known)}, got {name!r}{suggest(name, known)}")
 
 
 def record(kind: type[Record]) -> Check:
@@ -91,7 +95,7 @@ def record(kind: type[Record]) -> Check:
 
     def check(value: UserValue) -> Record:
         if not isinstance(value, kind):
-            raise InputError(f"expected {kind.__name__}, got {short(repr(value))}")
+            raise InputError(f"expected {kind.__name__}, got {shorten(repr(value))}")
         return value
 
     return check

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Int, Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.limited_read import read_bytes
+from elitelanes_jax._util.files import read_bytes, write_atomic
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
@@ -21,7 +20,7 @@ LEAST_RUNS = 10
 """The least number of runs, each from another seed."""
 
 _BATCH = 4096
-_MOST_BYTES = 2**30
+_MOST_BYTES, _REST = 2**30, 2**12  # of a file, unpacked; for all but the three arrays
 
 
 class Submission(NamedTuple):
@@ -89,6 +88,9 @@ def read_submission(file: str | Path) -> Submission:
 
 
 def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
+    size = sum(array.nbytes for array in arrays.values())
+    if size > _MOST_BYTES - _REST:
+        raise InputError(f"{source}: expected arrays of at most {_MOST_BYTES - _REST:,} bytes, got {size:,}")
     grids = arrays["grids"]
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
 VERSION = 1
@@ -61,7 +61,7 @@ def find_task(name: str) -> Task:
     parts = re.fullmatch(r"((\d+)x(\d+)([AB]))-(\d+)", name) if isinstance(name, str) else None
     if not parts or parts[1] not in SIZES or parts[5] not in map(str, BUDGETS):
         expected = f"SIZE-BUDGET of {', '.join(SIZES)} and {', '.join(map(str, BUDGETS))}"
-        raise InputError(f"task: expected {expected}, got {short(repr(name), 40)}")
+        raise InputError(f"task: expected {expected}, got {shorten(repr(name), 40)}")
     shape, fill = (int(parts[2]), int(parts[3])), parts[4] == "A"
     niches = _certificates()[*shape, fill]
     grids = [[[int(code, 16) for code in row] for row in niche["witness"]] for niche in niches]

@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from typing import NoReturn, TypeAlias
 
 from elitelanes_jax._util.checks import Check, path, switch, whole
-from elitelanes_jax._util.cores import use_cores
-from elitelanes_jax._util.errors import InputError, likely
-from elitelanes_jax._util.progress import Loudness
+from elitelanes_jax._util.errors import InputError, suggest
+from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.records import Option, Record
+from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
@@ -31,7 +31,7 @@ class Parser(argparse.ArgumentParser):
         """Parses, and exits where anything is left over."""
         found, left = super().parse_known_args(*given, **named)
         if left:
-            meant = likely(left[0], self._option_string_actions) if left[0].startswith("--") else ""
+            meant = suggest(left[0], self._option_string_actions) if left[0].startswith("--") else ""
             self.error(f"unrecognized arguments: {' '.join(left)}{meant}")
         return found, left
 
@@ -111,14 +111,16 @@ def add_force(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_loudness(command: argparse.ArgumentParser) -> None:
+def add_verbosity(command: argparse.ArgumentParser) -> None:
     """Adds ``--quiet`` and ``--verbose`` to a command that works for long."""
     either = command.add_mutually_exclusive_group()
-    for flag, loud, words in (
-        ("--quiet", Loudness.QUIET, "print nothing but errors"),
-        ("--verbose", Loudness.VERBOSE, "tell each step and how long it took"),
+    for flag, level, words in (
+        ("--quiet", Verbosity.QUIET, "print nothing but errors"),
+        ("--verbose", Verbosity.VERBOSE, "tell each step and how long it took"),
     ):
-        either.add_argument(flag, dest="loud", action="store_const", const=loud, help=words, default=argparse.SUPPRESS)
+        either.add_argument(
+            flag, dest="verbosity", action="store_const", const=level, help=words, default=argparse.SUPPRESS
+        )
 
 
 def add_cores(command: argparse.ArgumentParser) -> None:

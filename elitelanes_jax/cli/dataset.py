@@ -3,16 +3,16 @@
 import argparse
 
 from elitelanes_jax._util.checks import folder
-from elitelanes_jax._util.errors import many
+from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
     add_cores,
     add_force,
-    add_loudness,
     add_options,
     add_scheduler,
+    add_verbosity,
     checked_by,
     naming_options,
     read_options,
@@ -44,7 +44,7 @@ def add_dataset(commands: Commands) -> None:
     add_scheduler(command)
     add_force(command)
     add_cores(command)
-    add_loudness(command)
+    add_verbosity(command)
     command.set_defaults(action=_dataset, interrupted=_CONTINUES)
 
 
@@ -75,7 +75,7 @@ def _dataset(options: argparse.Namespace) -> int:
     for one in about["classes"]:
         counts = [pixels[one["label"]] / max(sum(pixels), 1) for pixels in about["class_pixels"].values()]
         lines.append(f"{one['name']:14}  " + "  ".join(f"{share:10.2%}" for share in counts))
-    pictures = many(sum(about["pictures"].values()), "picture")
+    pictures = pluralize(sum(about["pictures"].values()), "picture")
     lines.append(f"{pictures} in {options.out}; how to load them: {options.out / 'README.md'}")
     say("\n".join(lines))
     return 0

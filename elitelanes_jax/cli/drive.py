@@ -70,14 +70,18 @@ def _policy(text: str) -> str | Path:
 
 
 def _drive(options: argparse.Namespace) -> int:
-    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, write_atomic
     from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
+    from elitelanes_jax.formats.rides import MOST_POSES
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.search.compile_cache import use_compile_cache
     from elitelanes_jax.tiles.rendering import choose_tiles, png_of, recall_choice
     from elitelanes_jax.tiles.tileset import load_tiles
 
     check_new(options.out)
+    most = int(MOST_POSES / (30 * options.seconds + 1))
+    if options.out.suffix.lower() == ".json" and options.rides > most:
+        raise InputError(f"--rides: expected at most {most} of {options.seconds:g} s in a file, got {options.rides}")
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
@@ -102,7 +106,6 @@ def _drive(options: argparse.Namespace) -> int:
         image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
         write_atomic(options.out, png_of(image))
     else:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
         write_film(options.out, film(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen))
     reached, count = int(rides.success.sum()), len(rides.success)
     say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
-from elitelanes_jax._util.errors import InputError, many, short
+from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
@@ -128,7 +128,7 @@ def _export(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.road_map import read_map
 
     if options.to not in (*FORMATS, *TABLES):
-        raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {short(repr(options.to))}")
+        raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
     settings = {key: value for key, value in vars(read_options(options, _FormatOptions())).items() if value is not None}
     for key in settings:
         able = [to for to, known in FORMATS.items() if key in known.takes]
@@ -149,7 +149,7 @@ def _export(options: argparse.Namespace) -> int:
         _warn(_write_maps(options.maps, grids, target, settings, options.out))
     else:
         _write_new(options.out, _table(options.to, list(map(str, options.maps)), grids))
-    lines = [f"{many(len(grids), 'map')} in {options.out}"]
+    lines = [f"{pluralize(len(grids), 'map')} in {options.out}"]
     if settings.get("dead_ends") == "grass":
         lines.append(_left_out(grids))
     say("\n".join(lines))
@@ -160,7 +160,8 @@ def _write_maps(
     files: Sequence[Path], grids: Sequence[AnyArray], target: _Format, settings: dict[str, UserValue], out: Path
 ) -> list[str]:
     """Writes the files of maps, to a file or a folder; returns the warnings."""
-    from elitelanes_jax._util.atomic_io import new_folder, write_atomic
+    from elitelanes_jax._util.files import write_atomic
+    from elitelanes_jax._util.folders import output_folder
 
     warnings: list[str] = []
 
@@ -182,10 +183,10 @@ def _write_maps(
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
         places = _places(files)
-        with new_folder(out) as folder:
+        with output_folder(out, {"command": "export"}) as work:
             for file, codes, place in zip(files, grids, places, strict=True):
                 for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
-                    write_atomic(folder / (place + suffix), text.encode())
+                    write_atomic(work.files / (place + suffix), text.encode())
     return warnings
 
 
@@ -203,7 +204,7 @@ def _places(files: Sequence[Path]) -> list[str]:
 
 
 def _write_new(file: Path, text: str) -> None:
-    from elitelanes_jax._util.atomic_io import check_new, write_atomic
+    from elitelanes_jax._util.files import check_new, write_atomic
 
     check_new(file)
     write_atomic(file, text.encode(errors="surrogateescape"))  # a table has names of files, whatever they are made of
@@ -211,7 +212,7 @@ def _write_new(file: Path, text: str) -> None:
 
 def _warn(warnings: Sequence[str]) -> None:
     for warning in warnings[:_MOST_WARNINGS]:
-        warn(f"elitelanes: {short(warning, 200)}")
+        warn(f"elitelanes: {shorten(warning, 200)}")
     if len(warnings) > _MOST_WARNINGS:
         warn(f"elitelanes: {_MOST_WARNINGS} of {len(warnings)} warnings shown")
 

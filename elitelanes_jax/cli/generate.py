@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import folder
-from elitelanes_jax._util.errors import NotEnoughMapsError, many
+from elitelanes_jax._util.errors import NotEnoughMapsError, pluralize
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
     COMPILING,
     Commands,
     add_cores,
     add_force,
-    add_loudness,
     add_options,
     add_scheduler,
+    add_verbosity,
     checked_by,
     read_options,
 )
@@ -68,7 +68,7 @@ def add_generate(commands: Commands) -> None:
     add_scheduler(command)
     add_force(command)
     add_cores(command)
-    add_loudness(command)
+    add_verbosity(command)
     command.set_defaults(action=_generate)
 
 
@@ -76,7 +76,7 @@ def _generate(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.spec import GenerateSpec
 
     spec = read_options(options, GenerateSpec())
-    from elitelanes_jax._util.unfinished import is_kept
+    from elitelanes_jax._util.folders import has_unfinished
     from elitelanes_jax.maps.generation import generate
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
@@ -90,17 +90,17 @@ def _generate(options: argparse.Namespace) -> int:
             with dask_executor(options.scheduler) as executor:
                 maps = generate_on(executor, spec, options.out, force=options.force)
     except KeyboardInterrupt:
-        if not is_kept(options.out):
+        if not has_unfinished(options.out):
             raise
         return fail("elitelanes", f"interrupted; {_CONTINUES}", INTERRUPTED)
     except NotEnoughMapsError as error:
-        return fail("elitelanes", f"{error}{_KEPT if is_kept(options.out) else ''}", 1)
+        return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
     if spec.part is None:
         explore = f"elitelanes explore {shlex.quote(str(options.out))} --open shows all that was found"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")
     else:
         number, count = spec.part
-        seeds = f"seeds {spec.seed_numbers[0]} to {spec.seed_numbers[-1]}"
+        seeds = f"seeds {spec.seed_indices[0]} to {spec.seed_indices[-1]}"
         say(f"part {number} of {count}, {seeds}, in {options.out}; elitelanes merge puts all parts together")
     return 0
 
@@ -115,8 +115,8 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
         lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
-    lines.append(f"{many(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
-    differences = [(road_map.metrics or {}).get("difference_from_given") for road_map in maps]
+    lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
+    differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
     known = [number for number in differences if number is not None]
     if known:
         lines.append(f"they differ from the nearest given map in {min(known):.0%} to {max(known):.0%} of their cells")

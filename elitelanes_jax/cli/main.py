@@ -1,12 +1,15 @@
 """The command ``elitelanes``. JAX and OpenCV are slow to import: commands import what they need when they run."""
 
 import argparse
+import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn
 
-from elitelanes_jax._util.progress import Loudness
+from elitelanes_jax._util.folders import check_apart
+from elitelanes_jax._util.packages import __version__
+from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.cli.arguments import Parser
 from elitelanes_jax.cli.completion import add_completion
 from elitelanes_jax.cli.dataset import add_dataset
@@ -26,13 +29,23 @@ from elitelanes_jax.cli.tiles import add_tiles
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     options = make_parser().parse_args(arguments)
-    return guarded("elitelanes", lambda: options.action(options), options.interrupted, options.loud)
+    return guarded("elitelanes", lambda: _act(options), options.interrupted, options.verbosity)
+
+
+def _act(options: argparse.Namespace) -> int:
+    """Does what a command does, unless it would replace a folder with something in it that it reads."""
+    if getattr(options, "force", False) and options.out is not None:
+        values = (value for name, value in vars(options).items() if name != "out")
+        named = [one for value in values for one in (value if isinstance(value, list) else [value])]
+        texts = [one for one in named if isinstance(one, str | Path)]
+        check_apart(options.out, filter(os.path.exists, texts))  # of a text too long for a path it says no
+    return int(options.action(options))
 
 
 def make_parser() -> argparse.ArgumentParser:
     """Makes the parser of all commands; a parsed command has its function in ``action``."""
     parser = Parser(prog="elitelanes", description="Evolves road maps of a miniature city and draws them.")
-    parser.set_defaults(interrupted="nothing was written", loud=Loudness.NORMAL)
+    parser.set_defaults(interrupted="nothing was written", verbosity=Verbosity.NORMAL)
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     for add in (

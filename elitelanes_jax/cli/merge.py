@@ -3,7 +3,7 @@
 import argparse
 
 from elitelanes_jax._util.checks import folder, path
-from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, checked_by
+from elitelanes_jax.cli.arguments import Commands, add_force, add_verbosity, checked_by
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
@@ -27,7 +27,7 @@ def add_merge(commands: Commands) -> None:
         "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
     add_force(command)
-    add_loudness(command)
+    add_verbosity(command)
     command.set_defaults(action=_merge)
 
 

@@ -3,7 +3,7 @@
 import argparse
 
 from elitelanes_jax._util.checks import folder, path
-from elitelanes_jax.cli.arguments import Commands, add_force, add_loudness, add_options, checked_by, read_options
+from elitelanes_jax.cli.arguments import Commands, add_force, add_options, add_verbosity, checked_by, read_options
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
@@ -33,7 +33,14 @@ def add_pick(commands: Commands) -> None:
     )
     add_options(command, PickSpec())
     add_force(command)
-    add_loudness(command)
+    command.add_argument(
+        "--force-archive",
+        dest="force",
+        action="store_const",
+        const="archive",
+        help="as --force, and also a folder with an archive.npz, which pick does not write again",
+    )
+    add_verbosity(command)
     command.set_defaults(action=_pick)
 
 
@@ -43,6 +50,8 @@ def _pick(options: argparse.Namespace) -> int:
     spec = read_options(options, PickSpec())
     from elitelanes_jax.maps.picking import pick
 
-    maps = pick(spec, options.archives, options.out, force=options.force)
+    maps = pick(
+        spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
+    )
     say(describe_maps(maps, spec.maps, options.out))
     return 0

@@ -12,24 +12,24 @@ from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
 from elitelanes_jax._util.memory import is_out_of_memory
-from elitelanes_jax._util.progress import Loudness, loudness, reporting
+from elitelanes_jax._util.progress import Verbosity, reporting, verbosity
 from elitelanes_jax.cli.signals import catch_interrupts
 
 INTERRUPTED = 130
 """The exit code after an interruption."""
 
 
-def guarded(program: str, action: Callable[[], int], interrupted: str, loud: Loudness = Loudness.NORMAL) -> int:
+def guarded(program: str, action: Callable[[], int], interrupted: str, level: Verbosity = Verbosity.NORMAL) -> int:
     """Does what a command does; returns its exit code.
 
     Args:
       program: its name, for messages.
       action: returns 0 when all went well.
       interrupted: the state in which an interruption leaves things, for the message.
-      loud: how much it says of its work.
+      level: how much it prints.
     """
     try:
-        with reporting(loud):
+        with reporting(level):
             return action()
     except InputError as error:
         return fail(program, str(error), 2)
@@ -87,7 +87,7 @@ def say(text: str, *, asked: bool = False) -> None:
     Raises:
       OSError: for a text that was asked for.
     """
-    if loudness() is Loudness.QUIET:
+    if verbosity() is Verbosity.QUIET:
         return
     try:
         _print(sys.stdout, text)

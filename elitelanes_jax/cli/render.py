@@ -1,6 +1,7 @@
 """The command ``elitelanes render``."""
 
 import argparse
+from dataclasses import replace
 
 from elitelanes_jax._util.checks import folder, one_of, whole
 from elitelanes_jax._util.errors import InputError
@@ -38,7 +39,7 @@ def add_render(commands: Commands) -> None:
 
 
 def _render(options: argparse.Namespace) -> int:
-    from elitelanes_jax._util.atomic_io import new_folder
+    from elitelanes_jax._util.folders import output_folder
     from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.maps.folder import foreign_to_picture
@@ -47,15 +48,17 @@ def _render(options: argparse.Namespace) -> int:
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     if options.dead_ends:
-        road_map = road_map._replace(codes=without_dead_ends(road_map.codes))
+        road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     out = options.out or options.map.with_suffix("")
     try:
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed)
     except InputError as error:
         raise InputError(f"{options.map}: {error}") from None
-    with new_folder(out, foreign=foreign_to_picture(tiles.layers), force=options.force) as folder:
-        write_picture(folder, picture)
+    with output_folder(
+        out, {"command": "render"}, foreign=foreign_to_picture(tiles.layers), force=options.force
+    ) as work:
+        write_picture(work.files, picture)
         if options.overlay:
-            write_png(folder / "overlay.png", overlay(picture))
+            write_png(work.files / "overlay.png", overlay(picture))
     say(f"{picture.image.shape[1]} x {picture.image.shape[0]} pixels in {out}")
     return 0

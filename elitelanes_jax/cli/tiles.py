@@ -2,11 +2,13 @@
 
 import argparse
 import shutil
+from contextlib import ExitStack
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elitelanes_jax._util.checks import name, path
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.cli.arguments import Commands, checked_by
 from elitelanes_jax.cli.program import say, warn
 
@@ -95,23 +97,30 @@ def _masks(options: argparse.Namespace) -> int:
         for mask in proposal.proposed
     }
     replaced = [file for file in masks if file.exists()]
-    for file in (*replaced, *([sheet] if sheet.exists() else [])):
-        shutil.copy2(file, file.with_name(f".{file.name}.before"))
+    kept_as = [_keep(file) for file in (*replaced, *([sheet] if sheet.exists() else []))]
     _write_together({sheet: proposal_sheet(title, proposals)} | masks)
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
-        f"{many(len(masks), 'mask')} of {many(len(proposals), 'tile')} in {options.folder}"
+        f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
         + (f", {kept} that existed are as they were" if kept else "")
-        + (f", {len(replaced)} replaced and kept as .{replaced[0].name}.before and the like" if replaced else "")
+        + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
         + f"; all of them on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )
     return 0
 
 
+def _keep(file: Path) -> Path:
+    """Copies a file beside itself under a new name: a mask made by hand is lost in no later run."""
+    names = (f".{file.name}.before" + (f"-{number}" if number > 1 else "") for number in count(1))
+    kept = next(place for place in map(file.with_name, names) if not place.exists())
+    shutil.copy2(file, kept)
+    return kept
+
+
 def _new_beside(folder: Path, file: Path) -> Path:
     """Checks that a file is new, and outside the tiles' own folders, where a picture would be taken for a tile's."""
-    from elitelanes_jax._util.atomic_io import check_new
+    from elitelanes_jax._util.files import check_new
 
     check_new(file)
     if file.resolve().parent.parent == folder.resolve():
@@ -121,19 +130,12 @@ def _new_beside(folder: Path, file: Path) -> Path:
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
     """Writes all pictures or, if one cannot be written, none."""
+    from elitelanes_jax._util.files import new_file
     from elitelanes_jax.tiles.rendering import write_png
 
-    aside = {file: file.with_name(f".{file.name}.part") for file in pictures}
-    try:
+    with ExitStack() as stack:
         for file, pixels in pictures.items():
-            write_png(aside[file], pixels)
-        for file, part in aside.items():
-            part.replace(file)
-    except OSError as error:
-        raise OSError(error.errno, error.strerror, str(file)) from None
-    finally:
-        for part in aside.values():
-            part.unlink(missing_ok=True)
+            write_png(stack.enter_context(new_file(file)), pixels)
 
 
 def _png(text: str) -> Path:

@@ -7,11 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import SPLITS
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
-from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
 
 _SHEET_PX, _GROUND = 240, 236
@@ -145,12 +143,12 @@ def sample_sheet(
 
 
 def _fit(file: Path, height: int, interpolation: int) -> NDArray[np.uint8]:
-    """Reads a picture and scales it to the sheet's width and a height, RGB or grey."""
-    problems: list[str] = []
-    picture = read_picture(file, problems)
+    """Reads a picture of the dataset and scales it to the sheet's width and a height, RGB or grey."""
+    picture = cv2.imdecode(np.fromfile(file, np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
-        raise InputError("; ".join(problems) or f"{file}: expected a picture, got none")
-    return np.asarray(cv2.resize(picture, (_SHEET_PX, height), interpolation=interpolation), np.uint8)
+        raise OSError(0, "cannot be read as a picture", str(file))
+    shown = np.asarray(cv2.resize(picture, (_SHEET_PX, height), interpolation=interpolation), np.uint8)
+    return shown[..., ::-1] if shown.ndim == 3 else shown
 
 
 def _share(pixels: Sequence[int], label: int) -> str:

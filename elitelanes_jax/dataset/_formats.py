@@ -1,6 +1,7 @@
 """Layouts of a dataset's folder, each for some training library."""
 
 import json
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -8,14 +9,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.files import read_json, write_atomic
+from elitelanes_jax._util.folders import foreign_file
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS
 from elitelanes_jax.tiles.tileset import MASKS
 
 Record = dict[str, Plain]
+
+RECORD = "dataset.json"
+"""The file with the settings of a dataset."""
+
+# The files of a dataset besides its pictures.
+_DESCRIBING = (
+    rf"README\.md|contact-sheet\.png|{re.escape(RECORD)}|(train|validation|test)/metadata\.jsonl"
+    r"|metadata/(train|val|test)\.jsonl|annotations/(train|val|test)\.json"
+)
 
 
 class Format(NamedTuple):
@@ -52,6 +63,23 @@ def find_format(name: str) -> Format:
     if layout.needs is not None:
         import_optional(layout.needs, f"format: {name} needs {layout.needs}")
     return layout
+
+
+def foreign_to_dataset(folder: Path) -> str | None:
+    """Returns the first file in a folder that no dataset's run wrote there; None without one."""
+    try:
+        about = read_json(folder / RECORD)
+        layers = ("image", "labels", *MASKS, *about["tile_set"]["layers"])
+        layout = FORMATS[about["settings"]["format"]]
+        if "elitelanes_jax" not in about["versions"]:
+            return f"{RECORD} of another program"
+    except FileNotFoundError:
+        return f"no {RECORD}"
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return f"{RECORD} of another program"
+    pictures = [layout.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
+    patterns = (re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
+    return foreign_file(folder, re.compile("|".join([_DESCRIBING, *patterns])).fullmatch)
 
 
 _SHORT = ("train", "val", "test")

@@ -1,12 +1,12 @@
 """Maps that are given to a dataset in place of evolved ones; without JAX and OpenCV."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_maps
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -56,7 +56,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
         return sources
     listed = [sources] if isinstance(sources, str | Path) else sources
     if not isinstance(listed, Iterable):
-        raise InputError(f"expected files of maps, got {short(repr(sources))}")
+        raise InputError(f"expected files of maps, got {shorten(repr(sources))}")
     found = [road_map for source in listed for file in _files(path(source)) for road_map in read_maps(file)]
     if not found:
         raise InputError("expected at least one map, got none")
@@ -78,9 +78,4 @@ def _files(source: Path) -> list[Path]:
 def _measured(road_map: RoadMap) -> RoadMap:
     if road_map.metrics is not None:
         return road_map
-    return road_map._replace(
-        metrics={
-            name: value.item() if hasattr(value, "item") else value
-            for name, value in plain_measure(road_map.codes).items()
-        }
-    )
+    return replace(road_map, metrics=plain_measure(road_map.codes))

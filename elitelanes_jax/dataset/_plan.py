@@ -4,6 +4,7 @@ import json
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
+from dataclasses import replace
 from functools import lru_cache
 from itertools import accumulate
 from pathlib import Path
@@ -11,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
@@ -21,7 +22,7 @@ from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search.compile_cache import use_compile_cache
 from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.selection import LEAST_DIFFERENT, describe_shortage, remedy
+from elitelanes_jax.search.selection import MIN_DIFFERENCE
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -56,7 +57,7 @@ class Maps:
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Executor | None = None) -> Maps:
     """Evolves the maps round by round, each round kept in a file as soon as it is done.
 
-    All are valid, and no two alike when rotated or mirrored: each differs from all others in `LEAST_DIFFERENT` of its
+    All are valid, and no two alike when rotated or mirrored: each differs from all others in `MIN_DIFFERENCE` of its
     tiles, in less where no more such maps are found. Within a round the niches give as equally as they can.
 
     Args:
@@ -102,13 +103,13 @@ def _rounds(
     while len(found) < wanted:
         file = work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
         if not file.exists():
-            _keep(file, _evolve_round(seed, search, shape, number, wanted, found, LEAST_DIFFERENT[level]))
+            _keep(file, _evolve_round(seed, search, shape, number, wanted, found, MIN_DIFFERENCE[level]))
         new = [road_map.codes for road_map in _maps_of(file)]
         # Where few maps differ as much as they should, the next ones may differ less.
         if len(new) < min(_FEW, wanted - len(found)):
             level += 1
         found += new
-        if level == len(LEAST_DIFFERENT):
+        if level == len(MIN_DIFFERENCE):
             raise NotEnoughMapsError(
                 f"found {len(found)} different ones of {wanted} maps of {shape[0]} x {shape[1]} tiles; larger sizes, "
                 "more evaluations or fewer maps"
@@ -131,17 +132,17 @@ def _evolve_round(
     number: int,
     wanted: int,
     found: Sequence[NDArray[np.int8]],
-    least: float,
+    min_difference: float,
 ) -> list[RoadMap]:
     """Evolves the maps of one round, each unlike all before in so large a share of its tiles."""
     first = number * _SEEDS
     result = evolve(seed_keys(seed, first + _SEEDS)[first:], shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
-    choice = result.choose(count, seed, known=found, least=(least,))
+    choice = result.choose(count, seed, exclude=found, min_difference=(min_difference,))
     if not choice.maps and not found:
-        words = remedy(choice, search.method, shape)
-        raise NotEnoughMapsError(describe_shortage(choice, wanted, words, writable=False))
-    return [road_map._replace(seed=(seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
+        hint = choice.hint(search.method, shape)
+        raise NotEnoughMapsError(choice.describe_shortage(wanted, hint, writable=False))
+    return [replace(road_map, seed=(seed, first + (road_map.seed or (0, 0))[1])) for road_map in choice.maps]
 
 
 def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np.int_]:
@@ -164,7 +165,7 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
             expected = (
-                f"{many(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
+                f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
             )
             raise InputError(
                 f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
@@ -179,7 +180,7 @@ def _evenly(count: int, wanted: int) -> NDArray[np.int_]:
 
 
 def _keep(file: Path, maps: Sequence[RoadMap]) -> None:
-    lines = (json.dumps(road_map._asdict() | {"codes": road_map.codes.tolist()}) for road_map in maps)
+    lines = (json.dumps(vars(road_map) | {"codes": road_map.codes.tolist(), "drawn": None}) for road_map in maps)
     write_atomic(file, "".join(f"{line}\n" for line in lines).encode())
 
 
@@ -189,4 +190,4 @@ def _lines(file: Path) -> list[str]:
 
 def _maps_of(file: Path) -> list[RoadMap]:
     records = map(json.loads, _lines(file))
-    return [RoadMap(**record | {"codes": np.array(record["codes"], np.int8)}) for record in records]
+    return [RoadMap(**record) for record in records]

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._formats import Format
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels

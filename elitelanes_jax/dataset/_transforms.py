@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 
@@ -73,7 +73,7 @@ def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:
         return texts
     words = [texts] if isinstance(texts, str) else texts
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {short(repr(texts))}")
+        raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {shorten(repr(texts))}")
     transforms, numbers = Transforms(), [name for name in Transforms.options() if name != "quarter_turns"]
     check_unique("transforms", "transform", [text.partition("=")[0] for text in words])
     late = set(words[1:]) & {"none", "standard"}

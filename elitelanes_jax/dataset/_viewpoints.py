@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, real, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import UserValue
 
@@ -46,11 +46,11 @@ def parse_viewpoints(texts: UserValue) -> Viewpoints:
         return texts
     words = [texts] if isinstance(texts, str) else texts
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"camera: expected words such as 'rows=120', got {short(repr(texts))}")
+        raise InputError(f"camera: expected words such as 'rows=120', got {shorten(repr(texts))}")
     pairs = [word.partition("=") for word in words]
     check_unique("camera", "setting", [name for name, _, _ in pairs])
     for name, equals, _ in pairs:
         if not equals or name not in Viewpoints.options():
             known = ", ".join(f"{number}=..." for number in Viewpoints.options())
-            raise InputError(f"camera: expected some of {known}, got {short(repr(name + equals))}")
+            raise InputError(f"camera: expected some of {known}, got {shorten(repr(name + equals))}")
     return Viewpoints().replace(**{name: value for name, _, value in pairs})

@@ -1,42 +1,85 @@
-"""From a specification to a dataset's folder, by several threads; killed at any moment, it continues."""
+"""From a specification to a dataset's folder, drawn by several threads. A killed run is resumed."""
 
 import json
-import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.atomic_io import write_atomic, write_json
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.cores import count_cores
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
+from elitelanes_jax._util.files import read_json, write_atomic, write_json
+from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.dataset._card import sample_sheet, write_card
-from elitelanes_jax.dataset._formats import Format, find_format
+from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset
 from elitelanes_jax.dataset._given import GivenMaps, given
 from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
-from elitelanes_jax.dataset._remove import place_for
 from elitelanes_jax.dataset._samples import draw_sample, write_sample
 from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
-from elitelanes_jax.dataset._work import LAST, WORK, work_folder
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.cluster import run_on
-from elitelanes_jax.maps.generation import drawable
+from elitelanes_jax.maps.run import drawable
+from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 _ON_SHEET = 12
 
 _PICTURES_A_JOB = 64
+
+
+class _Drawing(NamedTuple):
+    """What the samples are drawn from, and where to.
+
+    Attributes:
+      spec: of the dataset.
+      maps: of the dataset.
+      splits: int ``[samples]``, the split of each sample.
+      files: the folder for the pictures.
+      records: the folder for the records. A sample is complete when its record exists.
+    """
+
+    spec: DatasetSpec
+    maps: Maps
+    splits: NDArray[np.int_]
+    files: Path
+    records: Path
+
+    def record(self, index: int) -> Path:
+        """Returns the file of a sample's record."""
+        return self.records / f"{index // 1000:03d}" / f"{index:06d}.json"
+
+    def waiting(self) -> list[int]:
+        """Returns the indices of the samples that are not complete."""
+        return [index for index in range(len(self.splits)) if not self.record(index).exists()]
+
+    def draw(self, tiles: Sequence[TileSet], index: int) -> None:
+        """Draws a sample with the tiles of its split, and writes its pictures, then its record."""
+        spec, split, layout = self.spec, int(self.splits[index]), find_format(self.spec.format)
+        sample = draw_sample(
+            self.maps[index // spec.views],
+            tiles[split],
+            index,
+            seed=spec.seed,
+            tile_px=spec.pixels,
+            transforms=spec.transforms,
+            camera=spec.camera,
+            layers=layout.layers,
+        )
+        write_sample(sample, layout, split, self.files)
+        note = layout.note(sample.layers["labels"])
+        write_atomic(self.record(index), json.dumps(sample.record | note).encode())
 
 
 def make_dataset(
@@ -50,32 +93,31 @@ def make_dataset(
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
 
-    A run that was killed continues where it was when it is started again; the same specification gives the same files,
-    byte for byte, whatever the number of workers and however often it was killed.
+    The same specification gives the same files, byte for byte, with any number of workers. If a run was killed, the
+    same call resumes it. If the dataset is complete, the call returns its record.
 
     Args:
       spec: of the dataset.
-      out: the folder: new, empty, or one that was begun with the same specification.
+      out: the folder, new or empty.
       workers: threads that draw; by default one for each core (see `use_cores`).
-      force: whether another dataset in the folder is replaced once this one is complete, unless anything else is in it.
-        Until then there has to be room for both.
-      maps: to be drawn as they are in place of evolved ones: as many as the specification says, of its sizes.
-      executor: whose workers search and draw in place of this process, such as `cluster.dask_executor`; they share the
-        disk with it.
+      force: whether another dataset in the folder is replaced when this one is complete, if nothing else is in the
+        folder. Until then the disk needs room for both.
+      maps: drawn instead of evolved maps, as many as the specification says and of its sizes.
+      executor: whose workers search and draw instead of this process, such as `dask_executor`. They share the disk
+        with this process.
 
     Returns:
       The record in ``dataset.json``.
 
     Raises:
-      InputError: for constraints that no map can meet, given maps beside those of the specification or that cannot be
-        drawn, a bad tile set, or a folder that is anything else.
-      NotEnoughMapsError: if the searches give too few maps.
-      OSError: if a file cannot be written, or a worker fails; it names it. What was complete stays, and the next run
-        continues.
+      InputError: for constraints that no map can meet, maps besides those of the specification or that cannot be
+        drawn, a bad tile set, or a folder with other files.
+      NotEnoughMapsError: if the searches return too few maps.
+      OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
     """
     out = Path(out)
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
-    layout = find_format(spec.format)
+    find_format(spec.format)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     if spec.maps_from is not None and maps is not None:
         raise InputError("maps: expected none beside the specification's maps_from")
@@ -89,22 +131,46 @@ def make_dataset(
         for shape, count in maps_by_shape(spec).items():
             search.count_maps(shape, count)
     identity = _identity(spec, tiles, own)
-    with place_for(out, identity, force=force) as place:
-        with work_folder(place, identity) as work:
-            if work is not None:
-                views = many(spec.views, "view")
-                announce(f"making a dataset of {many(spec.maps, 'map')} of {_sizes(spec)} tiles, {views} each")
-                if own is not None and own.repeated:
-                    which = "that is another one" if own.repeated == 1 else "that are others"
-                    announce(f"left out {many(own.repeated, 'map')} {which} rotated or mirrored")
-                found = evolve_maps(spec, search, work, executor) if own is None else given_maps(own.maps, work)
-                splits = np.repeat(split_maps(spec, found, by_split[2]), spec.views)
-                if executor is not None:
-                    _draw_on_workers(executor, place.absolute(), spec, found, splits)
-                _draw_samples(place, work / "records", spec, found, splits, by_split, workers)
-                _finish(place, work / "records", splits, layout, identity)
-        about: dict[str, Plain] = json.loads((place / LAST).read_text(encoding="utf-8"))
-    return about
+    settle(out)
+    if (out / RECORD).exists():
+        try:
+            compare_settings(out, out / RECORD, identity, "use another folder, or --force to replace this one")
+            return read_json(out / RECORD)
+        except InputError:
+            if not force:
+                raise
+    inputs = [spec.tiles] if spec.tiles else []
+    with output_folder(
+        out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
+    ) as work:
+        try:
+            drawing = _plan(spec, own, search, by_split[2], work, executor)
+            if executor is not None:
+                _draw_on_workers(executor, drawing)
+            _draw_here(drawing, by_split, workers)
+            return _finish(drawing, identity)
+        except (InputError, NotEnoughMapsError):  # the next run has other settings
+            remove(work.kept)
+            raise
+
+
+def _plan(
+    spec: DatasetSpec,
+    own: GivenMaps | None,
+    search: SearchSpec,
+    test_tiles: TileSet,
+    work: Unfinished,
+    executor: Executor | None,
+) -> _Drawing:
+    """Evolves the maps, unless they are given, and assigns them to the splits."""
+    count, views = pluralize(spec.maps, "map"), pluralize(spec.views, "view")
+    announce(f"making a dataset of {count} of {_sizes(spec)} tiles, {views} each")
+    if own is not None and own.repeated:
+        which = "that is another one" if own.repeated == 1 else "that are others"
+        announce(f"left out {pluralize(own.repeated, 'map')} {which} rotated or mirrored")
+    maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
+    splits = np.repeat(split_maps(spec, maps, test_tiles), spec.views)
+    return _Drawing(spec, maps, splits, work.files, work.kept / "records")
 
 
 def _sizes(spec: DatasetSpec) -> str:
@@ -115,7 +181,7 @@ def _sizes(spec: DatasetSpec) -> str:
 def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
-    del plain["tiles"], plain["maps_from"]  # the pictures and the maps count, not their places
+    del plain["tiles"], plain["maps_from"]  # the pictures and the maps count, not their paths
     about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
         "tiles": digest(tiles)
     }
@@ -124,115 +190,49 @@ def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None) -> dict[
     return json.loads(json.dumps(identity))
 
 
-def _record_file(records: Path, number: int) -> Path:
-    return records / f"{number // 1000:03d}" / f"{number:06d}.json"
+def _draw_here(drawing: _Drawing, tiles: Sequence[TileSet], workers: int) -> None:
+    """Draws the samples that are not complete in threads, side by side because OpenCV works outside of Python."""
+    waiting, total = drawing.waiting(), len(drawing.splits)
+    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
+        calls = (partial(drawing.draw, tiles, index) for index in waiting)
+        side_by_side(calls, workers=workers, ended=lambda _: bar.count())
 
 
-def _draw_on_workers(executor: Executor, place: Path, spec: DatasetSpec, maps: Maps, splits: NDArray[np.int_]) -> None:
-    """Draws the samples that have no record yet on an executor's workers."""
-    records = place / WORK / "records"
-    waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
+def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
+    """Draws the samples that are not complete on an executor's workers."""
+    waiting, total = drawing.waiting(), len(drawing.splits)
+    spec = drawing.spec
     spec = spec.replace(tiles=spec.tiles and spec.tiles.absolute(), maps_from=None)
-    rounds = [file.absolute() for file in maps.rounds]
+    folders = [folder.absolute() for folder in (drawing.files, drawing.records)]
+    rounds = [file.absolute() for file in drawing.maps.rounds]
     jobs = {
-        f"pictures {share[0]} to {share[-1]}": (place, spec, rounds, {each: int(splits[each]) for each in share})
+        f"pictures {share[0]} to {share[-1]}": (spec, rounds, drawing.splits, *folders, share)
         for share in (waiting[first : first + _PICTURES_A_JOB] for first in range(0, len(waiting), _PICTURES_A_JOB))
     }
-    with Progress("drawing", len(splits), "pictures", done=len(splits) - len(waiting)) as bar:
+    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar:
         run_on(executor, _draw_share, jobs, bar.count)
 
 
-def _draw_share(place: Path, spec: DatasetSpec, rounds: Sequence[Path], splits: dict[int, int]) -> int:
-    """Draws the samples of some numbers on a worker, each with its split; returns how many."""
-    tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
-    maps = Maps(rounds)
-    with _one_thread_each():
-        for number, split in splits.items():
-            _draw(place, place / WORK / "records", spec, maps, tiles[split], number, split)
-    return len(splits)
-
-
-def _draw_samples(
-    place: Path,
-    records: Path,
+def _draw_share(
     spec: DatasetSpec,
-    maps: Maps,
+    rounds: Sequence[Path],
     splits: NDArray[np.int_],
-    tiles: Sequence[TileSet],
-    workers: int,
-) -> None:
-    """Draws and writes the samples that have no record yet."""
-
-    def draw(number: int) -> None:
-        split = int(splits[number])
-        _draw(place, records, spec, maps, tiles[split], number, split)
-
-    waiting = [number for number in range(len(splits)) if not _record_file(records, number).exists()]
-    _draw_all(draw, waiting, len(splits), workers)
-
-
-def _draw(place: Path, records: Path, spec: DatasetSpec, maps: Maps, tiles: TileSet, number: int, split: int) -> None:
-    """Draws and writes one sample; its record is written last."""
-    layout = find_format(spec.format)
-    sample = draw_sample(
-        maps[number // spec.views],
-        tiles,
-        number,
-        seed=spec.seed,
-        tile_px=spec.pixels,
-        transforms=spec.transforms,
-        camera=spec.camera,
-        layers=layout.layers,
-    )
-    write_sample(sample, layout, split, place)
-    note = layout.note(sample.layers["labels"])
-    write_atomic(_record_file(records, number), json.dumps(sample.record | note).encode())
-
-
-def _draw_all(draw: Callable[[int], None], waiting: Sequence[int], total: int, workers: int) -> None:
-    """Draws the waiting samples in threads: they run side by side, as pictures are warped outside of Python.
-
-    The main thread waits at a simple queue, which an interruption leaves intact. A lock written in Python, as those of
-    `concurrent.futures` are, may stay locked when the interruption falls between taking and releasing it; the threads
-    would wait for it for ever.
-    """
-    numbers: SimpleQueue[int | None] = SimpleQueue()
-    outcomes: SimpleQueue[BaseException | None] = SimpleQueue()
-    stopped = False
-
-    def work() -> None:
-        while (number := numbers.get()) is not None and not stopped:
-            try:
-                draw(number)
-            except BaseException as error:
-                outcomes.put(error)
-            else:
-                outcomes.put(None)
-
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(workers, len(waiting)))]
-    with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
-        try:
-            for thread in threads:
-                thread.start()
-            for number in waiting:  # not before all threads run: one whose start is interrupted may hang
-                numbers.put(number)
-            for _ in waiting:
-                error = outcomes.get()
-                if error is not None:
-                    raise error
-                bar.count()
-        finally:
-            stopped = True
-            for _ in threads:
-                numbers.put(None)
-            for thread in threads:
-                if thread.is_alive():  # one whose start was interrupted is not, and has nothing to draw
-                    thread.join()
+    files: Path,
+    records: Path,
+    share: Sequence[int],
+) -> int:
+    """Draws the samples of some indices on a worker; returns how many."""
+    tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
+    drawing = _Drawing(spec, Maps(rounds), splits, files, records)
+    with _one_thread_each():
+        for index in share:
+            drawing.draw(tiles, index)
+    return len(share)
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Turns OpenCV's own threads off, which would slow the workers down."""
+    """Turns OpenCV's own threads off, because they slow the workers down."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -241,17 +241,18 @@ def _one_thread_each() -> Iterator[None]:
         cv2.setNumThreads(before)
 
 
-def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, identity: dict[str, Plain]) -> None:
-    """Writes the files that describe the samples, the record of the whole last."""
-
-    def read(number: int) -> dict[str, Plain]:
-        return json.loads(_record_file(records, number).read_text(encoding="utf-8"))
-
+def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
+    """Writes the files that describe the samples; returns the record of the dataset."""
+    spec, splits, out = drawing.spec, drawing.splits, drawing.files
+    layout = find_format(spec.format)
     pixels = {name: np.zeros(len(LABELS), np.int64) for name in SPLITS}
 
+    def read(index: int) -> dict[str, Plain]:
+        return json.loads(drawing.record(index).read_text(encoding="utf-8"))
+
     def count_pixels(split: int) -> Iterator[dict[str, Plain]]:
-        for number in np.flatnonzero(splits == split).tolist():
-            record = read(number)
+        for index in np.flatnonzero(splits == split).tolist():
+            record = read(index)
             pixels[SPLITS[split]] += record["class_pixels"]
             yield record
 
@@ -260,32 +261,32 @@ def _finish(out: Path, records: Path, splits: NDArray[np.int_], layout: Format, 
     about = identity | {
         "pictures": {name: int((splits == split).sum()) for split, name in enumerate(SPLITS)},
         "classes": [
-            {"label": place, "name": name, "colour": colour}
-            for place, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
+            {"label": label, "name": name, "colour": colour}
+            for label, (name, colour) in enumerate(zip(LABELS, LABEL_COLOURS, strict=True))
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
     write_atomic(out / "README.md", write_card(about, layout.loading(int(splits.min()))).encode())
     count = min(_ON_SHEET, len(splits))
-    shown = [read(place * len(splits) // count) for place in range(count)]
+    shown = [read(row * len(splits) // count) for row in range(count)]
     title = f"{count} of {len(splits)} pictures"
-    camera = identity["settings"]["camera"]
-    shape = camera["rows"] / camera["columns"] if camera else 1
+    shape = spec.camera.rows / spec.camera.columns if spec.camera else 1
     sheet = sample_sheet(out, [_on_sheet(record, splits, layout) for record in shown], title, shape)
     write_atomic(out / "contact-sheet.png", png_of(sheet))
-    write_json(out / LAST, about)
+    write_json(out / RECORD, about)
+    return read_json(out / RECORD)
 
 
 def _on_sheet(record: dict[str, Plain], splits: NDArray[np.int_], layout: Format) -> tuple[str, str, tuple[str, ...]]:
-    number = record["number"]
-    split = int(splits[number])
+    index = record["number"]
+    split = int(splits[index])
     height, width = record["size"]
-    figures = record.get("metrics", {})
+    metrics = record.get("metrics", {})
     return (
-        layout.file(split, number, "image"),
-        layout.file(split, number, "labels"),
+        layout.file(split, index, "image"),
+        layout.file(split, index, "labels"),
         (
-            f"{number:06d}, {SPLITS[split]}, {height} x {width} tiles",
-            ", ".join(f"{name} {figures[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in figures),
+            f"{index:06d}, {SPLITS[split]}, {height} x {width} tiles",
+            ", ".join(f"{name} {metrics[name]}" for name in ("cyclomatic", "crossings", "bridges") if name in metrics),
         ),
     )

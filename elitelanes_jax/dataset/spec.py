@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from itertools import product
-from math import floor
+from math import floor, prod
 from pathlib import Path
 
 from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, switch, whole
@@ -22,7 +22,8 @@ SPLITS = ("train", "validation", "test")
 LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
 """The layouts of a dataset's folder."""
 
-_LARGEST_SEEN = 32_766  # pixels: larger pictures OpenCV does not warp
+# OpenCV warps no picture with a longer side, and Pillow reads none with more pixels.
+_LONGEST_SIDE, _MOST_PIXELS = 32_766, 178_956_970
 
 Sides = tuple[tuple[int, int], ...]
 """The smallest and the largest side: once for squares, or for rows and for columns."""
@@ -100,7 +101,7 @@ class DatasetSpec(Record):
     camera: Viewpoints | None = option(None, none_or(parse_viewpoints), "NAME=VALUE", many="*")
     seed: int = option(0, whole(0, 2**32 - 1), "N")
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
-    search: SearchSpec = option(SearchSpec(evaluations=100_000), record(SearchSpec))
+    search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
@@ -133,6 +134,7 @@ class DatasetSpec(Record):
                 raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
         if self.camera is not None:
             self._check_camera()
+        self._check_pixels()
         low = min(map(min, shapes))
         smallest = low * self.pixels * min(1.0, self.transforms.scale[0])
         if self.transforms.crop > smallest:
@@ -154,7 +156,7 @@ class DatasetSpec(Record):
             object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
-        """Checks that the views' geometry is left to the camera, and that it can look at maps so large."""
+        """Checks that the views' geometry is left to the camera."""
         still, usual = ({name: getattr(one, name) for name in GEOMETRY} for one in (Transforms(), STANDARD))
         asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
         if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
@@ -163,10 +165,17 @@ class DatasetSpec(Record):
                 f"own places, got {changed[0].replace('_', '-')}"
             )
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
+
+    def _check_pixels(self) -> None:
+        """Checks that the pictures can be made, and be read again."""
+        name = "size" if self.tile_px is None else "tile_px"
         side = max(map(max, self.shapes)) * self.pixels
-        if side > _LARGEST_SEEN:
-            limit = f"maps of at most {_LARGEST_SEEN} pixels a side with a camera"
-            raise InputError(f"tile_px: expected {limit}, got {side}")
+        if side > _LONGEST_SIDE:
+            raise InputError(f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}")
+        area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
+        if area > _MOST_PIXELS and self.camera is None:
+            expected = f"pictures of at most {_MOST_PIXELS} pixels, as Pillow reads no larger ones"
+            raise InputError(f"{name}: expected {expected}, got {area}")
 
     def check_search(self) -> None:
         """Checks the search on maps of each size, and their number; raises `InputError`."""

@@ -24,6 +24,10 @@ from ._localization import localization_steps as localization_steps
 from ._pure_pursuit import pure_pursuit as pure_pursuit
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams
+from ._wrappers import GymnaxEnv as GymnaxEnv
+from ._wrappers import JaxUedEnv as JaxUedEnv
+from ._wrappers import gymnasium_env as gymnasium_env
+from ._wrappers import gymnasium_vector_env as gymnasium_vector_env
 from .lanes import Place as Place
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose

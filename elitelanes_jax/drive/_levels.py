@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, places, shortest_ways
 from elitelanes_jax.drive.lanes import Place, linked, movements
@@ -53,7 +53,7 @@ def _check_place(place: UserValue) -> Place:
     except (TypeError, ValueError):
         parts = []
     if len(parts) != 3 or not all(jnp.issubdtype(part.dtype, jnp.integer) for part in parts):
-        raise InputError(f"expected a row, a column and a heading, whole numbers, got {short(repr(place))}")
+        raise InputError(f"expected a row, a column and a heading, whole numbers, got {shorten(repr(place))}")
     return Place(*(part.astype(jnp.int32) for part in parts))
 
 
@@ -164,7 +164,7 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
       InputError: the message names the level, the field, what was expected and what came.
     """
     if not isinstance(level, Level):
-        raise InputError(f"level: expected one of make_level, or a batch of make_levels, got {short(repr(level))}")
+        raise InputError(f"level: expected one of make_level, or a batch of make_levels, got {shorten(repr(level))}")
     grids = np.asarray(level.grid)
     if grids.ndim not in (2, 3):
         raise InputError(f"level.grid: expected [H, W] or [N, H, W], got shape {grids.shape}")

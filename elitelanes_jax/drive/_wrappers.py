@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree, Untyped
 from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
@@ -41,19 +41,19 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
 def _makers(spaces: Untyped) -> Untyped:
     """Takes what is needed out of a module: Rejax copies environments, which modules do not allow."""
     if not hasattr(spaces, "Discrete") or not hasattr(spaces, "Box"):
-        raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {short(repr(spaces))}")
+        raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {shorten(repr(spaces))}")
     return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
 
 
 def _checked(params: Pytree) -> Pytree:
     if not isinstance(params, Record):
-        raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {short(repr(params))}")
+        raise InputError(f"params: expected RoadNavParams or LaneDriveParams, got {shorten(repr(params))}")
     return params
 
 
 def _check_gymnasium(module: Untyped) -> None:
     if not hasattr(module, "Env"):
-        raise InputError(f"gymnasium: expected the module gymnasium, got {short(repr(module))}")
+        raise InputError(f"gymnasium: expected the module gymnasium, got {shorten(repr(module))}")
 
 
 def _action_space(environment: Environment, spaces: Untyped) -> Untyped:

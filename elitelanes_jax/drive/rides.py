@@ -1,5 +1,6 @@
 """Rides to look at: the way of a robot across a map, as a film of its camera beside the map, or as trails on one."""
 
+import errno
 import json
 import runpy
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
@@ -24,7 +26,7 @@ from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.rides import RIDES
+from elitelanes_jax.formats.rides import MOST_POSES, RIDES
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -37,6 +39,7 @@ Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
 _RATE = 30
 _GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: it is ten times the size of a film
 _COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
+_ROOM = 2**20  # bytes that a full disk has no room for: the error says why
 _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
 _BITS = 4  # of the fraction of a pixel
@@ -249,36 +252,30 @@ def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     A GIF has every third frame, half as large.
 
     Raises:
-      InputError: for a GIF with an OpenCV that writes none.
       OSError: that names the file, if it cannot be written.
     """
-    gif = file.suffix.lower() == ".gif"
-    if gif and not hasattr(cv2, "imwriteanimation"):
-        raise InputError(f"{file}: expected an OpenCV that writes GIF, 4.11 or later, got {cv2.__version__}")
-    aside = file.with_name(f".{file.stem}.part{file.suffix.lower()}")
-    try:
-        count = (_write_gif if gif else _write_mp4)(aside, frames, file)
-        aside.replace(file)
-    finally:
-        aside.unlink(missing_ok=True)
-    return count
+    with new_file(file) as part:
+        return (_write_gif if file.suffix.lower() == ".gif" else _write_mp4)(part, frames)
 
 
-def _write_mp4(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     count, writer = 0, None
     for frame in frames:
         if writer is None:
-            writer = cv2.VideoWriter(str(aside), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
-            if not writer.isOpened():
-                raise OSError(0, "cannot be written as a film", str(file))
+            writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"mp4v"), _RATE, frame.shape[1::-1])
         writer.write(np.ascontiguousarray(frame[..., ::-1]))
         count += 1
     if writer is not None:
         writer.release()
+    # The writer tells of no failure: not of a full disk.
+    if sum(1 for _ in iter(cv2.VideoCapture(str(file)).grab, False)) != count:
+        with file.open("ab") as stream:
+            stream.write(bytes(_ROOM))
+        raise OSError(errno.EIO, "cannot be written as a film")
     return count
 
 
-def _write_gif(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> int:
+def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     def halved(frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         small = cv2.resize(frame, None, fx=_GIF_SCALE, fy=_GIF_SCALE, interpolation=cv2.INTER_AREA)
         return np.ascontiguousarray(small[..., ::-1])
@@ -286,19 +283,25 @@ def _write_gif(aside: Path, frames: Iterator[NDArray[np.uint8]], file: Path) -> 
     animation = cv2.Animation()
     animation.frames = [halved(frame) for frame in islice(frames, 0, None, _GIF_STEP)]
     animation.durations = [1000 * _GIF_STEP // _RATE] * len(animation.frames)
-    if not cv2.imwriteanimation(str(aside), animation):
-        raise OSError(0, "cannot be written as a GIF", str(file))
+    file.write_bytes(cv2.imencodeanimation(".gif", animation)[1].tobytes())
     return len(animation.frames)
 
 
 def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
-    """Writes rides as `read_rides` reads them: the map, and of each ride its poses, 30 a second, to its end."""
+    """Writes rides as `read_rides` reads them: the map, and of each ride its poses, 30 a second, to its end.
+
+    Raises:
+      InputError: for more than `MOST_POSES` poses.
+    """
+    poses = int(rides.steps.sum()) + len(rides.steps)
+    if poses > MOST_POSES:
+        raise InputError(f"rides: expected at most {MOST_POSES} poses, got {poses}")
     listed = []
     for number, steps in enumerate(rides.steps.tolist()):
-        poses = {name: getattr(rides, name)[number, : steps + 1] for name in ("x", "y", "theta")}
+        tracks = {name: getattr(rides, name)[number, : steps + 1] for name in ("x", "y", "theta")}
         goal = [int(part[number]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
         ride = {"goal": goal, "success": bool(rides.success[number])}
-        listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in poses.items()})
+        listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in tracks.items()})
     return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
 
 

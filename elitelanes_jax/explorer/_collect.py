@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import has_unfinished
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax._util.unfinished import is_kept
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
@@ -223,19 +222,19 @@ def _read_run(folder: Path) -> _Finds:
     size = record.get("settings", {}).get("size") if isinstance(record.get("settings"), dict) else None
     if size is not None and size != list(run.grids.shape[1:]):
         got = "{} x {}".format(*run.grids.shape[1:])
-        raise InputError(f"{folder}: expected maps of {short(json.dumps(size))}, as run.json says, got {got}")
+        raise InputError(f"{folder}: expected maps of {shorten(json.dumps(size))}, as run.json says, got {got}")
     return run._replace(record={key: record[key] for key in _RECORDED if key in record})
 
 
 def _read_record(file: Path) -> dict[str, Plain]:
     try:
-        record = parse_json(read_text(file, 32 * MIB))
+        record = read_json(file)
     except OSError:
-        unfinished = "; its search is not done, the same generate command continues it" * is_kept(file.parent)
+        unfinished = "; its search is not done, the same generate command continues it" * has_unfinished(file.parent)
         raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
-        raise InputError(f"{file}: expected the JSON of a run, got: {short(words)}") from None
+        raise InputError(f"{file}: expected the JSON of a run, got: {shorten(words)}") from None
     if not isinstance(record, dict) or "versions" not in record:
         raise InputError(f"{file}: expected the record of a run of this package, got other JSON")
     return record
@@ -287,7 +286,7 @@ def _of_seeds(history: "History", seeds: int) -> "History":
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
     """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
     spec = result.spec
-    name = f"{shape[0]}x{shape[1]}{'A' if spec.fills else 'B'}"
+    name = f"{shape[0]}x{shape[1]}{'A' if spec.repair_fills else 'B'}"
     if name not in SIZES or spec.all_weights != Weights() or spec.feature_weights or spec.rules is not None:
         return None
     task = find_task(f"{name}-10000")
@@ -390,12 +389,12 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
         "seed": blob.add(run.seed, "int32"),
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
-        "extras": {name: blob.add(values, "int32") for name, values in run.extras.items()},
+        "features": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
-        "maps": [_map_values(run.grids[place], place, name, drawn, tiles) for place, name, drawn in run.maps],
+        "maps": [_map_values(run.grids[elite], elite, name, drawn, tiles) for elite, name, drawn in run.maps],
         "rides": [
-            {"place": place, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
-            for place, ride in run.rides
+            {"elite": elite, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
+            for elite, ride in run.rides
         ],
         "history": None if run.history is None else _history_values(run.history, blob),
         "floors": None if run.floors is None else list(run.floors.items()),
@@ -403,13 +402,13 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     }
 
 
-def _map_values(grid: NDArray[np.int8], place: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
-    """Returns a chosen map: where it is, and its tile pictures as places in the set times 4 plus quarter turns."""
+def _map_values(grid: NDArray[np.int8], elite: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
+    """Returns a chosen map: its elite, and its tile pictures as indices in the set times 4 plus quarter turns."""
     chosen = None
     if drawn is not None and drawn.tile_set == tiles.name:
         chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
-    return {"place": place, "name": name, "pictures": pictures}
+    return {"elite": elite, "name": name, "pictures": pictures}
 
 
 def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:

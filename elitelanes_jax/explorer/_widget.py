@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int8
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
 from elitelanes_jax.explorer._payload import Payload

@@ -8,8 +8,8 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
 
@@ -90,4 +90,4 @@ def _check_place(out: Path, force: bool) -> None:
         ours = stream.read(len(_MARK)) == _MARK.encode()
     if not ours or not force:
         hint = "; --force replaces it" if ours else ""
-        raise InputError(f"{out}: expected a file that is new, got one that is there{hint}")
+        raise InputError(f"{out}: expected a new file, got an existing one{hint}")

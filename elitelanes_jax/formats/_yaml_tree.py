@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import yaml
 
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
@@ -32,7 +32,7 @@ def yaml_tree(text: str) -> Plain:
     try:
         return _build(yaml.parse(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)))
     except (yaml.YAMLError, UnicodeEncodeError) as error:
-        raise InputError(f"expected readable YAML, got: {short(' '.join(str(error).split()), 200)}") from None
+        raise InputError(f"expected readable YAML, got: {shorten(' '.join(str(error).split()), 200)}") from None
 
 
 def _build(events: Iterable[yaml.Event]) -> Plain:
@@ -53,7 +53,7 @@ def _build(events: Iterable[yaml.Event]) -> Plain:
                 opened = _Pairs(value).add
             case yaml.AliasEvent():
                 if event.anchor not in anchors:
-                    raise InputError(f"expected readable YAML, got an alias of nothing, *{short(event.anchor)}")
+                    raise InputError(f"expected readable YAML, got an alias of nothing, *{shorten(event.anchor)}")
                 value = anchors[event.anchor]
             case yaml.CollectionEndEvent():
                 add = outer.pop()
@@ -87,7 +87,7 @@ class _Pairs:
         """Takes the next key or value."""
         if self.key is not None:
             if self.key in self.table:
-                raise InputError(f"YAML: expected each key once, got {short(self.key, 40)} twice")
+                raise InputError(f"YAML: expected each key once, got {shorten(self.key, 40)} twice")
             self.table[self.key] = item
             self.key = None
         elif isinstance(item, str):

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import is_real
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.graph import linked_tiles
@@ -62,7 +62,7 @@ def to_duckietown(
     """
     grid = np.asarray(check_grid(codes))
     if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
-        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {short(repr(tile_size))}")
+        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {shorten(repr(tile_size))}")
     if ground not in GROUNDS:
         raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
     if dead_ends not in ("refuse", "grass"):
@@ -107,7 +107,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     if rows is None:
         raise InputError('expected a Duckietown map, {"tiles": [[...], ...]}, got no "tiles"')
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
-        raise InputError(f"tiles: expected rows of kinds of tiles, got {short(reprlib.repr(rows))}")
+        raise InputError(f"tiles: expected rows of kinds of tiles, got {shorten(reprlib.repr(rows))}")
     check_sides(rows)  # aliases may name the same row many times
     return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
 
@@ -119,7 +119,7 @@ def _code(tile: Plain, row: int, column: int) -> int:
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
         place = f"at row {row}, column {column}"
-        got = short(reprlib.repr(tile))  # the one bounds the expansion of aliases, the other its length
+        got = shorten(reprlib.repr(tile))  # the one bounds the expansion of aliases, the other its length
         raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {place}")
     return _CODE[kind]
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, KIND_OF, SIDES

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.checks import check_grid
 
@@ -17,6 +16,9 @@ RIDES = "elitelanes rides, version 1"
 """The format of the file, which it says itself."""
 
 _MOST_BYTES = 64 * MIB
+
+MOST_POSES = 2_000_000
+"""The poses of all rides that a file has room for, beside a map of 1024 x 1024 tiles: 18 hours."""
 
 
 class RecordedRide(NamedTuple):

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -10,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
-from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import MIB, parse_json, read_text
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
@@ -38,8 +38,9 @@ class Drawn(NamedTuple):
     quarter_turns: list[list[int]]
 
 
-class RoadMap(NamedTuple):
-    """One map; unknown fields are None.
+@dataclass(frozen=True)
+class RoadMap:
+    """One map; unknown fields are None. Fields are checked when it is made, as those of a file are.
 
     Attributes:
       codes: int8 ``[H, W]``.
@@ -58,6 +59,24 @@ class RoadMap(NamedTuple):
     niche: list[int] | None = None
     seed: tuple[int, int] | None = None
     drawn: Drawn | None = None
+
+    def __post_init__(self) -> None:
+        """Checks all fields.
+
+        Raises:
+          InputError: for a bad grid (see `check_grid`), or any other field that is not as it should be.
+        """
+        codes = np.asarray(check_grid(self.codes))
+        for name, (fits, expected) in _FIELDS.items():
+            value = _plain(getattr(self, name))
+            if value is not None and not fits(value):
+                raise InputError(f"{name}: expected {expected}, got {shorten(json.dumps(value, default=repr))}")
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "codes", codes)
+        object.__setattr__(self, "seed", self.seed and tuple(self.seed))
+        object.__setattr__(self, "drawn", self.drawn and Drawn(**self.drawn))  # type: ignore[arg-type]
+        if self.drawn and any(_extent(table) != codes.shape for table in self.drawn[1:]):
+            raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
 
     def __repr__(self) -> str:
         """Returns the size and a few figures in one line."""
@@ -154,25 +173,23 @@ def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
         raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
     if values.get("format", _FORMAT) != _FORMAT:
-        raise InputError(f"format: expected {_FORMAT!r}, got {short(repr(values['format']))}")
+        raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
     codes = _grid(values["codes"])
-    for name, (fits, expected) in _FIELDS.items():
-        if name in values and not fits(values[name]):
-            raise InputError(f"{name}: expected {expected}, got {short(json.dumps(values[name]))}")
-    if values.get("shape", list(codes.shape)) != list(codes.shape):
-        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {values['shape']}")
-    drawn = Drawn(**values["drawn"]) if "drawn" in values else None
-    if drawn and any(_extent(table) != codes.shape for table in (drawn.tiles, drawn.quarter_turns)):
-        raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
-    return RoadMap(
-        codes,
-        values.get("metrics"),
-        values.get("fitness"),
-        values.get("descriptor"),
-        values.get("niche"),
-        tuple(values["seed"]) if "seed" in values else None,
-        drawn,
-    )
+    shape = values.get("shape", list(codes.shape))
+    if shape != list(codes.shape):
+        raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {shorten(json.dumps(shape))}")
+    return RoadMap(codes, **{name: values[name] for name in _FIELDS if name in values})
+
+
+def _plain(value: UserValue) -> Plain:
+    """Returns a field's value as JSON gives it back: NumPy's numbers as Python's, tuples as lists."""
+    if isinstance(value, Drawn):
+        value = value._asdict()
+    if isinstance(value, Mapping):
+        return {name: _plain(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _grid(rows: Plain) -> NDArray[np.int8]:
@@ -182,7 +199,7 @@ def _grid(rows: Plain) -> NDArray[np.int8]:
         for y, row in enumerate(rows):
             for x, code in enumerate(row):
                 if not is_whole(code) or not 0 <= code <= 15:
-                    got = short(json.dumps(code))
+                    got = shorten(json.dumps(code))
                     raise InputError(f"grid: expected tile codes 0 to 15, got {got} at row {y}, column {x}")
     return np.array(check_grid(rows))
 
@@ -210,9 +227,8 @@ def _numbers_by_name(value: Plain) -> bool:
     return isinstance(value, dict) and all(is_real(number) and isfinite(number) for number in value.values())
 
 
-# The fields of a map file beside the codes: a test of the value, and words for what is expected.
+# The fields of a map beside the codes: a test of the value, and words for what is expected.
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
-    "shape": (lambda value: _all(is_whole, value) and len(value) == 2, "two whole numbers, rows and columns"),
     "metrics": (_numbers_by_name, "numbers by name"),
     "fitness": (lambda value: is_real(value) and isfinite(value), "a number"),
     "descriptor": (_numbers_by_name, "numbers by name"),

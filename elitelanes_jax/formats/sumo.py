@@ -18,10 +18,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.atomic_io import unwritable_error, write_atomic
 from elitelanes_jax._util.checks import one_of, real
 from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.files import unwritable_error, write_atomic
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax.formats.graph import Cell, reduced_graph
 from elitelanes_jax.network.checks import check_grid

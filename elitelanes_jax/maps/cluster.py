@@ -1,4 +1,4 @@
-"""A run whose seeds are searched elsewhere, in parts: by any executor, or by the workers of a Dask cluster."""
+"""A run whose seeds are searched in parts elsewhere: on any executor, or on the workers of a Dask cluster."""
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
@@ -6,76 +6,68 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from elitelanes_jax._util.atomic_io import compare_settings, new_folder, write_json
 from elitelanes_jax._util.checks import check_named, path
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, many
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax._util.packages import import_optional, installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax._util.unfinished import kept_work
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.maps._parts import RECORD
-from elitelanes_jax.maps.folder import foreign_to_maps
-from elitelanes_jax.maps.generation import check_drawable, generate, write_joined
+from elitelanes_jax.maps._parts import join_parts
+from elitelanes_jax.maps.folder import RECORD, foreign_to_maps
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.run import plan_run, write_run
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.search.compile_cache import use_compile_cache
 
 T = TypeVar("T")
 
-# Fewer seeds side by side do not keep the cores of a worker busy.
+# Fewer seeds do not keep the cores of a worker busy.
 _SEEDS_A_PART = 16
-
-_SETTINGS = "parts.json"
 
 _SECONDS_TO_ANSWER = 10
 
 
 def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
-    """Evolves maps on an executor's workers and writes the folder that `generate` writes, byte for byte.
+    """Evolves maps on an executor's workers, and writes the folder that `generate` writes, byte for byte.
 
-    The seeds are cut into parts of 16. The parts that are done are kept beside the folder until it is there: after an
-    error, an interruption or a kill the same call runs those that are missing, and goes on within them.
+    The seeds are searched in parts of 16. After an error, an interruption or a kill, the same call runs only the parts
+    that are missing, and resumes those that were started.
 
     Args:
-      executor: of processes or machines that share the disk with this one.
+      executor: of processes or machines that share the disk with this process.
       spec: of the search and the folder, without a part.
       out: the folder, new or empty.
-      force: whether a folder that an earlier run wrote, and nobody else wrote to, is replaced.
+      force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
 
     Returns:
       The maps, as they were written.
 
     Raises:
-      InputError: as `generate` does, or for a specification with a part.
-      NotEnoughMapsError: if there are fewer valid and different maps than asked for.
+      InputError: as `generate`, or for a specification with a part.
+      NotEnoughMapsError: if there are fewer valid and different maps than requested.
       OSError: if the folder cannot be written, or a worker fails.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
     if spec.part is not None:
-        raise InputError("part: expected none where workers run all the parts, got {}/{}".format(*spec.part))
-    check_drawable(spec)
-    count = -(-spec.seeds // _SEEDS_A_PART)
-    identity = {"settings": spec.to_plain(), "versions": installed_versions()}
-    with kept_work(out) as kept, new_folder(out, foreign=foreign_to_maps, force=force) as folder:
-        assert kept is not None  # where no folder can be made, new_folder has said so
-        if kept.exists():
-            compare_settings(out, kept / _SETTINGS, identity)
-        else:
-            kept.mkdir()
-            write_json(kept / _SETTINGS, identity)
-        parts = [kept / str(number) for number in range(1, count + 1)]
-        _run_parts(executor, {part: spec.replace(part=(int(part.name), count)) for part in parts})
-        return write_joined(parts, folder)
+        raise InputError("part: expected none, because workers run all the parts, got {}/{}".format(*spec.part))
+    plan_run(spec)  # checks it
+    inputs = [spec.tiles] if spec.tiles else []
+    settings = {"command": "generate on workers", "settings": spec.to_plain(), "versions": installed_versions()}
+    with output_folder(out, settings, inputs=inputs, foreign=foreign_to_maps, force=force) as work:
+        count = -(-spec.seeds // _SEEDS_A_PART)
+        parts = {work.kept / str(index): spec.replace(part=(index, count)) for index in range(1, count + 1)}
+        _run_parts(executor, parts)
+        return write_run(work.files, join_parts([*parts]))
 
 
-def _run_parts(executor: Executor, specs: dict[Path, GenerateSpec]) -> None:
-    """Runs the parts that are not yet done."""
-    waiting = {folder: spec for folder, spec in specs.items() if not (folder / RECORD).exists()}
-    announce(f"searching {many(len(waiting), 'part')} of {len(specs)} on workers")
-    jobs = {f"part {folder.name} of {len(specs)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
-    with Progress("searching", len(specs), "parts", done=len(specs) - len(waiting)) as bar:
+def _run_parts(executor: Executor, parts: Mapping[Path, GenerateSpec]) -> None:
+    """Runs the parts that are not complete, each into its folder."""
+    waiting = {folder: spec for folder, spec in parts.items() if not (folder / RECORD).exists()}
+    announce(f"searching {pluralize(len(waiting), 'part')} of {len(parts)} on workers")
+    jobs = {f"part {folder.name} of {len(parts)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
+    with Progress("searching", len(parts), "parts", done=len(parts) - len(waiting)) as bar:
         run_on(executor, _run_part, jobs, lambda _: bar.count())
 
 
@@ -87,17 +79,17 @@ def run_on(
 ) -> None:
     """Calls a function on an executor's workers, once for each job.
 
-    What is not begun at an error or an interruption is called off.
+    An error or an interruption cancels the jobs that have not started.
 
     Args:
       executor: of threads, processes or machines.
-      function: takes a job's arguments; it and they can be pickled.
+      function: takes the arguments of a job. The function and the arguments can be pickled.
       jobs: the arguments, by a name for messages.
-      ended: is called in this thread with what each job returns, as soon as it does.
+      ended: called in this thread with each value as soon as it is there.
 
     Raises:
       ConnectionError: if a worker dies, or cannot import what it needs.
-      InputError, NotEnoughMapsError, OSError: as the function raises it.
+      InputError, NotEnoughMapsError, OSError: of the function.
     """
     futures = {executor.submit(function, *arguments): name for name, arguments in jobs.items()}
     try:
@@ -117,7 +109,7 @@ def run_on(
 
 
 def _run_part(spec: GenerateSpec, folder: Path) -> None:
-    """Runs one part on a worker, unless a worker that was lost has done it."""
+    """Runs a part on a worker, unless another worker that was lost has completed it."""
     use_compile_cache()
     if not (folder / RECORD).exists():
         generate(spec, folder)
@@ -125,14 +117,14 @@ def _run_part(spec: GenerateSpec, folder: Path) -> None:
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """Connects to a Dask cluster; a part whose worker dies is given to another one.
+    """Connects to a Dask cluster. If a worker dies, another one runs its part.
 
     Args:
-      address: of its scheduler, such as ``tcp://10.0.0.1:8786``.
+      address: of the scheduler, such as ``tcp://10.0.0.1:8786``.
 
     Raises:
       MissingPackageError: without Dask.
-      InputError: if no scheduler answers there.
+      InputError: if no scheduler answers at the address.
     """
     distributed = import_optional("distributed", "a cluster needs Dask", "distributed")
     try:

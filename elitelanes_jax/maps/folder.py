@@ -1,35 +1,41 @@
 """The files of a folder of maps: each map with its picture and its masks, and a sheet with all of them."""
 
-import json
 import re
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from elitelanes_jax._util.atomic_io import foreign_file
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.files import read_json
+from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
-# A map's longer side on the contact sheet, in pixels, and the limits of a tile's.
+ARCHIVE = "archive.npz"
+"""The file with all that the seeds of a run, or of a part, found."""
+
+RECORD = "run.json"
+"""The file with the settings of a run, a part or a choice."""
+
+# The longer side of a map on the contact sheet, in pixels, and the range of a tile's side.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
 
 
 def write_maps(
     folder: Path, maps: Sequence[RoadMap], title: str, tiles: TileSet, *, tile_px: int, seed: int
 ) -> list[RoadMap]:
-    """Writes each map in a folder of its own, ``maps/0000`` and so on, and the contact sheet.
+    """Writes each map to a folder of its own, ``maps/0000`` and so on, and the contact sheet.
 
     Args:
-      folder: to write in.
+      folder: the folder to write to.
       maps: of one size, with their metrics.
       title: of the sheet.
-      tiles: to draw them with.
-      tile_px: side of a tile in pixels.
+      tiles: to draw the maps with.
+      tile_px: the side of a tile in pixels.
       seed: of the choice of tile pictures.
 
     Returns:
@@ -41,39 +47,39 @@ def write_maps(
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     drawn, small = [], []
     with Progress("drawing", len(maps), "maps") as bar:
-        for number, plain in enumerate(maps):
-            chosen = choose_tiles(plain.codes, tiles, [seed, number])
+        for index, plain in enumerate(maps):
+            chosen = choose_tiles(plain.codes, tiles, [seed, index])
             names = [[tiles.pictures[tile].name for tile, _ in row] for row in chosen]
-            road_map = plain._replace(drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
-            place = folder / "maps" / f"{number:04d}"
-            place.mkdir(parents=True)
-            write_picture(place, render(plain.codes, tiles, tile_px=tile_px, chosen=chosen))
-            (place / "map.json").write_text(map_to_json(road_map), encoding="utf-8")
+            road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
+            path = folder / "maps" / f"{index:04d}"
+            path.mkdir(parents=True)
+            write_picture(path, render(plain.codes, tiles, tile_px=tile_px, chosen=chosen))
+            (path / "map.json").write_text(map_to_json(road_map), encoding="utf-8")
             small.append(render(plain.codes, tiles, tile_px=sheet_px, chosen=chosen).image)
             drawn.append(road_map)
             bar.count()
-    sheet = contact_sheet(title, small, [_caption(number, road_map) for number, road_map in enumerate(drawn)])
+    sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
     write_png(folder / "contact-sheet.png", sheet)
     return drawn
 
 
 def foreign_to_maps(folder: Path) -> str | None:
-    """Returns the first file in a folder that `generate` and `pick` did not write there; None without one."""
+    """Returns the first file in a folder that `generate` and `pick` did not write; None without one."""
     try:
-        run = json.loads(read_text(folder / "run.json", 32 * MIB))
+        run = read_json(folder / RECORD)
         names = "|".join(map(re.escape, ("map.json", *_picture_files(run["tile_set"].get("layers", ())))))
         if "elitelanes_jax" not in run["versions"]:
-            return "run.json of another program"
+            return f"{RECORD} of another program"
     except FileNotFoundError:
-        return "no run.json"
+        return f"no {RECORD}"
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return "run.json of another program"
+        return f"{RECORD} of another program"
     own = re.compile(rf"run\.json|archive\.npz|explore\.html|contact-sheet\.png|maps/\d{{4,}}/({names})")
     return foreign_file(folder, own.fullmatch)
 
 
 def foreign_to_picture(layers: Iterable[str]) -> Callable[[Path], str | None]:
-    """Makes a function from a folder to its first file that is none of a picture of a tile set with such layers."""
+    """Returns a function from a folder to its first file that `render` did not write with a tile set's layers."""
     names = {*_picture_files(layers), "overlay.png"}
 
     def foreign(folder: Path) -> str | None:
@@ -87,11 +93,11 @@ def _picture_files(layers: Iterable[str]) -> list[str]:
     return [*(f"{name}.png" for name in ("image", *MASKS, "labels", *layers)), "points.json"]
 
 
-def _caption(number: int, road_map: RoadMap) -> tuple[str, ...]:
-    figures = road_map.metrics or {}
+def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:
+    metrics = road_map.metrics or {}
     return (
-        f"{number:04d}   fitness {road_map.fitness}",
-        f"cyclomatic {figures['cyclomatic']}, crossings {figures['crossings']}, bridges {figures['bridges']}",
-        f"adjacent: crossings {figures['adjacent_crossings']}, turns {figures['adjacent_turns']}; "
-        f"straight {figures['straight_score']}",
+        f"{index:04d}   fitness {road_map.fitness}",
+        f"cyclomatic {metrics['cyclomatic']}, crossings {metrics['crossings']}, bridges {metrics['bridges']}",
+        f"adjacent: crossings {metrics['adjacent_crossings']}, turns {metrics['adjacent_turns']}; "
+        f"straight {metrics['straight_score']}",
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elitelanes_jax._util.checks import flag, none_or, path, switch, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
@@ -15,7 +15,7 @@ from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_ini
 
 
 def check_size(size: UserValue) -> tuple[int, int]:
-    """Checks the size of maps, (rows, columns) in tiles: numbers, texts of them, or a text such as ``6 8``.
+    """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``.
 
     Raises:
       InputError: as `check_shape`.
@@ -29,17 +29,17 @@ def check_size(size: UserValue) -> tuple[int, int]:
 
 
 def parse_part(part: UserValue) -> tuple[int, int]:
-    """Reads which part of how many, such as ``3/10`` or (3, 10); the first is 1.
+    """Reads the index of a part, from 1, and the number of parts: ``3/10`` or (3, 10).
 
     Raises:
       InputError: for anything else.
     """
-    given = part.split("/") if isinstance(part, str) else part
+    pair = part.split("/") if isinstance(part, str) else part
     try:
-        number, count = given
-        return whole(1, whole(1)(count))(number), whole(1)(count)
-    except (TypeError, ValueError):  # an InputError is one
-        raise InputError(f"expected a part such as 3/10, 1/10 being the first, got {short(repr(part), 40)}") from None
+        index, count = pair
+        return whole(1, whole(1)(count))(index), whole(1)(count)
+    except (TypeError, ValueError):  # an InputError is a ValueError
+        raise InputError(f"expected a part such as 3/10, from 1/10 on, got {shorten(repr(part), 40)}") from None
 
 
 @dataclass(frozen=True)
@@ -49,15 +49,15 @@ class GenerateSpec(Record):
     Attributes:
       size: rows and columns of each map, in tiles
       maps: number of maps
-      at_most: write the maps that were found, where there are fewer
+      at_most: write the maps that were found, even if they are fewer
       seeds: number of independent runs to choose from
       seed: seed of everything random
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
-        photographs are
+      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
+        which is on for photographs
       tile_px: side of a tile in pixels
       search: the search
-      part: run a part of the seeds alone, such as 3/10; elitelanes merge puts the parts together
+      part: search only a part of the seeds, such as 3/10; elitelanes merge joins the parts
     """
 
     size: tuple[int, int] = option((12, 12), check_size, ("ROWS", "COLUMNS"))
@@ -72,15 +72,15 @@ class GenerateSpec(Record):
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
     @property
-    def seed_numbers(self) -> range:
-        """The numbers of the seeds to run: all, or those of the part."""
-        number, count = self.part or (1, 1)
-        return range(self.seeds * (number - 1) // count, self.seeds * number // count)
+    def seed_indices(self) -> range:
+        """The indices of the seeds to search: all, or those of the part."""
+        index, count = self.part or (1, 1)
+        return range(self.seeds * (index - 1) // count, self.seeds * index // count)
 
     def check_together(self) -> None:
         """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
-            raise InputError(f"part: expected {self.seeds} parts at most, as there are seeds, got {self.part[1]}")
+            raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
         self.search.check_on(self.size)
         self.search.check_maps(self.size, 1 if self.at_most else self.maps)
 
@@ -99,19 +99,20 @@ def _parse_any_axes(axes: UserValue) -> tuple[Axis, ...]:
 
 @dataclass(frozen=True)
 class PickSpec(Record):
-    """A folder of maps chosen from archives; their names of features are checked with the archives.
+    """A folder of maps chosen from archives. The names of features are checked with the archives.
 
     Attributes:
       maps: number of maps
-      at_most: write the maps that were found, where there are fewer
-      where: ranges that every map is in, beside those of the first archive's search, or in their places
+      at_most: write the maps that were found, even if they are fewer
+      where: ranges that every map meets, besides the ranges of the first archive's search; a range of the same feature
+        overrides the search's
       rules: rules that every map keeps; by default those of the first archive's search
-      axes: axes of the niches, by default those of the first archive's search
-      unlike: maps that all chosen ones differ from, map.json or Duckietown's .yaml
+      axes: axes of the niches; by default those of the first archive's search
+      unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
-        photographs are
+      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
+        which is on for photographs
       tile_px: side of a tile in pixels
     """
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
@@ -33,7 +33,7 @@ def random_grids(
     """
     is_array = isinstance(key, jax.Array | np.ndarray)
     if not is_array or not (key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
-        raise InputError(f"key: expected a jax.random.key, got {short(repr(key))}")
+        raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
     count = check_named("count", whole(0), count)
     codes = jnp.asarray(check_alphabet(alphabet), jnp.int8)
     bits = random_bits(key, (count, *check_shape(shape)))

@@ -187,7 +187,7 @@ def _rules(alphabet: tuple[int, ...], border: Border, crossing_ban: bool) -> _Ru
         guard=guard,
         allowed=allowed,
         options=options,
-        urgency=np.where(options > 1, options, 255).astype(np.uint32) << np.uint32(16),
+        urgency=np.where(options > 1, options.astype(np.uint32), 255) << np.uint32(16),
         option=np.int32(1) << order,
         code=np.array(alphabet, np.int8)[order[:, 0]],
     )

@@ -52,10 +52,10 @@ from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
 
-# Constants that experiments/moves.md settled: the weight of `refit_window` on small grids; the number of groups of
-# isolated chains; the number of niches among which a mate is the nearest elite.
+# From experiments/search/moves.md: the share of `refit_window` on small grids; the groups of isolated chains; among how
+# many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in usual
+# cycles, penalty of a bin and temperatures.
 _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
-# Cycles in a direction: their share of the restarts, length in usual cycles, penalty of a bin and temperatures.
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 

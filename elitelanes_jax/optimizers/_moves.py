@@ -18,7 +18,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
 from elitelanes_jax._util.checks import none_or, real, whole
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
@@ -35,9 +35,11 @@ def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     checked = {}
     for name, value in sorted(dict(moves).items()):
         if not name.isidentifier() or name in KNOWN_MOVES:
-            raise InputError(f"expected names of letters, digits and _ that no other move has, got {short(repr(name))}")
+            raise InputError(
+                f"expected names of letters, digits and _ that no other move has, got {shorten(repr(name))}"
+            )
         if len(value) != 2 or not isinstance(value[1], Move):
-            raise InputError(f"{name}: expected a weight and a Move, got {short(repr(value))}")
+            raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
         weight, move = value
         checked[name] = (weight if isinstance(weight, jax.Array | np.ndarray) else whole(0)(weight), move)
     return checked
@@ -49,7 +51,7 @@ class MoveWeights(Record):
     """The weights of the moves, from which `random_move` draws one; a pytree that `jax.vmap` may map over.
 
     A weight is a whole number; a move is drawn with probability weight / sum of all weights. The defaults were measured
-    (experiments/moves.md).
+    (experiments/search/moves.md).
 
     Attributes:
       link: weight of `toggle_link`.
@@ -99,13 +101,13 @@ class MoveWeights(Record):
           InputError: for anything else.
         """
         if not isinstance(moves, Mapping):
-            raise InputError(f"moves: expected weights and moves by name, got {short(repr(moves))}")
+            raise InputError(f"moves: expected weights and moves by name, got {shorten(repr(moves))}")
         known = {name: value for name, value in moves.items() if name in KNOWN_MOVES}
         others = {name: value for name, value in moves.items() if name not in KNOWN_MOVES}
         for name, value in others.items():
             if not isinstance(value, tuple | list):
                 words = f"one of {', '.join(KNOWN_MOVES)} with a weight, or another name with a weight and a Move"
-                raise InputError(f"moves: expected {words}, got {name!r}{likely(name, KNOWN_MOVES)}")
+                raise InputError(f"moves: expected {words}, got {name!r}{suggest(name, KNOWN_MOVES)}")
         return self.replace(**known, user_moves={**self.user_moves, **others})
 
 

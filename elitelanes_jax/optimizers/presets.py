@@ -1,9 +1,10 @@
 """The configuration of each method and preset, and the optimiser of each kind of configuration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
+from typing import TypeAlias, TypeVar
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.optimizers._annealed import (
@@ -25,6 +26,18 @@ from elitelanes_jax.optimizers._pso import PsoConfig, pso
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.problem.problem import Problem
 
+Config: TypeAlias = (
+    AnnealedMapElitesConfig
+    | MapElitesConfig
+    | AnnealingConfig
+    | EvolutionConfig
+    | AnnealedPsoConfig
+    | PsoConfig
+    | AnnealedGwoConfig
+    | GwoConfig
+)
+"""The configuration of a method; its kind says which method."""
+
 # No mirrored blocks and few copied ones, so that the parts of a map differ. Outlines of rectangles lead from one sparse
 # network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual one 47. Towns have the same
 # fitness, and most infeasible ones violate one constraint: so elites are replaced by equal ones, windows are refitted,
@@ -36,7 +49,7 @@ _IRREGULAR = AnnealingConfig(
     moves=MoveWeights(outline=24, mirror=0, slide=1, transplant=4, displaced=1, refit=25, fill_probability=0.0),
 )
 
-PRESETS: dict[tuple[str, str], Record] = {
+PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "tuned"): AnnealedMapElitesConfig(),
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
@@ -69,12 +82,15 @@ _FACTORIES: dict[type, Callable[..., Optimizer]] = {
 }
 
 
-def make_optimizer(problem: Problem, config: Record) -> Optimizer:
-    """Makes the optimiser that a configuration is for, on a problem."""
+R = TypeVar("R", bound=Record)
+
+
+def make_optimizer(problem: Problem, config: Config) -> Optimizer:
+    """Makes the optimiser of a kind of configuration, on a problem."""
     return _FACTORIES[type(config)](problem, config)
 
 
-def with_moves(config: Record, moves: UserValue) -> Record:
+def with_moves(config: Config, moves: UserValue) -> Config:
     """Returns a configuration with other weights of moves, and with moves of the user; see `MoveWeights.with_moves`.
 
     Raises:
@@ -87,14 +103,37 @@ def with_moves(config: Record, moves: UserValue) -> Record:
     return annealing if isinstance(config, AnnealingConfig) else config.replace(annealing=annealing)
 
 
-def user_moves(config: Record) -> dict[str, Move]:
+def user_moves(config: Config) -> dict[str, Move]:
     """Returns the moves of the user in a configuration, by name."""
     annealing = _annealing(config)
     return {} if annealing is None else {name: move for name, (_, move) in annealing.moves.user_moves.items()}
 
 
-def plain_config(config: Record) -> dict[str, Plain]:
-    """Returns the fields of a configuration as plain values for JSON; a move of the user is its weight."""
+def _annealing(config: Config) -> AnnealingConfig | None:
+    annealing = getattr(config, "annealing", config)
+    return annealing if isinstance(annealing, AnnealingConfig) else None
+
+
+def find_preset(config: Config) -> tuple[str, str, bool]:
+    """Finds the preset of a configuration.
+
+    Returns:
+      The method, the preset, and whether the configuration is the preset's. If it is that of no preset, the preset is
+      the first one of its kind.
+
+    Raises:
+      InputError: for anything else than a configuration.
+    """
+    alike = [(found, known == config) for found, known in PRESETS.items() if type(known) is type(config)]
+    if not alike:
+        kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
+        raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")
+    (method, preset), exact = max(alike, key=lambda one: one[1])
+    return method, preset, exact
+
+
+def config_to_plain(config: Config) -> dict[str, Plain]:
+    """Returns the kind and the fields of a configuration, plain values for JSON; a move of the user is its weight."""
 
     def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
         values = dict(fields)
@@ -102,22 +141,29 @@ def plain_config(config: Record) -> dict[str, Plain]:
             values["user_moves"] = {name: weight for name, (weight, _) in values["user_moves"].items()}
         return values
 
-    return asdict(config, dict_factory=plain)  # type: ignore[call-overload]
+    return {"kind": type(config).__name__, **asdict(config, dict_factory=plain)}
 
 
-def _annealing(config: Record) -> AnnealingConfig | None:
-    annealing = getattr(config, "annealing", config)
-    return annealing if isinstance(annealing, AnnealingConfig) else None
-
-
-def find_preset(config: Record) -> tuple[str, str]:
-    """Returns the method of a configuration, and the first preset of the same kind.
+def config_from_plain(plain: Plain) -> Config | None:
+    """Returns the configuration that `config_to_plain` described, or None if it has moves of the user.
 
     Raises:
-      InputError: for anything but a configuration of a method.
+      InputError: for an unknown kind, a missing or unknown field, or a wrong value.
     """
-    for method_and_preset, known in PRESETS.items():
-        if type(known) is type(config):
-            return method_and_preset
-    kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
-    raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")
+    kinds = {kind.__name__: kind for kind in _FACTORIES}
+    if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
+        raise InputError(f"config: expected a kind, one of {', '.join(kinds)}, got {shorten(repr(plain))}")
+    fields = {name: value for name, value in plain.items() if name != "kind"}
+    annealing = fields.get("annealing", fields)
+    if isinstance(annealing, Mapping) and (annealing.get("moves") or {}).get("user_moves"):
+        return None
+    return _from_plain(kinds[plain["kind"]](), fields)
+
+
+def _from_plain(default: R, plain: Plain) -> R:
+    names = default.options()
+    if not isinstance(plain, Mapping) or set(plain) != set(names):
+        raise InputError(f"config: expected {', '.join(names)}, got {shorten(repr(plain))}")
+    parts = {name: getattr(default, name) for name in names}
+    nested = {name: _from_plain(part, plain[name]) for name, part in parts.items() if isinstance(part, Record)}
+    return default.replace(**{**plain, **nested})

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.problem.features import SHARE_UNIT, check_feature, default_width, is_share, select_features
 
@@ -80,7 +80,7 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
             axes = [Axis(name, *(bins if isinstance(bins, tuple | list) else (bins,))) for name, bins in axes.items()]
         listed = tuple(_check_axis(axis, features) for axis in axes)
     except TypeError:
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(axes))}") from None
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(axes))}") from None
     if not listed:
         raise InputError("axes: expected at least one axis, got none")
     check_unique("axes", "metric", [axis.metric for axis in listed])
@@ -140,12 +140,12 @@ def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
     elif isinstance(axis, Mapping) and "metric" in axis and set(axis) <= set(Axis._fields):
         axis = Axis(**axis)
     if not isinstance(axis, Axis):
-        raise InputError(f"axes: expected axes such as 'straight_share:10', got {short(repr(given))}")
+        raise InputError(f"axes: expected axes such as 'straight_share:10', got {shorten(repr(given))}")
     source = f"axes {given!r}" if isinstance(given, str) else f"axes {axis.metric!r}"
     check_feature(source, axis.metric, features)
     bins, width, start, target = axis[1:]
     if not all(type(number) is int for number in (bins, width, start)) or bins < 1 or width < 0:
-        got = f"bins {short(repr(bins))}, width {short(repr(width))}, start {short(repr(start))}"
+        got = f"bins {shorten(repr(bins))}, width {shorten(repr(width))}, start {shorten(repr(start))}"
         raise InputError(f"{source}: expected whole numbers, at least one bin and no negative width, got {got}")
     largest = max(map(abs, (bins, width, start)))
     if largest > LARGEST:
@@ -154,7 +154,7 @@ def _check_axis(axis: UserValue, features: Collection[str] | None) -> Axis:
         got = f"{bins} of width {width}"
         raise InputError(f"{source}: expected at most {SHARE_UNIT + 1} bins of {SHARE_UNIT} thousandths, got {got}")
     if target is not None and not (type(target) is int and 0 <= target < bins):
-        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {short(repr(target))}")
+        raise InputError(f"{source}: expected target to be a bin, 0 to {bins - 1}, got {shorten(repr(target))}")
     return axis
 
 

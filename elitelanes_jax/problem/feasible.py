@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from jaxtyping import Int8
 
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.network.codes import CONNECTIONS, EAST, KINDS, SIDES, WEST, exchange_sides, rotate_codes
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
@@ -57,7 +57,7 @@ def check_feasible(
         check_ranges(where, bounds, f"maps of {shape[0]} x {shape[1]} tiles")
     free = len(free_links(shape, fix, filled=filled)[1]) if maps.bit_length() > 1 else maps
     if maps.bit_length() > free and maps > 2**free:
-        links = f"as many as {many(free, 'free link')} between cells allow"
+        links = f"as many as {pluralize(free, 'free link')} between cells allow"
         raise InputError(f"maps: expected at most {2**free:,}, {links}, got {maps:,}")
 
     grids = _all_grids(shape, fix, filled=filled) if exhaustive else None

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError, likely, short
+from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town_features import TOWN_PARTS, TOWN_RATIOS, TownFeatures, largest_town_feature
@@ -118,8 +118,8 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
     known = tuple(dict.fromkeys((*FEATURES, *TOWN_FEATURES, *(features or ()))))
     if name not in known:
         raise InputError(
-            f"{source}: expected a metric, or a share such as straight_share, got {short(repr(name), 40)}"
-            f"{likely(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
+            f"{source}: expected a metric, or a share such as straight_share, got {shorten(repr(name), 40)}"
+            f"{suggest(name, known)} (elitelanes metrics explains all: {', '.join(known)})"
         )
     return str(name)
 

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, reason, short
-from elitelanes_jax._util.limited_read import MIB, read_text
-from elitelanes_jax._util.strict_json import parse_json
+from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import SIDES
@@ -63,11 +62,11 @@ def parse_fixed_cells(cells: UserValue, name: str = "fix") -> FixedCells:
     try:
         rows = [list(row) for row in (np.asarray(cells).tolist() if hasattr(cells, "shape") else cells)]
     except TypeError:
-        got = short(reprlib.repr(cells))
+        got = shorten(reprlib.repr(cells))
         raise InputError(f"{name}: expected rows of tile codes, or null for free cells, got {got}") from None
     lengths = sorted({len(row) for row in rows})
     if len(lengths) != 1:
-        got = f"{len(rows)} rows of {short(' or '.join(map(str, lengths)) or '0')}"
+        got = f"{len(rows)} rows of {shorten(' or '.join(map(str, lengths)) or '0')}"
         raise InputError(f"{name}: expected rows of one length, got {got}")
     try:
         shape = check_shape((len(rows), *lengths), new=True)
@@ -78,7 +77,7 @@ def parse_fixed_cells(cells: UserValue, name: str = "fix") -> FixedCells:
         if code is not None and (
             isinstance(code, bool) or not isinstance(code, int | np.integer) or not 0 <= code <= 15
         ):
-            got = f"{short(reprlib.repr(code))} at row {row}, column {column}"
+            got = f"{shorten(reprlib.repr(code))} at row {row}, column {column}"
             raise InputError(f"{name}: expected tile codes 0 to 15, or null for a free cell, got {got}")
     for row, column in np.ndindex(*shape):
         if rows[row][column] is not None:

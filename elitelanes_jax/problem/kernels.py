@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from hashlib import sha256
 from inspect import Parameter, signature
 from typing import TypeAlias
 
@@ -13,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import unstack_metrics
@@ -56,14 +55,14 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
     if features is None:
         return {}
     if not isinstance(features, Mapping):
-        raise InputError(f"features: expected kernels by name, got {short(repr(features))}")
+        raise InputError(f"features: expected kernels by name, got {shorten(repr(features))}")
     for name, kernel in features.items():
         if not isinstance(name, str) or not name.isidentifier():
-            raise InputError(f"features: expected names of letters, digits and _, got {short(repr(name), 40)}")
+            raise InputError(f"features: expected names of letters, digits and _, got {shorten(repr(name), 40)}")
         if name in (*FEATURES, *TOWN_FEATURES):
             raise InputError(f"features: expected names that no other feature has, got {name!r}")
         if not callable(kernel):
-            raise InputError(f"features: expected {name} to be a function of a grid, got {short(repr(kernel))}")
+            raise InputError(f"features: expected {name} to be a function of a grid, got {shorten(repr(kernel))}")
         made = _traced(f"features: expected {name}", kernel, jax.ShapeDtypeStruct(shape, jnp.int8))
         kind = getattr(made, "dtype", None)
         if kind is None or made.shape or not jnp.issubdtype(kind, jnp.integer):
@@ -84,7 +83,7 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
     """
     if not callable(fitness):
         raise InputError(
-            f"fitness: expected a function of metrics, features, grid or usual, got {short(repr(fitness))}"
+            f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"
         )
     for argument in _arguments(fitness):
         if argument not in ("metrics", "features", "grid", "usual"):
@@ -215,18 +214,6 @@ def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array
     return measure_features(grids, names, {})
 
 
-def content_of(function: Callable[..., Pytree], *arguments: Pytree) -> str:
-    """Returns text that is equal for functions that compute the same in the same way, constants included.
-
-    Args:
-      function: a pure function that JAX can trace.
-      *arguments: their shapes and dtypes.
-    """
-    traced = jax.make_jaxpr(function)(*arguments)
-    constants = [(str(np.asarray(one).dtype), np.asarray(one).tobytes()) for one in traced.consts]
-    return sha256(f"{traced.jaxpr} {constants}".encode()).hexdigest()
-
-
 def _clipped(value: Int[Array, ""]) -> Int32[Array, ""]:
     kind = jnp.iinfo(value.dtype)
     return jnp.clip(value, max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(jnp.int32)
@@ -236,7 +223,7 @@ def _arguments(fitness: Fitness) -> tuple[str, ...]:
     try:
         parameters = signature(fitness).parameters.values()
     except (TypeError, ValueError):
-        raise InputError(f"fitness: expected a function with named arguments, got {short(repr(fitness))}") from None
+        raise InputError(f"fitness: expected a function with named arguments, got {shorten(repr(fitness))}") from None
     return tuple(one.name for one in parameters if one.default is Parameter.empty)
 
 
@@ -245,9 +232,9 @@ def _traced(expected: str, function: Callable[..., Pytree], *arguments: jax.Shap
     try:
         return jax.eval_shape(function, *arguments)
     except (jax.errors.JAXTypeError, jax.errors.JAXIndexError) as error:
-        raise InputError(f"{expected} to be a function that JAX can trace, got: {short(str(error), 160)}") from None
+        raise InputError(f"{expected} to be a function that JAX can trace, got: {shorten(str(error), 160)}") from None
 
 
 def _described(made: Pytree, batch: int = 0) -> str:
     kind = getattr(made, "dtype", None)
-    return short(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"
+    return shorten(repr(made), 60) if kind is None else f"{kind} of shape {made.shape[batch:]}"

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int32
 
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.problem.features import (
@@ -155,7 +155,7 @@ def _range(source: str, name: UserValue, limits: UserValue, features: Collection
         limits = [limit.strip() or None for limit in limits.split("..", 1)]
     pair = limits if isinstance(limits, tuple | list) else (limits, limits)
     if len(pair) != 2:
-        raise InputError(f"{source}: expected a number or two limits, got {short(repr(limits))}")
+        raise InputError(f"{source}: expected a number or two limits, got {shorten(repr(limits))}")
     if all(limit is None for limit in pair):
         raise InputError(f"{source}: expected at least one limit, got none")
     low, high = (None if limit is None else _limit(source, name, limit) for limit in pair)
@@ -170,14 +170,14 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
         # Fraction("1e99999999") would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):
-        raise InputError(f"{source}: expected a number, got {short(repr(limit))}") from None
+        raise InputError(f"{source}: expected a number, got {shorten(repr(limit))}") from None
     least = 0 if name in (*FEATURES, *TOWN_FEATURES) else -LARGEST
     most = 1 if is_share(name) else LARGEST
     if not least <= number <= most:
         unit = " (a part of 1)" if is_share(name) else ""
-        raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {short(text)}")
+        raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {shorten(text)}")
     if feature_unit(name) == 1 and number.denominator != 1:
-        raise InputError(f"{source}: expected whole numbers, got {short(text)}")
+        raise InputError(f"{source}: expected whole numbers, got {shorten(text)}")
     # 0.333333333 stands for a third, and small denominators keep sums within 64 bits.
     return number.limit_denominator(10**6)
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from elitelanes_jax._util.checks import LARGEST, check_unique
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.features import check_feature, is_share
 
@@ -38,7 +38,7 @@ def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[E
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
-        raise InputError(f"targets: expected features with their values, got {short(repr(targets))}")
+        raise InputError(f"targets: expected features with their values, got {shorten(repr(targets))}")
     read = tuple(_example_values(pair, features) for pair in pairs)
     check_unique("targets", "feature", [item.name for item in read])
     if len({len(item.values) for item in read}) > 1:
@@ -86,14 +86,14 @@ def _example_values(pair: UserValue, features: Collection[str]) -> ExampleValues
         name, values = pair
         values = [*values]
     except (TypeError, ValueError):
-        raise InputError(f"targets: expected a feature with its values, got {short(repr(pair))}") from None
+        raise InputError(f"targets: expected a feature with its values, got {shorten(repr(pair))}") from None
     check_feature("targets", name, features)
     least, most = -LARGEST if name in features else 0, 1 if is_share(name) else LARGEST
     for value in values:
         if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
-            raise InputError(f"targets: {name}: expected numbers, got {short(repr(value))}")
+            raise InputError(f"targets: {name}: expected numbers, got {shorten(repr(value))}")
         if not least <= value <= most:
-            raise InputError(f"targets: {name}: expected {least:,} to {most:,}, got {short(repr(value))}")
+            raise InputError(f"targets: {name}: expected {least:,} to {most:,}, got {shorten(repr(value))}")
     if not values:
         raise InputError(f"targets: {name}: expected at least one value, got none")
     return ExampleValues(str(name), tuple(map(float, values)))

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from elitelanes_jax._util.atomic_io import compare_settings, write_json
-from elitelanes_jax._util.locks import locked
+from elitelanes_jax._util.files import write_json
+from elitelanes_jax._util.folders import compare_settings, locked
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.search.result import Result
 
@@ -41,7 +41,8 @@ class Checkpoint:
         """
         if not self.kept:
             return None
-        compare_settings(self.folder, self.folder / _SETTINGS, self._identity)
+        hint = "use another folder, or delete this one to start anew"
+        compare_settings(self.folder, self.folder / _SETTINGS, self._identity, hint)
         return Result.load(self.folder / _RESULT)
 
     @property

@@ -1,23 +1,19 @@
-"""Independent rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
+"""Rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
-from queue import SimpleQueue
-from threading import Thread
-from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from elitelanes_jax._util.checks import is_whole
-from elitelanes_jax._util.cores import count_cores
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import AnyArray, Pytree
 
-T = TypeVar("T")
-
-# Rows of a call: with fewer the calls cost more than the rows, with more the memory grows and the time does not fall.
+# Rows of one call on a device. With fewer rows the calls cost more than the rows; with more rows the memory grows, and
+# the time does not fall.
 _ROWS_A_CALL = 4096
 
 
@@ -26,42 +22,39 @@ def spread(
 ) -> Pytree:
     """Applies a function of one row to all rows of large arrays, side by side on all devices.
 
-    It is ``jax.jit(jax.vmap(function))(*arrays)``, bit for bit, in calls of some thousand rows: so the memory that it
-    takes beside its result does not grow with the number of rows. Such as ``spread(measure, grids)``.
+    The result is that of ``jax.jit(jax.vmap(function))(*arrays)``, bit for bit. Each call takes some thousand rows, so
+    the memory for intermediate results does not grow with the number of rows. Example: ``spread(measure, grids)``.
 
     Args:
-      function: of arrays without their first axis, to a tree of arrays; compiled once for as long as it is there.
+      function: takes arrays without their first axis, and returns a tree of arrays. It is compiled once, for as long as
+        the function object exists.
       *arrays: ``[N, ...]`` each, of NumPy or JAX.
-      devices: as in `evolve`; by default all local ones.
+      devices: as in `evolve`; defaults to all local devices.
 
     Returns:
       A tree of NumPy arrays ``[N, ...]``.
 
     Raises:
-      InputError: for no arrays, arrays without rows, or with different numbers of them.
+      InputError: for no arrays, arrays without rows, or arrays with different numbers of rows.
     """
     rows = {np.shape(array)[:1] for array in arrays}
     if len(rows) != 1 or rows & {(), (0,)}:
         shapes = ", ".join(str(np.shape(array)) for array in arrays) or "none"
         raise InputError(f"arrays: expected some with the same number of rows, at least 1, got {shapes}")
     (count,), chosen = rows.pop(), choose_devices(devices)
-    size = min(_ROWS_A_CALL, -(-count // len(chosen)))  # of all calls: the last one begins earlier where rows run out
-    firsts = [min(number * size, count - size) for number in range(-(-count // size))]
+    size = min(count, _ROWS_A_CALL * len(chosen))
     run = _batched(function)
 
-    def run_share(number: int, device: jax.Device) -> list[Pytree]:
-        parts = (
-            [_put(np.asarray(array[first : first + size]), device) for array in arrays] for first in shares[number]
-        )
-        return [jax.tree.map(np.asarray, run(*part)) for part in parts]
+    def run_part(part: Pytree) -> Pytree:
+        return jax.tree.map(np.asarray, run(*part))
 
-    shares = [firsts[number :: len(chosen)] for number in range(min(len(chosen), len(firsts)))]
-    found = side_by_side([partial(run_share, *share) for share in enumerate(chosen[: len(shares)])])
-    by_call = [found[number % len(shares)][number // len(shares)] for number in range(len(firsts))]
-    kept = [slice(number * size - first, None) for number, first in enumerate(firsts)]
-    return jax.tree.map(
-        lambda *parts: np.concatenate([part[rows] for part, rows in zip(parts, kept, strict=True)]), *by_call
-    )
+    found = []
+    for first in range(0, count, size):
+        start = min(first, count - size)  # the last call has as many rows as the others, for the same program
+        parts = cut([np.asarray(array[start : start + size]) for array in arrays], chosen)
+        batch = join(side_by_side([partial(run_part, part) for part in parts]), size)
+        found.append(jax.tree.map(lambda array, known=first - start: array[known:], batch))
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *found)
 
 
 @lru_cache(maxsize=32)
@@ -70,40 +63,36 @@ def _batched(function: Callable[..., Pytree]) -> Callable[..., Pytree]:
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:
-    """Returns the devices that work is spread over, one for each part of it.
+    """Returns the devices that share some work, one for each part of it.
 
-    JAX's device for the processor stands for all its cores, and runs as many programs at once as threads ask it to. So
-    it is there once for each core.
+    JAX's device for the processor stands for all cores, and runs as many programs at once as there are threads that
+    call it. So the list has it once per core.
 
     Args:
-      devices: the devices, any of them more than once, or their number; by default all local ones, and of the cores as
-        many as `use_cores` says.
+      devices: the devices, which may be repeated, or their number. Defaults to all local devices, and to as many cores
+        as `use_cores` allows.
 
     Raises:
-      InputError: for a number under 1, or anything else that is no devices.
+      InputError: for a number under 1, or anything else that is not devices.
     """
     local = jax.local_devices()
     if devices is None:
-        return _repeated(local, max(count_cores(), len(local)) if local[0].platform == "cpu" else len(local))
+        devices = max(count_cores(), len(local)) if local[0].platform == "cpu" else len(local)
     if isinstance(devices, Sequence) and devices and all(isinstance(device, jax.Device) for device in devices):
         return list(devices)
     if not isinstance(devices, Sequence) and is_whole(devices) and devices > 0:
-        return _repeated(local, devices)
+        return [local[index % len(local)] for index in range(devices)]
     raise InputError(f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}")
 
 
-def _repeated(devices: Sequence[jax.Device], count: int) -> list[jax.Device]:
-    return [devices[number % len(devices)] for number in range(count)]
-
-
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
-    """Cuts arrays with rows in front into parts of equal size, and puts each part on its device.
+    """Cuts arrays into parts with equally many rows, and puts each part on its device.
 
-    One program serves parts of one size: the last ones repeat the last row where the rows do not divide. This takes no
-    longer than the first part does.
+    If the rows do not divide evenly, the last parts repeat the last row. All parts have one size, so one program serves
+    them, and a part with repeated rows takes no longer than the first part.
 
     Args:
-      tree: of arrays ``[S, ...]``.
+      tree: arrays ``[S, ...]``.
       devices: for the parts; there may be fewer parts than devices.
 
     Returns:
@@ -114,17 +103,17 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     count = -(-rows // size)
     if count == 1:
         return [_put(tree, devices[0])]
-    places = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
-    # NumPy has nothing to compile for this, but does not know keys.
+    indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
+    # NumPy compiles nothing for this, but has no arrays of keys.
     tree = jax.tree.map(lambda array: array if _is_key(array) else np.asarray(array), tree)
     return [
-        _put(jax.tree.map(lambda array, place=place: array[place], tree), device)
-        for place, device in zip(places, devices, strict=False)
+        _put(jax.tree.map(lambda array, part=part: array[part], tree), device)
+        for part, device in zip(indices, devices, strict=False)
     ]
 
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
-    """Puts parts of `cut` together again, arrays ``[rows, ...]``."""
+    """Joins the parts that `cut` has made, to arrays ``[rows, ...]``."""
     if len(parts) == 1:
         return parts[0]
 
@@ -136,53 +125,10 @@ def join(parts: Sequence[Pytree], rows: int) -> Pytree:
     return jax.tree.map(joined, *parts)
 
 
-def side_by_side(calls: Iterable[Callable[[], T]], *, left: bool = False) -> list[T]:
-    """Calls functions at once, in a thread each; returns what they return, in order.
-
-    Each begins as soon as the iterable gives it. An error in one of them, or an interruption, is raised when all have
-    ended. The wait is at a simple queue, which an interruption leaves intact.
-
-    Args:
-      calls: the functions.
-      left: whether an interruption is raised at once, and leaves the calls to end by themselves.
-    """
-    if isinstance(calls, Sequence) and len(calls) == 1 and not left:
-        return [calls[0]()]
-    ended: SimpleQueue[tuple[int, Pytree, BaseException | None]] = SimpleQueue()
-
-    def call(number: int, function: Callable[[], T]) -> None:
-        try:
-            ended.put((number, function(), None))
-        except BaseException as error:
-            ended.put((number, None, error))
-
-    threads: list[Thread] = []
-    found: dict[int, T] = {}
-    try:
-        for numbered in enumerate(calls):
-            # The interpreter crashes where it ends before a compiler that a daemon is at.
-            threads.append(Thread(target=call, args=numbered, daemon=not left))
-            threads[-1].start()
-        for _ in threads:
-            number, value, error = ended.get()
-            if error is not None:
-                raise error
-            found[number] = value
-    except KeyboardInterrupt:
-        if left:
-            threads = []
-        raise
-    finally:
-        for thread in threads:
-            if thread.is_alive():
-                thread.join()
-    return [found[number] for number in range(len(threads))]
-
-
 def _is_key(array: Pytree) -> bool:
     return jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
 def _put(tree: Pytree, device: jax.Device) -> Pytree:
-    """Puts arrays on a device, bound to it but for the default: for bound arrays JAX would compile again."""
+    """Puts arrays on a device. It binds no arrays to the default device: JAX would compile again for bound ones."""
     return tree if device == jax.local_devices()[0] else jax.device_put(tree, device)

@@ -3,24 +3,26 @@
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Unpack
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import PartitionSpec
-from jaxtyping import Array, Key
+from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax._util.records import Record
 from elitelanes_jax._util.types import Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.archive import Population, keep_best
 from elitelanes_jax.problem.kernels import Fitness, Kernel
-from elitelanes_jax.search.evolution import Program, Users, as_measured, check_keys, prepare
+from elitelanes_jax.search._options import SearchOptions
+from elitelanes_jax.search.evolution import Static, Users, as_measured, check_keys, prepare
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -34,12 +36,12 @@ def evolve_islands(
     islands: int,
     every: int = 200,
     spec: SearchSpec = SearchSpec(),
-    config: Record | None = None,
+    config: Config | None = None,
     features: Mapping[str, Kernel] | None = None,
     fitness: Fitness | None = None,
     moves: Mapping[str, UserValue] | None = None,
     progress: bool | None = None,
-    **options: UserValue,
+    **options: Unpack[SearchOptions],
 ) -> Result:
     """Evolves road networks on islands that share what they find: one search for all devices of all hosts.
 
@@ -72,38 +74,39 @@ def evolve_islands(
       InputError: for an argument out of its range, a method without an archive, or islands that cannot be spread
         evenly.
     """
-    keys, single = check_keys(jax.random.key(key) if is_whole(key) else key, None)
+    keys, impl, single = check_keys(jax.random.key(key) if is_whole(key) else key, None)
     if not single:
-        raise InputError(f"key: expected one key for all islands, got {many(keys.size, 'key')}")
+        raise InputError(f"key: expected one key for all islands, got {pluralize(len(keys), 'key')}")
     shape = check_shape(shape, new=True)
-    spec, _, program, numbers = prepare(spec, shape, config, None, Users(features, fitness, moves), options)
+    spec, config, static, traced = prepare(spec, shape, config, None, Users(features, fitness, moves), options)
     check_named("islands", whole(1), islands)
     check_named("every", whole(1), every)
     devices = jax.devices() if jax.process_count() > 1 else jax.local_devices()[:1]
     if islands % len(devices):
-        raise InputError(f"islands: expected a multiple of {many(len(devices), 'device')}, got {islands}")
-    optimizer = program.optimizer(numbers)
+        raise InputError(f"islands: expected a multiple of {pluralize(len(devices), 'device')}, got {islands}")
+    optimizer = static.optimizer(traced)
     if optimizer.migrate is None:
         raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")
-    return _evolve(keys[0], islands, every, devices, program, spec, optimizer, progress)
+    return _evolve(keys[0], islands, every, devices, static._replace(impl=impl), spec, config, optimizer, progress)
 
 
 def _evolve(
-    key: Key[Array, ""],
+    key: UInt32[np.ndarray, " B"],
     islands: int,
     every: int,
     devices: list[jax.Device],
-    program: Program,
+    static: Static,
     spec: SearchSpec,
+    config: Config | None,
     optimizer: Optimizer,
     progress: bool | None,
 ) -> Result:
     per_step = optimizer.evaluations_per_step * islands
     last = spec.steps(optimizer.evaluations_per_step)
-    first_states, stretch = _compiled(optimizer, jax.random.key_data(key), islands, every, devices)
+    first_states, stretch = _compiled(optimizer, partial(static.keys, key), islands, every, devices)
     rows: list[History] = []
     done, shown = 0, progress if jax.process_index() == 0 else False
-    with Progress(f"{spec.method} {program.shape[0]}x{program.shape[1]}", last, "generations", shown=shown) as bar:
+    with Progress(f"{spec.method} {static.shape[0]}x{static.shape[1]}", last, "generations", shown=shown) as bar:
         with bar.doing("compiling"):
             states, found = first_states()
         while done < last:
@@ -112,13 +115,14 @@ def _evolve(
             done += count
             rows.append(_row(_local(found), _local(refused), done, per_step, per_step * count, began))
             bar.update(done, f"best {rows[-1].best_fitness[-1]:,}, {rows[-1].elite_count[-1]:,} elites")
-    elites = as_measured(program, _local(found))
+    elites = as_measured(static, _local(found))
     history = History.joined([History.empty(dtype=elites.fitness.dtype), *rows])
-    return Result(elites, history, RunState(np.array(done, np.int32), (), np.zeros((), np.uint32)), spec, program.axes)
+    state = RunState(np.array(done, np.int32), (), np.zeros((), np.uint32))
+    return Result(elites, history, state, spec, static.axes, config)
 
 
 def _compiled(
-    optimizer: Optimizer, key: Pytree, islands: int, every: int, devices: list[jax.Device]
+    optimizer: Optimizer, make_key: Callable[[], Key[Array, ""]], islands: int, every: int, devices: list[jax.Device]
 ) -> tuple[Callable[..., Pytree], Callable[..., Pytree]]:
     """Returns the two programs, of the first populations and of the generations up to an exchange.
 
@@ -131,7 +135,7 @@ def _compiled(
 
     def keys() -> Array:
         island = jax.lax.axis_index(_AXIS) * each + jnp.arange(each)
-        return jax.vmap(partial(jax.random.fold_in, jax.random.wrap_key_data(key)))(island)
+        return jax.vmap(partial(jax.random.fold_in, make_key()))(island)
 
     def exchange(states: Pytree) -> tuple[Pytree, Population]:
         found = jax.vmap(optimizer.elites)(states)

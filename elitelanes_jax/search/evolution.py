@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias, Unpack
 
 import jax
 import jax.numpy as jnp
@@ -14,12 +14,13 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, many
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
+from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax._util.records import Record, record
+from elitelanes_jax._util.records import record
+from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
-from elitelanes_jax._util.version import installed_versions
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metric_names import METRIC_NAMES
@@ -27,26 +28,31 @@ from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.loop import advance, seed_keys, start
-from elitelanes_jax.optimizers.presets import PRESETS, find_preset, make_optimizer, plain_config, user_moves, with_moves
-from elitelanes_jax.problem.archive import Population
-from elitelanes_jax.problem.bounds import FeatureBounds, check_ranges, find_bounds
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
-from elitelanes_jax.problem.fixed_cells import FixedCells
-from elitelanes_jax.problem.kernels import (
-    Fitness,
-    Kernel,
-    apply_fitness,
-    check_fitness,
-    check_kernels,
-    content_of,
+from elitelanes_jax.optimizers.presets import (
+    PRESETS,
+    Config,
+    config_to_plain,
+    find_preset,
+    make_optimizer,
+    user_moves,
+    with_moves,
 )
+from elitelanes_jax.problem.archive import Population
+from elitelanes_jax.problem.bounds import check_ranges, find_bounds
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.digests import digest
+from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels
 from elitelanes_jax.problem.problem import Problem, road_problem
-from elitelanes_jax.problem.ranges import range_limits
+from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
-from elitelanes_jax.search._devices import choose_devices, cut, join, side_by_side
+from elitelanes_jax.search._devices import choose_devices, cut, join
+from elitelanes_jax.search._options import SearchOptions
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
-from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds
+from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
+
+_KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
 # and the most generations that it has.
@@ -56,8 +62,9 @@ _MOST = 256
 # The bytes without which the compiler ends the whole process: 0.1 GB are too few at 12 x 12, 0.3 GB are enough.
 _COMPILER = 200_000_000
 
-# What was compiled before: threads would take longer than JAX does to find it again.
-_KNOWN: set[tuple[Hashable, ...]] = set()
+# The searches that are compiled, and what they take: to find the programs again takes JAX 3 ms, their costs 2 ms.
+_COMPILED: set[tuple[Hashable, ...]] = set()
+_COSTS: dict[tuple[Hashable, ...], "_Cost"] = {}
 
 _OF_SEEDS = ("best_fitness", "elite_count", "refused")  # of a history
 
@@ -68,7 +75,7 @@ def evolve(
     *,
     seeds: int | None = None,
     spec: SearchSpec = SearchSpec(),
-    config: Record | None = None,
+    config: Config | None = None,
     optimizer: Callable[[Problem], Optimizer] | None = None,
     state: RunState | None = None,
     checkpoint: str | Path | None = None,
@@ -78,68 +85,71 @@ def evolve(
     features: Mapping[str, Kernel] | None = None,
     fitness: Fitness | None = None,
     moves: Mapping[str, UserValue] | None = None,
-    **options: UserValue,
+    **options: Unpack[SearchOptions],
 ) -> Result:
     """Evolves road networks.
 
     Args:
-      key: one `jax.random.key`, or an array of keys ``[S]``: many seeds in one compiled call, and a leading seed axis
-        ``[S, ...]`` in everything that is returned, but for the counts and the speed in the history. With JAX's default
-        kind of key a seed gives the same result alone and among others, bit for bit. Or a whole number, the command's
-        ``--seed``.
+      key: one `jax.random.key`; or an array of keys ``[S]``, to run many seeds in one compiled call; or a whole number,
+        which is the command's ``--seed``. With an array or a number, all arrays of the result have a leading seed axis
+        ``[S, ...]``, except the counts and the speed in the history. With JAX's default kind of key, each seed gives
+        the same result alone and among others, bit for bit.
       shape: (height, width) of the grids, each at least 2.
-      seeds: how many runs, where `key` is a whole number; by default 8, as the command makes.
+      seeds: the number of runs, if `key` is a whole number; defaults to 8, as in the command.
       spec: the search.
-      config: settings of a method in place of a preset's; its type says which method.
-      optimizer: a factory of your own, `Problem` -> `Optimizer`, in place of a method's.
-      state: of an earlier result, to continue from. 100 generations and 100 more are 200, bit for bit.
-      checkpoint: a folder that keeps the result so far, in ``result.npz`` for `Result.load`. Killed at any moment, the
-        same call goes on from there and ends the same, bit for bit but for the measured speeds; one with a larger
-        budget goes on further. One process at a time has the folder.
-      every: seconds between two checkpoints, 0 for one after every compiled call. Writing takes at most a twentieth of
-        the time.
-      progress: whether to show a progress bar, off a terminal a line every 30 seconds; by default in a terminal or
-        notebook, when a run takes over a second.
-      devices: that the seeds are spread over, any of them more than once, or how many: of the processor's cores, GPUs
-        or TPU cores; by default all local ones. The result is the same, bit for bit.
-      features: features of your own, by the name that `where`, `axes` and `weights` then take: functions from one grid,
-        int8 ``[H, W]``, to an integer scalar, less than 2**30 in size. They are compiled with the search, so they must
-        be pure.
-      fitness: a fitness of your own: a function of any of the arguments ``metrics``, ``features``, ``grid`` and
-        ``usual``, to a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
-        fitness. Ranges in `where` add their penalty to it. A grid whose feature or fitness is out of range, or not a
-        number, is refused: it becomes no elite, and the history counts it.
-      moves: other weights of moves, such as ``{"mirror": 0}``, and moves of your own with their weights, such as
+      config: a configuration of a method, instead of a preset; its type says which method.
+      optimizer: a factory of your own, `Problem` -> `Optimizer`, instead of a method.
+      state: of an earlier result, to continue from. 100 generations and 100 more equal 200, bit for bit.
+      checkpoint: a folder for the result so far, in ``result.npz`` for `Result.load`. If the process is killed, the
+        same call resumes and returns the same result, bit for bit except for the measured speeds. A larger budget
+        extends the search. Only one process at a time can use the folder.
+      every: seconds between two checkpoints; 0 writes one after every compiled call. Writing takes at most a twentieth
+        of the time.
+      progress: whether to show a progress bar, or outside a terminal a line every 30 seconds. By default it is shown in
+        a terminal or notebook, if a run takes over a second.
+      devices: the devices that share the seeds (processor cores, GPUs or TPU cores; a device may be repeated), or their
+        number; defaults to all local ones. The result is the same, bit for bit.
+      features: your own features by name: functions of one grid, int8 ``[H, W]``, that return an integer scalar, less
+        than 2**30 in size. `where`, `axes` and `weights` can use their names. They are compiled, so they must be pure.
+      fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``, ``grid`` and ``usual``,
+        that returns a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
+        fitness. Ranges in `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
+        not a number, becomes no elite; the history counts such grids.
+      moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their weights, such as
         ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
-      **options: fields of `SearchSpec`, in place of those of `spec`.
+      **options: options of `SearchSpec`, which override those of `spec`.
 
     Raises:
-      InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other settings,
-        or a checkpoint that another process is at work on.
-      SearchInterrupted: at Ctrl-C, once there are first grids, a `KeyboardInterrupt` whose ``result`` is what was found
-        until then. A checkpoint has it too, if the search took ten seconds.
-      NotEnoughMemoryError: a `MemoryError`, where the search cannot fit into the memory that is free.
+      InputError: for an argument out of its range, a state or a checkpoint of a run with another key or other options,
+        or a checkpoint that another process uses.
+      SearchInterrupted: at Ctrl-C, after the first generation; a `KeyboardInterrupt` whose ``result`` is the result so
+        far. A checkpoint has this result too, if the search took ten seconds.
+      NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
-    keys, single = check_keys(key, seeds)
-    chosen = choose_devices(devices)
+    keys, impl, single = check_keys(key, seeds)
     shape = check_shape(shape, new=True)
-    spec, config, program, numbers = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
-    if keys.size == 1 or jax.random.key_impl(keys) != "threefry2x32":  # others' bits depend on the seeds beside them
+    chosen = choose_devices(devices)
+    if len(keys) == 1 or impl != "threefry2x32":  # others' bits depend on the seeds beside them
         chosen = chosen[:1]
-    search = _Search(program, numbers, keys, single, spec, _fingerprint(program, numbers, keys), chosen)
+    spec, config, static, traced = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
+    static = static._replace(impl=impl)
+    digests = _digests(static, traced)
+    fingerprint = _fingerprint(static, traced, keys, digests)
+    search = _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen)
     done, inner = (0, None) if state is None else _restore(state, search)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
-    identity = _identity(search, config, done)
-    with open_checkpoint(checkpoint, identity, check_named("every", real(0), every)) as kept:
+    with open_checkpoint(checkpoint, _identity(search, done), check_named("every", real(0), every)) as kept:
         return _evolve(search, done, inner, kept, progress)
 
 
 def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | None, progress: bool | None) -> Result:
     """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
-    per_step = int(_evaluations_per_step(search.program, search.numbers))
-    spec, shape = search.spec, search.program.shape
-    last = first + spec.steps(per_step)
+    spec, shape = search.spec, search.static.shape
+    if search.program not in _COSTS:
+        _COSTS[search.program] = search.cost()
+    cost = _COSTS[search.program]
+    last = first + spec.steps(cost.evaluations_per_step)
     done, parts = first, []
     if kept is not None and (before := kept.load()) is not None:
         done, inner = _restore(before.state, search)
@@ -149,17 +159,16 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
         parts.append(before.history._replace(**seeded))
     count = len(parts)
     resumed = bool(parts) and done == last
-    with Progress(f"{spec.method} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
-        expected = search.states()
+    with Progress(f"{spec.optimizer} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
         if inner is None:
-            _check_memory(expected, search.keys.size, shape)
+            _check_memory(cost.memory, len(search.keys), shape)
         states = None if inner is None else cut(inner, search.devices)
         try:
             with bar.doing("compiling"):
-                compiled = _compile(search, expected, starts=states is None, runs=done < last)
+                _compile(search, starts=states is None, runs=done < last)
                 if states is None:
-                    states = cut(_start(search.program, search.numbers, search.keys), search.devices)
-            for after, part in _run(search, compiled, states, done, last, per_step, bar):
+                    states = cut(_start(search.static, search.traced, search.keys), search.devices)
+            for after, part in _run(search, states, done, last, cost.evaluations_per_step, bar):
                 parts.append(part)
                 states, count = after, count + 1  # in one: an interruption falls before it or after it
                 if kept is not None and kept.due:
@@ -178,23 +187,22 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
     return result
 
 
-def _check_memory(states: Pytree, seeds: int, shape: tuple[int, int]) -> None:
+def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
     """Checks that the compiler fits into the free memory, and the states twice: before and after a step."""
     stats = jax.local_devices()[0].memory_stats()  # of an accelerator
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
-    taken = 2 * sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(states))
-    needed = taken + _COMPILER
-    if free is None or needed <= free:
+    needed = 2 * states + _COMPILER
+    if needed <= free:
         return
     if free < _COMPILER:
         raise NotEnoughMemoryError(
             f"not enough memory: to compile a search takes {in_gigabytes(_COMPILER)}, and {in_gigabytes(free)} are free"
         )
-    fitting = (free - _COMPILER) * seeds // taken
-    fewer = f"{many(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
+    fitting = (free - _COMPILER) * seeds // (2 * states)
+    fewer = f"{pluralize(fitting, 'seed')} at most" if fitting else "smaller maps or fewer niches"
     raise NotEnoughMemoryError(
-        f"not enough memory: {many(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} or "
-        f"more, and {in_gigabytes(free)} are free; {fewer} would fit"
+        f"not enough memory: {pluralize(seeds, 'seed')} of {shape[0]} x {shape[1]} tiles take {in_gigabytes(needed)} "
+        f"or more, and {in_gigabytes(free)} are free; {fewer} would fit"
     )
 
 
@@ -206,8 +214,8 @@ class Users(NamedTuple):
     moves: Mapping[str, UserValue] | None = None
 
 
-class Numbers(NamedTuple):
-    """The settings that may change without a second compilation."""
+class Traced(NamedTuple):
+    """The arguments of a compiled search: other values need no second compilation."""
 
     weights: Weights
     limits: Int32[np.ndarray, "2 C"]
@@ -216,8 +224,8 @@ class Numbers(NamedTuple):
     feature_weights: Int32[np.ndarray, " K"] | None
 
 
-class Program(NamedTuple):
-    """The settings that a compiled run is made for; hashable."""
+class Static(NamedTuple):
+    """What a search is compiled for; hashable."""
 
     shape: tuple[int, int]
     axes: tuple[Axis, ...]
@@ -225,101 +233,116 @@ class Program(NamedTuple):
     fill: bool
     fix: FixedCells | None
     bounded: bool
-    config: Pytree  # the tree of the configuration; None for an optimiser of the user's
+    config: Pytree  # the structure of the configuration; None for an optimiser of the user's own
     factory: Callable[[Problem], Optimizer] | None
     measured: tuple[str, ...]
-    kernels: tuple[tuple[str, Kernel], ...]  # of the user's features
+    kernels: tuple[tuple[str, Kernel], ...]  # of the user's own features that are needed
     fitness: Fitness | None
+    impl: str = "threefry2x32"  # of the keys
 
-    def optimizer(self, numbers: Numbers) -> Optimizer:
+    def optimizer(self, traced: Traced) -> Optimizer:
+        """Makes the optimiser; called while a program is traced."""
         problem = road_problem(
             self.shape,
             self.axes,
             alphabet=self.alphabet,
-            weights=numbers.weights,
+            weights=traced.weights,
             fill=self.fill,
-            limits=numbers.limits if self.bounded else None,
+            limits=traced.limits if self.bounded else None,
             measured=self.measured,
-            feature_weights=numbers.feature_weights,
+            feature_weights=traced.feature_weights,
             features=dict(self.kernels),
             fitness=self.fitness,
             fix=self.fix,
-            initial=numbers.initial,
+            initial=traced.initial,
         )
         if self.factory is not None:
             return self.factory(problem)
-        return make_optimizer(problem, jax.tree.unflatten(self.config, numbers.config))
+        return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
+
+    def keys(self, data: _KeyData) -> Key[Array, "*S"]:
+        """Makes keys of their data."""
+        return jax.random.wrap_key_data(jnp.asarray(data), impl=self.impl)
+
+
+class _Cost(NamedTuple):
+    """What a search takes: found once for each compiled search, as it takes milliseconds."""
+
+    evaluations_per_step: int
+    memory: int  # bytes of the states of all seeds
 
 
 class _Search(NamedTuple):
     """One call of `evolve`, checked."""
 
-    program: Program
-    numbers: Numbers
-    keys: Key[Array, " S"]
+    static: Static
+    traced: Traced
+    keys: UInt32[np.ndarray, "S B"]
     single: bool
     spec: SearchSpec
+    config: Config | None
+    digests: dict[str, str]  # of the user's functions, by name
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
 
+    @property
+    def program(self) -> tuple[Hashable, ...]:
+        """All that the compiled programs depend on."""
+        return self.static, len(self.keys), self.single, *self.devices
+
+    def cost(self) -> _Cost:
+        """Finds what the search takes."""
+        memory = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(self.states()))
+        return _Cost(int(_evaluations_per_step(self.static, self.traced)), memory)
+
     def states(self) -> Pytree:
         """Returns the shapes and dtypes of the states of all seeds."""
-        return _start.eval_shape(self.program, self.numbers, self.keys)
+        return _start.eval_shape(self.static, self.traced, self.keys)
 
     def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
-        elites, inner = _collect(self.program, self.numbers, join(states, self.keys.size), self.single)
-        history = History.joined([History.empty(self.keys.size, dtype=elites.fitness.dtype), *parts])
+        seeds = len(self.keys)
+        elites, inner = _collect(self.static, self.traced, join(states, seeds), self.single)
+        history = History.joined([History.empty(seeds, dtype=elites.fitness.dtype), *parts])
         generation = np.array(first + history.generation.size, np.int32)
         if self.single:
             history = history._replace(**{name: getattr(history, name)[0] for name in _OF_SEEDS})
-        return Result(elites, history, RunState(generation, inner, self.fingerprint), self.spec, self.program.axes)
+        state = RunState(generation, inner, self.fingerprint)
+        return Result(elites, history, state, self.spec, self.static.axes, self.config)
 
 
-def check_keys(key: UserValue, seeds: int | None) -> tuple[Key[Array, " S"], bool]:
-    """Returns the keys as an array ``[S]``, and whether there was one key alone."""
+def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S B"], str, bool]:
+    """Returns the data of the keys, their implementation, and whether there was one key alone."""
     if is_whole(key):
-        seeds = SEEDS if seeds is None else seeds
-        return seed_keys(
+        key = seed_keys(
             check_named("key", whole(0, 2**32 - 1), key),
-            check_named("seeds", check_seeds, seeds),
-        ), False
-    if seeds is not None:
-        raise InputError(f"seeds: expected it with a whole number as key, as keys say how many they are, got {seeds!r}")
+            check_named("seeds", check_seeds, SEEDS if seeds is None else seeds),
+        )
+    elif seeds is not None:
+        expected = "it with a whole number as key, as keys say how many they are"
+        raise InputError(f"seeds: expected {expected}, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
         raise InputError(f"key: expected a whole number, a jax.random.key or an array of them, got {key!r}")
     if key.ndim > 1 or key.size == 0:
         raise InputError(f"key: expected one key or keys [S] with S at least 1, got shape {key.shape}")
-    return jnp.atleast_1d(key), key.ndim == 0
-
-
-def _resolve_config(spec: SearchSpec, config: Record | None, named: bool) -> tuple[SearchSpec, Record]:
-    """Returns the specification and the configuration, each after the other: a configuration says which method."""
-    if config is None:
-        return spec, PRESETS[spec.method, spec.preset]
-    method, preset = find_preset(config)
-    if named and method != spec.method:
-        raise InputError(f"config: expected settings of {spec.method}, got {type(config).__name__}")
-    for leaf in jax.tree.leaves(config):
-        if isinstance(leaf, jax.Array | np.ndarray):
-            raise InputError(f"config: expected plain numbers, got an array of shape {leaf.shape}")
-    return spec.replace(method=method, preset=preset), config
+    data = np.asarray(jax.random.key_data(key))
+    return data.reshape(-1, data.shape[-1]), str(jax.random.key_impl(key)), key.ndim == 0
 
 
 def prepare(
     spec: SearchSpec,
     shape: tuple[int, int],
-    config: Record | None,
+    config: Config | None,
     factory: Callable[[Problem], Optimizer] | None,
     users: Users,
     options: Mapping[str, UserValue],
-) -> tuple[SearchSpec, Record, Program, Numbers]:
-    """Checks a search's settings, and parts them into those that a program is compiled for and those that it takes.
+) -> tuple[SearchSpec, Config | None, Static, Traced]:
+    """Checks the options of a search, and parts them into those that a program is compiled for and its arguments.
 
     Returns:
-      The specification with the options in place, the configuration, and the two parts.
+      The specification, which says what makes the result; the configuration, None for a factory; and the two parts.
     """
     spec = check_named("spec", record(SearchSpec), spec)
     for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
@@ -327,90 +350,121 @@ def prepare(
             raise InputError(f"{option}: expected it as {argument}={options[option]!r}, got {option}=")
     kernels = check_kernels(users.features, shape)
     given = dict(options) if users.features is None else {**options, "features": tuple(kernels)}
-    spec, config = _resolve_config(spec.replace(**given).on(shape), config, "method" in options)
+    spec = (spec.replace(**given) if given else spec).on(shape)
+    exact = True
+    if factory is not None:
+        spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
+    elif config is not None:
+        method, preset, exact = find_preset(config)
+        if "method" in options and method != spec.method:
+            raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
+        if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
+            raise InputError(f"config: expected plain numbers, got an array in {config}")
+        spec = spec.replace(method=method, preset=preset)
     spec.check_on(shape, "shape")
+    config = None if factory is not None else config or PRESETS[spec.method, spec.preset]
     unknown = [name for name in spec.features if name not in kernels]
     if unknown:
         raise InputError(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
     if factory is None:  # one of the user's may make any grids
-        check_ranges(spec.where, _limits(shape, spec.fills, spec.fix), f"repaired grids of {shape[0]} x {shape[1]}")
+        _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
     if users.fitness is not None:
         check_fitness(users.fitness, shape, (*METRIC_NAMES, *spec.measured))
     if users.moves is not None:
+        if config is None:
+            raise InputError("moves: expected a method with moves, such as preset tuned, got an optimizer")
         config = with_moves(config, users.moves)
-    leaves, tree = jax.tree.flatten(config)
-    program = Program(
+        exact = exact and find_preset(config)[2]
+    leaves, structure = jax.tree.flatten(config)
+    static = Static(
         shape=shape,
         axes=spec.axes_on(shape),
         alphabet=spec.alphabet or ROAD_ALPHABET,
-        fill=spec.fills,
+        fill=spec.repair_fills,
         fix=spec.fix,
         bounded=bool(spec.where),
-        config=tree if factory is None else None,
+        config=None if config is None else structure,
         factory=factory,
         measured=spec.measured,
         kernels=tuple((name, kernels[name]) for name in spec.measured if name in kernels),
         fitness=users.fitness,
     )
-    numbers = Numbers(
+    traced = Traced(
         weights=Weights(*(np.asarray(weight, np.int32) for weight in spec.all_weights)),
         limits=range_limits(spec.where, (*METRIC_NAMES, *spec.measured)),
-        config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves) if factory is None else (),
+        config=tuple((np.int32 if is_whole(leaf) else np.float32)(leaf) for leaf in leaves),
         initial=np.array(spec.initial, np.int8) if spec.initial else None,
         feature_weights=None if spec.feature_weights is None else np.array(spec.feature_weights, np.int32),
     )
-    return spec, config, program, numbers
+    if factory is not None:
+        spec = spec.replace(method=CUSTOM, preset=_name_of(factory), axes=static.axes)
+    elif not exact:
+        spec = spec.replace(preset=CUSTOM, axes=static.axes)
+    return spec, config, static, traced
+
+
+def _name_of(factory: Callable[..., Optimizer]) -> str:
+    """Returns the module and the name of a function, or of the type of a callable object."""
+    while isinstance(factory, partial):
+        factory = factory.func
+    named = factory if hasattr(factory, "__qualname__") else type(factory)
+    return f"{named.__module__}.{named.__qualname__}"
 
 
 @lru_cache(maxsize=32)
-def _limits(shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> FeatureBounds:
-    """Finds the limits of the metrics of a search's grids; kept, as many searches have the same ones."""
+def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> None:
+    """Checks ranges against the limits of the metrics of a search's grids; raises `InputError`."""
     full = ("dead_ends", "empty_cells") if fills and fix is None else ()
-    return find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
+    limits = find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
+    check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 
-def _fingerprint(program: Program, numbers: Numbers, keys: Key[Array, " S"]) -> UInt32[np.ndarray, ""]:
-    factory = getattr(program.factory, "__qualname__", type(program.factory).__name__)
-    said = repr(
-        (
-            program._replace(factory=None, kernels=(), fitness=None),
-            factory,
-            *_contents(program, numbers),
-            [leaf.tolist() for leaf in jax.tree.leaves(numbers)],
-            str(keys.dtype),
-        )
-    )
-    return np.array(zlib.crc32(said.encode() + np.asarray(jax.random.key_data(keys)).tobytes()), np.uint32)
-
-
-def _contents(program: Program, numbers: Numbers) -> list[tuple[str, str]]:
-    """Returns what the functions of the user compute, by name, see `content_of`."""
-    grid = jax.ShapeDtypeStruct(program.shape, jnp.int8)
-    contents = [(name, content_of(kernel, grid)) for name, kernel in program.kernels]
-    if program.fitness is not None:
-        names = (*METRIC_NAMES, *program.measured)
-        kinds = [(program.shape, jnp.int8), ((len(names),), jnp.int32), ((), jnp.int32)]
+def _digests(static: Static, traced: Traced) -> dict[str, str]:
+    """Returns what the functions of the user compute, see `digest`: an edited function keeps its name."""
+    grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
+    found = {name: digest(kernel, grid) for name, kernel in static.kernels}
+    if static.fitness is not None:
+        names = (*METRIC_NAMES, *static.measured)
+        kinds = [(static.shape, jnp.int8), ((len(names),), jnp.int32), ((), jnp.int32)]
         arguments = [jax.ShapeDtypeStruct((1, *shape), dtype) for shape, dtype in kinds]
-        contents.append(("fitness", content_of(partial(apply_fitness, program.fitness, names), *arguments)))
-    if program.config is not None:
-        for name, move in user_moves(jax.tree.unflatten(program.config, numbers.config)).items():
-            bits = jax.ShapeDtypeStruct((move.bits,), jnp.uint32)
-            contents.append((name, content_of(move.apply, bits, grid, grid)))
-    return contents
+        found["fitness"] = digest(partial(apply_fitness, static.fitness, names), *arguments)
+    if static.factory is not None:
+        key = jax.ShapeDtypeStruct((), jax.random.key(0).dtype)
+        found["optimizer"] = digest(partial(_call_all, static), traced, key)
+    elif moves := user_moves(jax.tree.unflatten(static.config, traced.config)):
+        for name, move in moves.items():
+            found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
+    return found
 
 
-def _identity(search: _Search, config: Record, first: int) -> dict[str, Plain]:
+def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
+    """Calls all functions of an optimiser once."""
+    optimizer = static.optimizer(traced)
+    state = optimizer.init(key)
+    return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step
+
+
+def _fingerprint(
+    static: Static, traced: Traced, keys: UInt32[np.ndarray, "S B"], digests: dict[str, str]
+) -> UInt32[np.ndarray, ""]:
+    numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
+    said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, numbers))
+    return np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
+
+
+def _identity(search: _Search, first: int) -> dict[str, Plain]:
     """Returns all that a search depends on but its budget, plain values for JSON."""
-    settings = search.spec.to_plain()
-    del settings["evaluations"], settings["generations"]
+    options = search.spec.to_plain()
+    del options["evaluations"], options["generations"], options["style"]
     return {
-        "search": settings,
-        "size": search.program.shape,
-        "config": plain_config(config) if search.program.factory is None else None,
-        "seeds": search.keys.size,
-        "keys": sha256(np.asarray(jax.random.key_data(search.keys)).tobytes()).hexdigest()[:16],
+        "search": options,
+        "size": search.static.shape,
+        "config": None if search.config is None else config_to_plain(search.config),
+        "functions": search.digests,
+        "seeds": len(search.keys),
+        "keys": sha256(search.keys.tobytes()).hexdigest()[:16],
         "fingerprint": int(search.fingerprint),
         "after": first,
         "versions": installed_versions(),
@@ -421,43 +475,44 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
     """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
-    program, keys = search.program, search.keys
     arrays = [jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner)]
-    leaves, tree = jax.tree.flatten(search.states())
+    leaves, structure = jax.tree.flatten(search.states())
     kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, leaves)]
     if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:
+        rows, columns = search.static.shape
         raise InputError(
-            f"state: expected one of this run ({program.shape[0]} x {program.shape[1]}, seeds: {keys.size}), "
-            "got one of a run with another key or other settings"
+            f"state: expected one of this run ({rows} x {columns}, seeds: {len(search.keys)}), "
+            "got one of a run with another key or other options"
         )
-    return int(state.generation), jax.tree.unflatten(tree, arrays)
+    return int(state.generation), jax.tree.unflatten(structure, arrays)
 
 
-def _compile(search: _Search, states: Pytree, *, starts: bool, runs: bool) -> dict[jax.Device, Callable[..., Pytree]]:
-    """Compiles all that a search calls, side by side; returns `_advance` by device. `states` are shapes and dtypes.
+def _compile(search: _Search, *, starts: bool, runs: bool) -> None:
+    """Compiles all that a search calls, side by side; JAX keeps the programs for the calls.
 
-    Each is lowered in this thread, as JAX's settings may be those of this one alone. JAX keeps what was compiled of
-    `_start` and `_collect` for their calls.
+    Each is lowered in this thread, as JAX's settings may be those of this one alone.
     """
-    program, numbers = search.program, search.numbers
-    advances: dict[jax.Device, jax.stages.Lowered] = {}
+    if not _collect._cache_size():  # type: ignore[attr-defined]  # JAX has forgotten its programs
+        _COMPILED.clear()
+    needed = (*search.program, starts, runs)
+    if needed in _COMPILED:
+        return
+    static, traced, keys = search.static, search.traced, search.keys
+    states = search.states()
 
     def compilers() -> Iterator[Callable[[], Pytree]]:
         if starts:
-            yield _start.lower(program, numbers, search.keys).compile
-        yield _collect.lower(program, numbers, states, search.single).compile
+            yield _start.lower(static, traced, keys).compile
+        yield _collect.lower(static, traced, states, search.single).compile
         if runs:
-            for keys, device in zip(cut(search.keys, search.devices), search.devices, strict=False):
-                if device not in advances:
-                    part = _on_device(states, keys.size, device)
-                    advances[device] = _advance.lower(program, numbers, keys, part, np.int32(0), np.int32(0))
-                    yield advances[device].compile
+            parts = zip(search.devices, cut(keys, search.devices), strict=False)
+            for device, part in dict(parts).items():  # parts of one size: one program for each device
+                inputs = _on_device(states, len(part), device)
+                yield _advance.lower(static, traced, part, inputs, np.int32(0), np.int32(0)).compile
 
-    known = (program, search.keys.size, search.single, *search.devices)
     # In threads, as an interruption does not wait for those.
-    compiled = [compiler() for compiler in compilers()] if known in _KNOWN else side_by_side(compilers(), left=True)
-    _KNOWN.add(known)
-    return dict(zip(advances, compiled[-len(advances) :], strict=True)) if advances else {}
+    side_by_side(compilers(), wait=False)
+    _COMPILED.add(needed)
 
 
 def _on_device(states: Pytree, rows: int, device: jax.Device) -> Pytree:
@@ -467,27 +522,20 @@ def _on_device(states: Pytree, rows: int, device: jax.Device) -> Pytree:
 
 
 def _run(
-    search: _Search,
-    compiled: Mapping[jax.Device, Callable[..., Pytree]],
-    states: list[Pytree],
-    done: int,
-    last: int,
-    per_step: int,
-    bar: Progress,
+    search: _Search, states: list[Pytree], done: int, last: int, per_step: int, bar: Progress
 ) -> Iterator[tuple[list[Pytree], History]]:
     """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
-    numbers, seeds = search.numbers, search.keys.size
-    keys, devices = cut(search.keys, search.devices), search.devices[: len(states)]
-    stretch = _MOST // 2
+    seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), _MOST // 2
 
-    def advance_part(part: int, first: int, last: int) -> tuple[Pytree, Info]:
-        run = compiled[devices[part]]
-        return jax.block_until_ready(run(numbers, keys[part], states[part], np.int32(first), np.int32(last)))
+    def advance_part(keys: _KeyData, states: Pytree, first: int, last: int) -> tuple[Pytree, Info]:
+        arguments = search.static, search.traced, keys, states, np.int32(first), np.int32(last)
+        return jax.block_until_ready(_advance(*arguments))
 
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
-        ran = side_by_side([partial(advance_part, part, done + 1, done + count) for part in range(len(states))])
+        parts = zip(keys, states, strict=True)
+        ran = side_by_side([partial(advance_part, *part, done + 1, done + count) for part in parts])
         states, infos = [list(each) for each in zip(*ran, strict=True)]
         best, elites, refused = (
             np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _OF_SEEDS
@@ -502,42 +550,42 @@ def _run(
         stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
 
 
-@partial(jax.jit, static_argnames="program")
-def _evaluations_per_step(program: Program, numbers: Numbers) -> int:
-    return program.optimizer(numbers).evaluations_per_step
+@partial(jax.jit, static_argnames="static")
+def _evaluations_per_step(static: Static, traced: Traced) -> int:
+    return static.optimizer(traced).evaluations_per_step
 
 
-# What runs once, before and after the generations: to compile it twice as fast is worth more than to run it.
+# These run once, before and after the generations: compiling them in half the time matters more than running them.
 _ONCE = {"xla_backend_optimization_level": 0}
 
 
-@partial(jax.jit, static_argnames="program", compiler_options=_ONCE)
-def _start(program: Program, numbers: Numbers, keys: Array) -> Pytree:
-    return start(program.optimizer(numbers), keys)
+@partial(jax.jit, static_argnames="static", compiler_options=_ONCE)
+def _start(static: Static, traced: Traced, keys: _KeyData) -> Pytree:
+    return start(static.optimizer(traced), static.keys(keys))
 
 
-@partial(jax.jit, static_argnames="program")
+@partial(jax.jit, static_argnames="static")
 def _advance(
-    program: Program, numbers: Numbers, keys: Array, states: Pytree, first: int | Array, last: int | Array
+    static: Static, traced: Traced, keys: _KeyData, states: Pytree, first: int | Array, last: int | Array
 ) -> tuple[Pytree, Info]:
-    return advance(program.optimizer(numbers), keys, states, first, last, most=_MOST)
+    return advance(static.optimizer(traced), static.keys(keys), states, first, last, most=_MOST)
 
 
-@partial(jax.jit, static_argnames=("program", "single"), compiler_options=_ONCE)
-def _collect(program: Program, numbers: Numbers, states: Pytree, single: bool) -> tuple[MeasuredElites, Pytree]:
+@partial(jax.jit, static_argnames=("static", "single"), compiler_options=_ONCE)
+def _collect(static: Static, traced: Traced, states: Pytree, single: bool) -> tuple[MeasuredElites, Pytree]:
     """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
-    measured = as_measured(program, jax.vmap(program.optimizer(numbers).elites)(states))
+    measured = as_measured(static, jax.vmap(static.optimizer(traced).elites)(states))
     return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
 
 
-def as_measured(program: Program, elites: Population) -> MeasuredElites:
+def as_measured(static: Static, elites: Population) -> MeasuredElites:
     """Returns elites with their descriptor, metrics and features."""
-    names = (*METRIC_NAMES, *program.measured)
+    names = (*METRIC_NAMES, *static.measured)
     return MeasuredElites(
         grids=elites.grids,
         fitness=elites.fitness,
-        descriptor=compute_descriptor(elites.features, names, program.axes),
+        descriptor=compute_descriptor(elites.features, names, static.axes),
         valid=elites.valid,
-        metrics=unstack_metrics(elites.features, program.shape[0] * program.shape[1]),
-        features={name: elites.features[..., names.index(name)] for name in program.measured},
+        metrics=unstack_metrics(elites.features, static.shape[0] * static.shape[1]),
+        features={name: elites.features[..., names.index(name)] for name in static.measured},
     )

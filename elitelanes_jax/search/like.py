@@ -54,7 +54,7 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
         where[name] = (first / 1000, last / 1000)
         if name in _SPREAD:
             axes.append({"metric": name, "bins": _BINS, "width": -(-(last - first) // _BINS), "start": first})
-    town = read_style("town")
+    town = read_style("town").options
     kept = all(not row[name] for row in rows for name in RULES["duckietown"].forbidden)
     targets = {name: [float(row[name]) for row in rows] for name in (*_SPREAD, *_HELD, "straight_share")}
     return {

@@ -12,22 +12,23 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.atomic_io import write_atomic
 from elitelanes_jax._util.checks import check_named, is_whole, whole
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
+from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
-from elitelanes_jax._util.version import __version__
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.optimizers.presets import Config, config_from_plain, config_to_plain, find_preset
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.kernels import with_town_features
 from elitelanes_jax.problem.ranges import parse_ranges
 from elitelanes_jax.search.elites import MeasuredElites, in_short
-from elitelanes_jax.search.selection import LEAST_DIFFERENT, Choice, choose_maps
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.search.selection import MIN_DIFFERENCE, Choice, choose_maps
+from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
 
 _FORMAT = "elitelanes result, version 1"
 
@@ -129,8 +130,10 @@ class Result:
       elites: the grids found, with their metrics.
       history: of the generations of this call.
       state: to continue from.
-      spec: of the search.
+      spec: of the search: the method and the preset that made the result, `custom` if it was a configuration or an
+        optimiser of the user's own.
       axes: of the descriptor.
+      config: the configuration of the method; None for an optimiser of the user's own.
     """
 
     elites: MeasuredElites
@@ -138,6 +141,7 @@ class Result:
     state: RunState
     spec: SearchSpec = field(metadata={"static": True})
     axes: tuple[Axis, ...] = field(metadata={"static": True})
+    config: Config | None = field(default=None, metadata={"static": True})
 
     def best(self) -> Int8[Array, "*S H W"]:
         """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
@@ -170,7 +174,7 @@ class Result:
             elites = jax.tree.map(lambda array: array[None], elites)
         features: dict[str, AnyArray] = dict(with_town_features(elites.features, ranges, elites.grids))
         elites = elites._replace(features=features)
-        result = replace(self, elites=elites, spec=self.spec.replace(where=tuple(ranges.values())))
+        result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
         return result.choose(check_named("count", whole(1), count), seed).maps
 
     def choose(
@@ -178,11 +182,13 @@ class Result:
         count: int,
         seed: int = 0,
         *,
-        known: Sequence[Int8[np.ndarray, "H W"]] = (),
-        least: Sequence[float] = LEAST_DIFFERENT,
+        exclude: Sequence[Int8[np.ndarray, "H W"]] = (),
+        min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
-        return choose_maps(self.elites, self.spec, self.axes, count, seed, known=known, least=least)
+        return choose_maps(
+            self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
+        )
 
     def __repr__(self) -> str:
         """Returns what was searched for and what was found, in a few lines."""
@@ -194,14 +200,16 @@ class Result:
         spent = self.history.evaluations[-1] if len(self.history.evaluations) else 0
         axes = " ".join(f"{axis.metric}:{axis.bins}:{axis.width}" for axis in self.axes)
         where = " ".join(map(str, self.spec.where))
+        preset = f", preset {self.spec.preset}" if self.spec.method in METHODS else ""
         return "\n".join(
             [
-                f"Result of {self.spec.method}, preset {self.spec.preset}: {height} x {width} tiles, "
+                f"Result of {self.spec.optimizer}{preset}: {height} x {width} tiles, "
                 f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
                 f"  elites   {valid.sum():,} in {valid.size:,} places, {best}",
                 f"  axes     {axes}",
                 *([f"  where    {where}"] if where else []),
-                "  fields   elites, history, state, spec, axes",
+                *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
+                "  fields   elites, history, state, spec, axes, config",
                 "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path); satisfies()",
             ]
         )
@@ -233,8 +241,9 @@ class Result:
         else:
             del arrays[_SPEED]
         axes = [axis._asdict() for axis in self.axes]
-        settings = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
-        write_atomic(Path(path), pack(arrays, settings | {"search": self.spec.to_plain()}))
+        settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
+        settings |= {"search": self.spec.to_plain(), "config": self.config and config_to_plain(self.config)}
+        write_atomic(Path(path), pack(arrays, settings))
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":
@@ -256,7 +265,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     """
     settings, arrays = unpack(path)
     try:
-        spec, axes, seed = _read_settings(settings)
+        spec, config, axes, seed = _read_settings(settings)
         state = _read_state(arrays)
         arrays.setdefault(_SPEED, np.full(arrays.get("history.generation", np.empty(0)).shape, np.nan))
         arrays.setdefault(_REFUSED, np.zeros_like(arrays.get("history.elite_count", np.empty(0, np.int32))))
@@ -267,7 +276,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     features = {name: jnp.asarray(arrays[f"{_EXTRA}{name}"]) for name in spec.measured}
     elites = MeasuredElites(**{name: jnp.asarray(arrays[name]) for name in _ELITES}, metrics=metrics, features=features)
     history = History(**{name: arrays[f"history.{name}"] for name in _HISTORY})
-    return Result(elites, history, state, spec, axes), seed
+    return Result(elites, history, state, spec, axes, config), seed
 
 
 class SearchInterrupted(KeyboardInterrupt):
@@ -303,20 +312,23 @@ def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
     return {"generation": generation, "fingerprint": fingerprint} | inner
 
 
-def _read_settings(settings: Plain) -> tuple[SearchSpec, tuple[Axis, ...], int | None]:
-    """Reads the specification, the axes and the seed; the errors' words follow "got"."""
+def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Axis, ...], int | None]:
+    """Reads the specification, the configuration, the axes and the seed; the errors' words follow "got"."""
     if not isinstance(settings, dict) or "format" not in settings:
         raise InputError("a file without its settings")
     if settings["format"] != _FORMAT:
-        raise InputError(f"one of the format {short(repr(settings['format']))}, not {_FORMAT!r}")
+        raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
     try:
-        spec = SearchSpec(**settings["search"])
+        spec = SearchSpec.from_plain(settings["search"])
+        config = None if spec.method == CUSTOM else config_from_plain(settings["config"])
+        if config is not None and find_preset(config)[0] != spec.method:
+            raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
         axes, seed = parse_axes(settings["axes"], spec.features), settings["seed"]
         if seed is not None and not is_whole(seed):
             raise InputError(f"seed: expected a whole number, got {seed!r}")
     except (InputError, KeyError, TypeError) as error:
         raise InputError(f"one whose settings do not hold: {error}") from None
-    return spec, axes, seed
+    return spec, config, axes, seed
 
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:

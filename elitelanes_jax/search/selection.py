@@ -1,13 +1,13 @@
-"""Choosing maps among the elites of a run: valid, different, spread over the niches."""
+"""Chooses maps among the elites of a search: valid, different, and spread over the niches."""
 
 from collections import Counter
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, many
+from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.plain_town import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
@@ -15,26 +15,31 @@ from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 from elitelanes_jax.problem.rules import map_constraints
-from elitelanes_jax.problem.targets import ExampleValues, SupportPoints
+from elitelanes_jax.problem.targets import SupportPoints
 from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.spec import SearchSpec
 
 _OUTSIDE = "outside the ranges"
 
-LEAST_DIFFERENT = (0.15, 0.05, 0.0)
-"""Shares of tiles in which a map should differ from others, the first if there are enough."""
+MIN_DIFFERENCE = (0.15, 0.05, 0.0)
+"""The shares of tiles in which two maps should differ: the first one, as long as there are enough such maps."""
+
+_Grids: TypeAlias = NDArray[np.int8]
+_Round: TypeAlias = Callable[[NDArray[np.float64], float, int], Iterator[int]]
+"""Yields the next maps to choose: of the differences from all chosen ones, their minimum, and how many maps to yield at
+most. The differences change after each map."""
 
 
 class Choice(NamedTuple):
-    """The chosen maps, and the reasons against all other elites.
+    """The chosen maps, and why the other elites were not chosen.
 
     Attributes:
-      maps: the chosen ones, sorted by niche, within one by fitness.
+      maps: the chosen maps, sorted by niche, and within a niche by fitness.
       found: the number of elites.
       rejected: the number of elites with a flaw, by reason.
-      alike: the number of elites that were another one, or a known one, rotated or mirrored.
-      nearest: where no map is in all ranges, the values of these features of the elite nearest to them: of those
-        without a flaw, or of all where there is none; None without elites.
+      alike: the number of elites that equal another elite, or an excluded map, when rotated or mirrored.
+      nearest: if no elite is in all ranges, the constrained features of the elite nearest to them: of one without a
+        flaw, if there is one. None if there are no elites.
     """
 
     maps: list[RoadMap]
@@ -42,6 +47,41 @@ class Choice(NamedTuple):
     rejected: dict[str, int]
     alike: int
     nearest: dict[str, float] | None = None
+
+    def describe(self, wanted: int) -> str:
+        """Returns a sentence: how many of the `wanted` maps were found, and the reasons against the other elites."""
+        reasons = [f"{count} {reason}" for reason, count in self.rejected.items()]
+        if self.alike:
+            reasons.append(f"{self.alike} like another when rotated or mirrored")
+        found = f"found {len(self.maps)} of {pluralize(wanted, 'map')} among {pluralize(self.found, 'elite')}"
+        return f"{found} ({', '.join(reasons)})" if reasons else found
+
+    def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
+        """Returns what `describe` returns, and what would find more.
+
+        Args:
+          wanted: the number of maps.
+          hint: what finds more maps.
+          writable: whether the found maps can be written.
+        """
+        flawed = "" if _OUTSIDE in self.rejected else ", with other flaws"
+        nearest = ", ".join(f"{name} {value:g}" for name, value in (self.nearest or {}).items())
+        return (
+            self.describe(wanted)
+            + (f"; nearest found{flawed}: {nearest}" if nearest else "")
+            + ("; --at-most writes those found" if writable and self.maps else "")
+            + f"; {hint} find more"
+        )
+
+    def hint(self, method: str, shape: tuple[int, int]) -> str:
+        """Returns what finds more maps ``(height, width)`` with a method."""
+        if self.nearest:
+            return "wider ranges, more seeds or evaluations"
+        if method == "ea":  # its population becomes more alike with time
+            return "more seeds"
+        if max(self.rejected, key=lambda reason: self.rejected[reason], default="").endswith("the tile set lacks"):
+            return "a tile set with more kinds of tiles, more seeds or evaluations"
+        return f"{'larger maps, ' if min(shape) < 4 else ''}more seeds or evaluations"
 
 
 def choose_maps(
@@ -51,108 +91,75 @@ def choose_maps(
     count: int,
     seed: int = 0,
     *,
-    known: Sequence[NDArray[np.int8]] = (),
-    least: Sequence[float] = LEAST_DIFFERENT,
+    exclude: Sequence[_Grids] = (),
+    min_difference: Sequence[float] = MIN_DIFFERENCE,
 ) -> Choice:
-    """Chooses up to `count` maps of a run with an array of keys.
+    """Chooses up to `count` maps of a search with an array of keys.
 
-    A map is one component without dead end, boundary violation or mismatch; all its cells are tiles of the run's
-    alphabet, but for empty ones where rules or given cells ask for them. It is in the ranges and keeps the rules of the
-    run's specification, and is none of the maps that it is to be like. Of maps that are the same but for rotation and
-    mirroring, the fittest is taken. Maps that hardly differ are taken only where there are too few others; among the
-    others every niche gives one before any gives a second, and all seeds as equally many as can be. Where the
-    specification has targets, maps are chosen one by one so that the energy distance between the features of all
-    chosen ones and the targets is least. Niches in the axes' target bins come before all others.
+    A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
+    alphabet, or empty where rules or fixed cells allow it. It is in the ranges of the specification, keeps its rules,
+    and is no copy of an example map in `like`. Of maps that are the same when rotated or mirrored, the fittest is
+    chosen.
+
+    Every niche gives one map before any niche gives a second, and the seeds give equally many maps if possible. If the
+    specification has targets, maps are instead chosen one by one, so that the energy distance between the features of
+    the chosen maps and the targets is smallest. Niches in the axes' target bins come before all others.
 
     Args:
       elites: of a search, with a leading seed axis.
       spec: of the search.
       axes: of the descriptor.
-      count: how many maps are wanted.
-      seed: of the run, to be noted in the maps.
-      known: grids ``[H, W]`` that were chosen before; others are to differ from them too.
-      least: the share of its tiles in which a map differs from all chosen before, however they are rotated or mirrored,
-        at least; where there are too few such maps, the next share holds.
+      count: the number of maps.
+      seed: of the run; it is noted in the maps.
+      exclude: grids ``[H, W]`` that no chosen map may equal; the chosen maps should differ from them too.
+      min_difference: the share of tiles in which each map differs at least from all others, however they are rotated or
+        mirrored. If there are too few such maps, the next share holds.
 
     Raises:
-      InputError: for the result of one key alone.
+      InputError: for the result of a single key.
     """
     valid = np.asarray(elites.valid)
     if valid.ndim != 2:
         raise InputError("result: expected one of an array of keys, with the seeds in front, got one of a single key")
-    fitness, grids, metrics = np.asarray(elites.fitness), np.asarray(elites.grids), elites.by_name()
-    useful, rejected = without_flaws(valid, metrics, spec)
-    satisfied = elites.satisfies(spec.where)
+    shape = (elites.grids.shape[-2], elites.grids.shape[-1])
+    grids, fitness = np.asarray(elites.grids).reshape(-1, *shape), np.asarray(elites.fitness).ravel()
+    metrics = {name: values.ravel() for name, values in elites.by_name().items()}
+    useful, rejected = without_flaws(valid.ravel(), metrics, spec)
+    satisfied = elites.satisfies(spec.where).ravel()
     nearest = None
     if not (useful & satisfied).any():
-        nearest = _nearest(metrics, useful if useful.any() else valid, (grids.shape[2], grids.shape[3]), spec)
+        nearest = _nearest(metrics, useful if useful.any() else valid.ravel(), shape, spec)
     rejected[_OUTSIDE] = int((useful & ~satisfied).sum())
     useful &= satisfied
 
-    given = [np.array(grid, np.int8) for grid in spec.like]
-    known = [*known, *(grid for grid in given if sorted(grid.shape) == sorted(grids.shape[2:]))]
-    kept = _distinct(grids, fitness, useful, known, given)
-    descriptor = np.asarray(elites.descriptor)[tuple(kept.T)]
-    bins = np.asarray(niche_bins(descriptor, axes))
-    extent = np.array([max(1, axis.bins - 1) for axis in axes])
-    # Niches outside the target bins were stepping stones for the search; they give maps where the others have too few.
-    targeted = np.ones(len(kept), bool)
-    for number, axis in enumerate(axes):
-        if axis.target is not None:
-            targeted &= bins[:, number] == axis.target
-    targets = spec.targets
-    pursuit = SupportPoints(_target_features(metrics, kept, targets), targets) if targets else None
+    examples = [np.array(grid, np.int8) for grid in spec.like]
+    exclude = [*exclude, *(grid for grid in examples if sorted(grid.shape) == sorted(shape))]
+    kept = _distinct(grids, fitness, useful, exclude, examples)
+    descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[kept]
+    seeds, bins = kept // valid.shape[1], np.asarray(niche_bins(descriptor, axes))
+    points = bins / [max(1, axis.bins - 1) for axis in axes]
+    # Niches outside the target bins were stepping stones of the search: they give maps only if the others have too few.
+    target = np.array([-1 if axis.target is None else axis.target for axis in axes])
+    on_target = ((bins == target) | (target < 0)).all(axis=1)
+    pursuit = SupportPoints(_target_features(metrics, kept, spec), spec.targets) if spec.targets else None
     chosen: list[int] = []
-    for group in (np.flatnonzero(targeted), np.flatnonzero(~targeted)):
-        before = [*known, *(grids[tuple(kept[number])] for number in chosen)]
-        candidates, wanted = grids[tuple(kept[group].T)], count - len(chosen)
-        if pursuit is None:
-            part = _spread((bins / extent)[group], kept[group, 0], candidates, wanted, before, least)
-        else:
-            part = _pursue(pursuit, group, candidates, wanted, before, least)
-        chosen += group[part].tolist()
-    chosen.sort(key=lambda number: (*bins[number], number))
+    for group in (np.flatnonzero(on_target), np.flatnonzero(~on_target)):
+        order = _follow(pursuit, group) if pursuit else _spread(points[group], seeds[group])
+        before = [*exclude, *grids[kept[chosen]]]
+        chosen += group[_choose(order, grids[kept[group]], count - len(chosen), before, min_difference)].tolist()
     maps = [
         RoadMap(
-            codes=grids[tuple(kept[number])],
-            metrics={name: _value(name, values[tuple(kept[number])].item()) for name, values in metrics.items()},
-            fitness=fitness[tuple(kept[number])].item(),
-            descriptor={axis.metric: int(v) for axis, v in zip(axes, descriptor[number], strict=True)},
-            niche=bins[number].tolist(),
-            seed=(seed, int(kept[number][0])),
+            codes=grids[kept[index]],
+            metrics={name: _value(name, values[kept[index]].item()) for name, values in metrics.items()},
+            fitness=fitness[kept[index]].item(),
+            descriptor={axis.metric: int(value) for axis, value in zip(axes, descriptor[index], strict=True)},
+            niche=bins[index].tolist(),
+            seed=(seed, int(seeds[index])),
         )
-        for number in chosen
+        for index in sorted(chosen, key=lambda index: (*bins[index], index))
     ]
     reasons = {words: number for words, number in rejected.items() if number}
     return Choice(maps, int(valid.sum()), reasons, int(useful.sum()) - len(kept), nearest)
-
-
-def describe_choice(choice: Choice, maps: int) -> str:
-    """Describes a choice of so many maps: how many were found, and the reasons against the others."""
-    rejected = [f"{number} {reason}" for reason, number in choice.rejected.items()]
-    if choice.alike:
-        rejected.append(f"{choice.alike} like another when rotated or mirrored")
-    return f"found {len(choice.maps)} of {many(maps, 'map')} among {many(choice.found, 'elite')}" + (
-        f" ({', '.join(rejected)})" if rejected else ""
-    )
-
-
-def describe_shortage(choice: Choice, maps: int, more: str, *, writable: bool = True) -> str:
-    """Describes a choice with too few maps: the reasons against the others, and what finds more.
-
-    Args:
-      choice: the choice.
-      maps: how many were wanted.
-      more: words for what finds more.
-      writable: whether the found ones could be written.
-    """
-    flawed = "" if _OUTSIDE in choice.rejected else ", with other flaws"
-    return (
-        describe_choice(choice, maps)
-        + (f"; nearest found{flawed}: {_values(choice.nearest)}" if choice.nearest else "")
-        + ("; --at-most writes those found" if writable and choice.maps else "")
-        + f"; {more} find more"
-    )
 
 
 def without_flaws(
@@ -161,13 +168,13 @@ def without_flaws(
     """Returns which elites have no flaw, and the number of the others by reason.
 
     Args:
-      valid: which places hold an elite, in whatever shape.
+      valid: which slots hold an elite, of any shape.
       metrics: by name, of the same shape.
-      spec: of the search, whose rules and given cells say what a flaw is.
+      spec: of the search; its rules and fixed cells say what a flaw is.
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
-    for name, right, words in map_constraints(spec.rules, filled=spec.fills and spec.fix is None):
+    for name, right, words in map_constraints(spec.rules, filled=spec.repair_fills and spec.fix is None):
         flawed = useful & (metrics[name] != right)
         rejected[words] += int(flawed.sum())
         useful &= ~flawed
@@ -175,49 +182,31 @@ def without_flaws(
 
 
 def _distinct(
-    grids: NDArray[np.int8],
+    grids: _Grids,
     fitness: NDArray[np.int32],
     useful: NDArray[np.bool_],
-    known: Sequence[NDArray[np.int8]],
-    given: Sequence[NDArray[np.int8]],
+    exclude: Sequence[_Grids],
+    examples: Sequence[_Grids],
 ) -> NDArray[np.int_]:
-    """Returns the (seed, place) of useful elites, fittest first, each unlike all before, all known and all given ones.
+    """Returns the indices of useful elites, fittest first, without copies of each other, of excluded and example maps.
 
-    Wherever a given map's roads lie in a larger grid, it is that map.
+    An example map is compared by its roads, which may lie anywhere in a larger grid.
     """
-    places = np.argwhere(useful)
-    places = places[np.argsort(fitness[useful], kind="stable")]
-    seen = {canonical_form(grid) for grid in known}
-    roads = {canonical_form(cut_to_roads(grid)) for grid in given}
-    distinct: dict[bytes, NDArray[np.int_]] = {}
-    for place in places:
-        grid = grids[tuple(place)]
-        form = canonical_form(grid)
-        if form not in seen and not (roads and canonical_form(cut_to_roads(grid)) in roads):
-            distinct.setdefault(form, place)
-    return np.array(list(distinct.values()), int).reshape(-1, 2)
-
-
-def _values(features: dict[str, float]) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in features.items())
-
-
-def remedy(choice: Choice, method: str, shape: tuple[int, int]) -> str:
-    """Returns words for what finds more maps than a choice has, of a method's search for maps ``(height, width)``."""
-    if choice.nearest:
-        return "wider ranges, more seeds or evaluations"
-    if method == "ea":  # its population becomes more alike with time
-        return "more seeds"
-    if max(choice.rejected, key=lambda reason: choice.rejected[reason], default="").endswith("the tile set lacks"):
-        return "a tile set with more kinds of tiles, more seeds or evaluations"
-    larger = "larger maps, " if min(shape) < 4 else ""
-    return f"{larger}more seeds or evaluations"
+    same_shape = [grid for grid in examples if sorted(grid.shape) == sorted(grids.shape[1:])]
+    seen = {canonical_form(grid) for grid in (*exclude, *same_shape)}
+    roads = {canonical_form(cut_to_roads(grid)) for grid in examples}
+    distinct: dict[bytes, int] = {}
+    for index in np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")].tolist():
+        form = canonical_form(grids[index])
+        if form not in seen and not (roads and canonical_form(cut_to_roads(grids[index])) in roads):
+            distinct.setdefault(form, index)
+    return np.array([*distinct.values()], int)
 
 
 def _nearest(
     metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], shape: tuple[int, int], spec: SearchSpec
 ) -> dict[str, float] | None:
-    """Returns the constrained features of the elite that violates the ranges least; among equals of the first."""
+    """Returns the constrained features of the elite that violates the ranges least; among equals, of the first."""
     if not among.any():
         return None
     ranged = [item.name for item in spec.where]
@@ -229,100 +218,83 @@ def _nearest(
 
 
 def _value(name: str, number: float) -> float:
-    """Returns a metric as it is, an extra feature in its own unit."""
+    """Returns a metric as it is, and an extra feature in its unit."""
     return number / feature_unit(name) if name not in FEATURES and feature_unit(name) != 1 else number
 
 
 def _target_features(
-    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], targets: Sequence[ExampleValues]
+    metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], spec: SearchSpec
 ) -> NDArray[np.float64]:
-    """Returns the features of kept maps for which there are targets, in their order and units."""
-    names = [target.name for target in targets]
+    """Returns the features of kept elites that have targets, in their order and units."""
+    names = [target.name for target in spec.targets]
     columns = columns_for(names)
-    features = np.stack([metrics[name][tuple(kept.T)] for name in columns], axis=-1).astype(np.int32)
+    features = np.stack([metrics[name][kept] for name in columns], axis=-1).astype(np.int32)
     return select_features(features, columns, names) / np.array([feature_unit(name) for name in names])
 
 
-def _spread(
-    points: NDArray[np.float64],
-    seeds: NDArray[np.int_],
-    grids: NDArray[np.int8],
-    count: int,
-    before: Sequence[NDArray[np.int8]],
-    shares: Sequence[float],
-) -> list[int]:
-    """Chooses up to `count` of the maps `grids` ``[M, H, W]`` at `points` ``[M, D]``, found by `seeds` ``[M]``.
+def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], shares: Sequence[float]) -> list[int]:
+    """Chooses up to `count` of the maps `grids` ``[M, H, W]`` in rounds, and returns their indices.
 
-    Maps come fittest first. Every point gives one before any gives a second. Where the round is the last and not all
-    have a turn, the next is always the point farthest from those that had one. A point gives a map of the seed that has
-    given fewest so far, as maps of one seed are related. Each differs from those before and from each other in the
-    first of the shares of its tiles, then in the next.
+    Each differs from the maps before and from each other in the first share of its tiles, then in the next.
     """
-    difference = _least_difference(grids, before)  # under 0 for the chosen ones
-    given: Counter[int] = Counter()
-    chosen: list[int] = []
-    for least in shares:
-        while len(chosen) < count and (difference >= least).any():
-            waiting: dict[bytes, list[int]] = {}
-            for number in np.flatnonzero(difference >= least).tolist():
-                waiting.setdefault(points[number].tobytes(), []).append(number)
-            lists = list(waiting.values())
-            for place in _farthest(points[[numbers[0] for numbers in lists]], count - len(chosen)):
-                different: list[int] = [number for number in lists[place] if difference[number] >= least]
-                if not different:
-                    continue
-                number = min(different, key=lambda number: (given[int(seeds[number])], number))
-                given[int(seeds[number])] += 1
-                chosen.append(number)
-                difference = np.minimum(difference, _difference(grids, grids[number]))
-                difference[number] = -1
-    return chosen
-
-
-def _pursue(
-    pursuit: SupportPoints,
-    group: NDArray[np.int_],
-    grids: NDArray[np.int8],
-    count: int,
-    before: Sequence[NDArray[np.int8]],
-    shares: Sequence[float],
-) -> list[int]:
-    """Chooses up to `count` of a group's maps `grids` ``[M, H, W]``, as the pursuit goes; of equals the first.
-
-    Each differs from those before and from each other in the first of the shares of its tiles, then in the next.
-    """
-    difference = _least_difference(grids, before)
-    chosen: list[int] = []
-    for least in shares:
-        while len(chosen) < count and (difference >= least).any():
-            number = int(np.argmin(np.where(difference >= least, pursuit.losses()[group], np.inf)))
-            pursuit.choose(int(group[number]))
-            chosen.append(number)
-            difference = np.minimum(difference, _difference(grids, grids[number]))
-            difference[number] = -1
-    return chosen
-
-
-def _least_difference(grids: NDArray[np.int8], before: Sequence[NDArray[np.int8]]) -> NDArray[np.float64]:
-    """Returns the difference of each map from the nearest of those before; 1 where there is none."""
-    difference = np.ones(len(grids))
+    difference = np.ones(len(grids))  # from the nearest of them; under 0 for the chosen maps
     for grid in before if len(grids) else ():
-        difference = np.minimum(difference, _difference(grids, grid))
-    return difference
+        np.minimum(difference, _difference(grids, grid), out=difference)
+    chosen: list[int] = []
+    for share in shares:
+        while len(chosen) < count and (difference >= share).any():
+            for index in order(difference, share, count - len(chosen)):
+                chosen.append(index)
+                np.minimum(difference, _difference(grids, grids[index]), out=difference)
+                difference[index] = -1
+    return chosen
 
 
-def _difference(grids: NDArray[np.int8], grid: NDArray[np.int8]) -> NDArray[np.float64]:
+def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
+    """Orders maps, fittest first, at `points` ``[M, D]``, found by `seeds` ``[M]``: a round yields one of each point.
+
+    If a round has fewer maps than points, the next point is always the farthest from those before. A point gives a map
+    of the seed that has given fewest so far, as maps of one seed are related.
+    """
+    given: Counter[int] = Counter()
+
+    def order(difference: NDArray[np.float64], share: float, count: int) -> Iterator[int]:
+        waiting: dict[bytes, list[int]] = {}
+        for index in np.flatnonzero(difference >= share).tolist():
+            waiting.setdefault(points[index].tobytes(), []).append(index)
+        lists = list(waiting.values())
+        for point in _farthest(points[[indices[0] for indices in lists]], count):
+            if different := [index for index in lists[point] if difference[index] >= share]:
+                index = min(different, key=lambda index: (given[int(seeds[index])], index))
+                given[int(seeds[index])] += 1
+                yield index
+
+    return order
+
+
+def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
+    """Orders the maps of a group as targets ask for; of equals, the first."""
+
+    def order(difference: NDArray[np.float64], share: float, _: int) -> Iterator[int]:
+        index = int(np.argmin(np.where(difference >= share, pursuit.losses()[group], np.inf)))
+        pursuit.choose(int(group[index]))
+        yield index
+
+    return order
+
+
+def _difference(grids: _Grids, grid: _Grids) -> NDArray[np.float64]:
     """Returns the share of tiles in which each of ``[M, H, W]`` differs from the most similar image of a map."""
     images = [rotate(side, turns) for side in (grid, mirror(grid)) for turns in range(4)]
     return np.min([(grids != image).mean(axis=(1, 2)) for image in images if image.shape == grid.shape], axis=0)
 
 
 def _farthest(points: NDArray[np.float64], count: int) -> list[int]:
-    """Returns up to `count` places: the first, then always the one farthest from all before; of equals the first."""
-    places: list[int] = []
+    """Returns up to `count` indices: 0, then always the point farthest from all before; of equals, the first."""
+    indices: list[int] = []
     distance = np.full(len(points), np.inf)
     for _ in range(min(count, len(points))):
-        places.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[places[-1]], axis=1))
-        distance[places] = -1
-    return places
+        indices.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[indices[-1]], axis=1))
+        distance[indices] = -1
+    return indices

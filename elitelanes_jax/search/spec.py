@@ -1,23 +1,16 @@
-"""The specifications of a search and of a generated folder: all settings with their defaults, without JAX."""
+"""The specification of a search: all options with their defaults, without JAX."""
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 
-from elitelanes_jax._util.checks import (
-    check_named,
-    check_unique,
-    flag,
-    name,
-    none_or,
-    one_of,
-    split_settings,
-    whole,
-)
-from elitelanes_jax._util.errors import InputError, likely, many, short
-from elitelanes_jax._util.records import Record, option
+from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, split_settings, whole
+from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
+from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
@@ -32,8 +25,9 @@ from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.targets import ExampleValues, parse_targets
-from elitelanes_jax.search.like import ranges_like, settings_like
-from elitelanes_jax.search.style import read_style
+from elitelanes_jax.search._options import SpecOptions
+from elitelanes_jax.search.like import settings_like
+from elitelanes_jax.search.style import Style, merge_options, read_style
 
 METHODS = {
     "map-elites": ("tuned", "paper", "standard", "irregular"),
@@ -43,30 +37,35 @@ METHODS = {
 }
 """The methods, and the presets of each, the default first."""
 
+CUSTOM = "custom"
+"""In results: the preset of a configuration that no preset has, and the method of an optimiser of the user's own."""
+
 LARGE = 12
-"""The shorter side from which on maps are large."""
+"""Maps whose shorter side is at least this long are large."""
 
 SEEDS = 8
-"""The number of independent runs of a search, by default."""
+"""The default number of independent runs of a search."""
 
 check_seeds = whole(1, 10**6)
 """Checks a number of independent runs."""
 
-_NOT_A_STYLES = ("style", "like", "features")
+_BUDGET = ("generations", "evaluations")
+_NOT_OF_STYLES = ("style", "like", "features")
+_NOT_OF_LARGE = (*_NOT_OF_STYLES, "large")
 
 
-def check_names(features: UserValue) -> tuple[str, ...]:
-    """Checks the names of features of one's own.
+def check_features(features: UserValue) -> tuple[str, ...]:
+    """Checks the names of the user's own features.
 
     Raises:
-      InputError: for anything but names, one given twice, or one of another feature.
+      InputError: for a value that is not names, a name given twice, or the name of another feature.
     """
     if isinstance(features, str) or not isinstance(features, Iterable):
-        raise InputError(f"features: expected names, got {short(repr(features))}")
+        raise InputError(f"features: expected names, got {shorten(repr(features))}")
     names = check_unique("features", "name", map(name, features))
     for one in names:
         if not one.isidentifier() or one in (*FEATURES, *TOWN_FEATURES, *Weights._fields):
-            raise InputError(f"features: expected names that no other feature has, got {short(repr(one), 40)}")
+            raise InputError(f"features: expected names that no other feature has, got {shorten(repr(one), 40)}")
     return tuple(names)
 
 
@@ -75,10 +74,10 @@ def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[
 
     Args:
       weights: to read.
-      own: names of features of one's own, which may have a weight too.
+      own: names of the user's own features, which may have a weight too.
 
     Raises:
-      InputError: for anything else, an unknown metric, or one given twice.
+      InputError: for anything else, an unknown metric, or a metric given twice.
     """
     if isinstance(weights, str):
         weights = split_settings(weights)
@@ -97,23 +96,23 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
     try:
         metric, number = weight.partition("=")[::2] if isinstance(weight, str) else weight
     except (TypeError, ValueError):
-        raise InputError(f"weights: expected weights such as 'bridges=300', got {short(repr(weight))}") from None
+        raise InputError(f"weights: expected weights such as 'bridges=300', got {shorten(repr(weight))}") from None
     metric = metric.strip() if isinstance(metric, str) else metric
     known = (*Weights._fields, *TOWN_FEATURES, *own)
     if metric not in known:
         raise InputError(
-            f"weights: expected a metric such as dead_ends, or constant, got {short(repr(metric), 40)}"
-            f"{likely(metric, known)} (there are {', '.join(known)})"
+            f"weights: expected a metric such as dead_ends, or constant, got {shorten(repr(metric), 40)}"
+            f"{suggest(metric, known)} (there are {', '.join(known)})"
         )
     try:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:
         text = weight if isinstance(weight, str) else f"{metric}={number}"
-        raise InputError(f"weights: expected NAME=N with a whole number, got {short(repr(text), 40)}") from None
+        raise InputError(f"weights: expected NAME=N with a whole number, got {shorten(repr(text), 40)}") from None
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Reads the grids that a search begins with, each as a tuple of rows.
+    """Reads grids, each as a tuple of rows.
 
     Args:
       initial: grids ``[H, W]``, or paths of map files (see `read_map`): one array or path, or several; an array
@@ -130,96 +129,67 @@ def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]
     return tuple(tuple(map(tuple, np.asarray(grid).tolist())) for grid in grids)
 
 
-def parse_large(large: UserValue, own: Collection[str] = ()) -> "SearchSpec":
-    """Reads the settings for large maps, from a mapping of them by name, or from a specification.
+def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]:
+    """Checks options for large maps; those of a specification are the options that it was made of."""
+    if isinstance(large, SearchSpec):
+        large = {name: value for name, value in large._given.items() if name not in _NOT_OF_LARGE}
+    if not isinstance(large, Mapping):
+        raise InputError(f"expected options by their names, got {shorten(repr(large))}")
+    return _check_options(large, own, without=_NOT_OF_LARGE)
+
+
+def _check_options(
+    options: Mapping[str, UserValue], own: Collection[str], without: Collection[str] = ()
+) -> dict[str, UserValue]:
+    """Checks each option alone.
 
     Args:
-      large: to read.
-      own: names of features of one's own.
+      options: values by name.
+      own: names of the user's own features.
+      without: names of options that are not allowed.
 
     Raises:
-      InputError: for anything else, an unknown setting, or a value that its check refuses.
+      InputError: for another name, or a wrong value.
     """
-    if isinstance(large, SearchSpec):
-        return large
-    if not isinstance(large, Mapping):
-        raise InputError(f"expected settings by their names, got {short(repr(large))}")
-    known = [field for field in SearchSpec.options() if field not in (*_NOT_A_STYLES, "large")]
-    for field in large:
-        if field not in known:
-            words = f"settings of a search, {', '.join(known)}"
-            raise InputError(f"expected {words}, got {short(repr(field), 40)}{likely(field, known)}")
-    return SearchSpec().replace(**{**large, "features": tuple(own)})
+    known = {name: one for name, one in SearchSpec.options().items() if name not in without}
+    check_names(options, known)
+    return {
+        name: check_named(name, known[name].check, value, *([own] if known[name].after else []))
+        for name, value in options.items()
+    }
 
 
-_BY_FEATURE = (("where", parse_ranges), ("weights", parse_weights))
-
-
-def _join(taken: Mapping[str, UserValue], more: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
-    """Returns settings with more of them in their places.
-
-    Ranges and weights are joined feature by feature. Targets do not stay where there are axes, over which maps are
-    spread then, and a preset not where there is another method.
-    """
-    joined = {**taken, **more}
-    for field, parse in _BY_FEATURE:
-        if field in taken and field in more:
-            items = {item[0]: item for one in (taken, more) for item in parse(one[field], own)}
-            joined[field] = tuple(items.values())
-    if "method" in more and "preset" not in more:
-        joined.pop("preset", None)
-    if "axes" in more and "targets" not in more:
-        joined["targets"] = ()
-    if "large" in taken and "large" not in more:
-        joined["large"] = _left(taken["large"], more)
-    return joined
-
-
-def _left(large: "SearchSpec", given: Mapping[str, UserValue]) -> "SearchSpec":
-    """Returns those settings of large maps that are not given: given ones hold for all sizes."""
-    left = {field: value for field, value in large.given.items() if field not in given}
-    for field, parse in _BY_FEATURE:
-        if field in given:
-            names = {item[0] for item in parse(given[field], large.features)}
-            left[field] = tuple(item for item in getattr(large, field) if item[0] not in names)
-    if "axes" in given:
-        left.pop("targets", None)
-    if "method" in given:
-        left.pop("preset", None)
-    return SearchSpec(**left)
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class SearchSpec(Record):
     """A search: the method, its budget, and what is searched for.
 
     Attributes:
-      style: a set of settings, town or paper, or a file .toml; other settings take the place of its own
-      like: maps whose features others are to have, map.json or Duckietown's .yaml; none is written again
+      style: options under a name: town, paper, or a file .toml; options that you give override them
+      like: example maps, map.json or Duckietown's .yaml; the maps have features in the same ranges, and none is a copy
       method: the method: map-elites, ea, pso or gwo
-      preset: settings of the method: tuned, paper, or for map-elites standard or irregular
+      preset: configuration of the method: tuned, paper, or for map-elites standard or irregular
       evaluations: grids that each run evaluates, rounded up to whole generations
-      generations: generations of each run, in place of evaluations
-      features: names of features of one's own, whose kernels `evolve` takes
+      generations: generations of each run, instead of evaluations
+      features: names of the user's own features, whose kernels `evolve` takes
       axes: axes of the niches, such as straight_share:10; by default the preset's
       where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
       weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
-      targets: features of example maps, by name, among whose values those of the chosen maps are spread
+      targets: features of example maps, by name; those of the chosen maps are spread over the same values
       fix: JSON rows of tile codes that every map keeps, null for free cells
       rules: rules that every map keeps: duckietown
       fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
       initial: maps that every run begins with, map.json or Duckietown's .yaml
       alphabet: tile codes to draw from; by default all with two or more connections
-      large: settings for maps whose shorter side is 12 or more, in place of the others
+      large: options for maps whose shorter side is 12 or more; they override the others
     """
 
-    style: str | Path | None = option(None, lambda value: value, "NAME")
+    style: str | None = option(None, none_or(read_style), "NAME")
     like: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
-    method: str = option("map-elites", one_of(*METHODS), "NAME")
+    method: str = option("map-elites", one_of(*METHODS, CUSTOM), "NAME")
     preset: str = option("tuned", name, "NAME")
     evaluations: int = option(200_000, whole(0), "N")
-    generations: int | None = option(None, none_or(whole(0)), "N", replaces="evaluations")
-    features: tuple[str, ...] = option((), check_names)
+    generations: int | None = option(None, none_or(whole(0)), "N")
+    features: tuple[str, ...] = option((), check_features)
     axes: tuple[Axis, ...] | None = option(None, none_or(parse_axes), "NAME:BINS", many=True, after="features")
     where: tuple[Range, ...] = option((), parse_ranges, "NAME=LOW..HIGH", many=True, after="features")
     weights: tuple[tuple[str, int], ...] = option((), parse_weights, "NAME=N", many=True, after="features")
@@ -229,86 +199,123 @@ class SearchSpec(Record):
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
-    large: "SearchSpec | None" = option(None, none_or(parse_large), after="features")
+    large: "SearchSpec | None" = option(None, none_or(_parse_large), after="features")
+    _given: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
+    _defaults: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self) -> None:
-        """Takes the settings of a style and those of maps like given ones in place of defaults, then checks all.
+    def __init__(self, **given: Unpack[SpecOptions]) -> None:
+        """Makes a specification of options, all of which have defaults.
 
-        What was taken stays, and the style goes: the record is the same again when it is made of its own fields.
-        """
-        object.__setattr__(self, "like", check_named("like", parse_initial, self.like))
-        given = self.given
-        if self.like and ranges_like() <= {item.name for item in parse_ranges(self.where, None)}:
-            del given["like"]  # a record made of another's fields: they are taken already, and may have been changed
-        for field, value in self._with_taken(given, self.features).items():
-            object.__setattr__(self, field, value)
-        object.__setattr__(self, "style", None)
-        super().__post_init__()
-
-    def replace(self, **given: UserValue) -> "SearchSpec":
-        """Returns the record with other values in some fields; those given stand before those of a style.
+        The given options override those of the example maps, and these override the style's. Ranges and weights are
+        merged feature by feature.
 
         Raises:
-          InputError: as that of `Record`, and for a style that is none (see `read_style`).
+          InputError: for an unknown option, a wrong value, or options that exclude each other.
         """
-        taken = self._with_taken(given, given.get("features", self.features))
-        if "large" not in taken and self.large is not None:
-            taken["large"] = _left(self.large, taken)
-        return super().replace(**{field: value for field, value in taken.items() if field != "style"})
+        _check_budget(given)
+        self._resolve(given, {})
 
-    @property
-    def given(self) -> dict[str, UserValue]:
-        """The fields that differ from their defaults."""
-        defaults = {one.name: one.default for one in fields(self)}
-        return {
-            field: value
-            for field, value in vars(self).items()  # arrays have no truth: they are compared with none of them
-            if not isinstance(value, type(defaults[field])) or value != defaults[field]
-        }
+    def replace(self, **given: Unpack[SpecOptions]) -> "SearchSpec":  # type: ignore[override]
+        """Returns what the constructor makes of this specification's given options and the new ones.
 
-    def on(self, shape: tuple[int, int]) -> "SearchSpec":
-        """Returns the search for grids ``(height, width)``: its settings for large maps are taken, or dropped."""
-        if self.large is None:
-            return self
-        more = self.large.given if min(shape) >= LARGE else {}
-        return replace(self, **_join(self.given, more, self.features) | {"large": None})
+        Raises:
+          InputError: as the constructor does.
+        """
+        new_budget = _check_budget(given)
+        kept = {name: value for name, value in self._given.items() if not (new_budget and name in _BUDGET)}
+        return _empty()._resolve({**kept, **given}, self._defaults)
+
+    def with_defaults(self, **defaults: Unpack[SpecOptions]) -> "SearchSpec":
+        """Returns the specification with other defaults, which a style overrides. Raises as the constructor does."""
+        return _empty()._resolve(self._given, _check_options(defaults, self.features))
 
     @classmethod
-    def _with_taken(cls, given: Mapping[str, UserValue], own: Collection[str]) -> dict[str, UserValue]:
-        """Returns given settings, and those of the style and of the maps in `like` that are not given (see `_join`)."""
-        style, like = given.get("style"), check_named("like", parse_initial, given.get("like", ()))
-        known = [field for field in cls.options() if field not in _NOT_A_STYLES]
-        taken = {} if style is None else read_style(style, known)
-        if "large" in taken:
-            taken["large"] = check_named("large", none_or(parse_large), taken["large"], own)
-        for more in (settings_like(like) if like else {}, given):
-            taken = _join(taken, more, own)
-        return taken
+    def from_plain(cls, plain: Plain) -> "SearchSpec":
+        """Returns the specification that `to_plain` described. It reads no style: the options are all there.
+
+        Raises:
+          InputError: for a missing or unknown option, or a wrong value.
+        """
+        if not isinstance(plain, Mapping) or set(plain) != set(cls.options()):
+            raise InputError(f"search: expected all options of a search, got {shorten(repr(plain))}")
+        rest = {"style": none_or(name)(plain["style"]), "large": None}
+        values = {name: value for name, value in plain.items() if name not in rest}
+        values = _check_options(values, check_features(values["features"])) | rest
+        if (large := plain["large"]) is not None:
+            if not isinstance(large, Mapping):
+                raise InputError(f"large: expected options by their names, got {shorten(repr(large))}")
+            values["large"] = cls.from_plain({**plain, **large, "large": None})
+        return _empty()._fill(values)
+
+    def _resolve(self, given: Mapping[str, UserValue], defaults: Mapping[str, UserValue]) -> "SearchSpec":
+        """Fills the record from layers of options: the defaults, the style's, the example maps', and those given."""
+        own = check_named("features", check_features, given.get("features", ()))
+        given = _check_options(given, own)
+        layers, style = [defaults, given], given.get("style")
+        if given.get("like"):
+            layers.insert(1, _check_options(settings_like(given["like"]), own))
+        if style is not None:
+            check = partial(_check_options, own=own, without=_NOT_OF_STYLES)
+            layers.insert(1, check_named(f"style {style.name!r}", check, style.options))
+        small = [{name: value for name, value in layer.items() if name != "large"} for layer in layers]
+        rest = {"style": style and style.name, "large": None}
+        values = merge_options(small) | rest
+        last = max((index for index, layer in enumerate(layers) if "large" in layer), default=0)
+        if (large := layers[last].get("large")) is not None:
+            values["large"] = _empty()._fill(merge_options([*small[: last + 1], large, *small[last + 1 :]]) | rest)
+        return self._fill(values, given, defaults)
+
+    def _fill(
+        self,
+        values: Mapping[str, UserValue],
+        given: Mapping[str, UserValue] | None = None,
+        defaults: Mapping[str, UserValue] | None = None,
+    ) -> "SearchSpec":
+        """Sets the fields to checked values, or to their defaults; by default, all of them count as given."""
+        every = {name: values.get(name, default) for name, default in _DEFAULTS.items()}
+        label = every["style"] and Style(every["style"], {})
+        vars(self).update(every, _given=every | {"style": label} if given is None else given, _defaults=defaults or {})
+        self.check_together()
+        return self
+
+    def on(self, shape: tuple[int, int]) -> "SearchSpec":
+        """Returns the search for grids ``(height, width)``, all of whose options count as given.
+
+        If the grids are large, the options for large maps are merged in; else they are dropped.
+        """
+        chosen = self.large if self.large is not None and min(shape) >= LARGE else self
+        return _empty()._fill({name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None})
 
     def check_together(self) -> None:
         """Checks the preset against the method, and filling against the rules."""
-        presets = METHODS[self.method]
-        if self.preset not in presets:
+        presets = METHODS.get(self.method, (self.preset,))
+        if self.preset not in (*presets, CUSTOM):
             raise InputError(f"preset: expected one of {', '.join(presets)} for {self.method}, got {self.preset!r}")
         if self.rules is not None and self.fill:
             raise InputError(f"fill: expected none with the rules of {self.rules}, which leave cells empty, got True")
         if self.initial and (self.method, self.preset) == ("pso", "paper"):
             expected = "none with the paper's PSO, whose particles are no grids; tuned would do"
-            raise InputError(f"initial: expected {expected}, got {many(len(self.initial), 'grid')}")
+            raise InputError(f"initial: expected {expected}, got {pluralize(len(self.initial), 'grid')}")
 
     def check_on(self, shape: tuple[int, int], name: str = "size") -> None:
-        """Checks the settings for grids ``(height, width)``; a search does so before it starts.
+        """Checks the options for grids ``(height, width)``; a search does so before it starts.
 
         Args:
           shape: of the grids.
           name: of the shape, for the message.
 
         Raises:
-          InputError: for given cells or first maps of another shape, or weights with which the fitness of such grids
-            might leave 32 bits.
+          InputError: for a custom method or preset, which are in results alone, cells or initial maps of another shape,
+            or weights with which the fitness of a grid could leave 32 bits.
         """
         if self.large is not None:
             return self.on(shape).check_on(shape, name)
+        if self.method == CUSTOM:
+            expected = f"one of {', '.join(METHODS)}, or evolve's argument optimizer"
+            raise InputError(f"method: expected {expected}, got {CUSTOM!r}")
+        if self.preset == CUSTOM:
+            expected = f"one of {', '.join(METHODS[self.method])}, or evolve's argument config"
+            raise InputError(f"preset: expected {expected}, got {CUSTOM!r}")
         size = f"{shape[0]} x {shape[1]}"
         if self.fix is not None and self.fix.shape != shape:
             rows, columns = self.fix.shape
@@ -351,14 +358,19 @@ class SearchSpec(Record):
             self.where,
             fix=self.fix,
             rules=self.rules,
-            filled=self.fills,
+            filled=self.repair_fills,
             alphabet=self.alphabet,
             maps=maps,
             exhaustive=exhaustive,
         )
 
     @property
-    def fills(self) -> bool:
+    def optimizer(self) -> str:
+        """The name of the method, or in results the module and name of the user's own optimiser."""
+        return self.preset if self.method == CUSTOM else self.method
+
+    @property
+    def repair_fills(self) -> bool:
         """Whether repair fills."""
         return self.rules is None if self.fill is None else self.fill
 
@@ -393,15 +405,30 @@ class SearchSpec(Record):
         return tuned_axes(shape) if self.preset in ("tuned", "irregular") else paper_axes(shape)
 
     def to_plain(self) -> dict[str, Plain]:
-        """Returns plain values for JSON, of which `SearchSpec` makes the same record again."""
-        return vars(self) | {
+        """Returns plain values for JSON, of which `from_plain` makes the same specification."""
+        plain = {name: getattr(self, name) for name in _DEFAULTS} | {
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "where": [str(item) for item in self.where],
             "weights": dict(self.weights),
             "targets": {target.name: list(target.values) for target in self.targets},
             "fix": None if self.fix is None else self.fix.rows,
-            "large": self.large and self.large._plain_given(),
         }
+        if self.large is not None:  # what differs
+            large = self.large.to_plain()
+            plain["large"] = {name: large[name] for name in plain if name != "large" and large[name] != plain[name]}
+        return plain
 
-    def _plain_given(self) -> dict[str, Plain]:
-        return {field: value for field, value in self.to_plain().items() if field in self.given and field != "features"}
+
+_DEFAULTS = {name: getattr(SearchSpec, name) for name in SearchSpec.options()}
+
+
+def _empty() -> SearchSpec:
+    return object.__new__(SearchSpec)
+
+
+def _check_budget(given: Mapping[str, UserValue]) -> bool:
+    """Tells whether a budget is given; raises `InputError` for two."""
+    budgets = [given[name] for name in _BUDGET if given.get(name) is not None]
+    if len(budgets) == 2:
+        raise InputError("generations: expected it or evaluations, got both, {} and {}".format(*budgets))
+    return bool(budgets)

@@ -1,46 +1,85 @@
-"""Styles: settings of a search by name, as TOML files, the package's own and those of users alike."""
+"""Styles: options of a search under a name, in TOML files of the package or of users."""
 
 import tomllib
-from collections.abc import Collection
+from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, likely, reason, short
-from elitelanes_jax._util.limited_read import MIB, read_text
+from elitelanes_jax._util.errors import InputError, reason, shorten, suggest
+from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import UserValue
 
 FOLDER = Path(__file__).parent / "styles"
-"""The folder with the package's own styles."""
+"""The folder of the package's own styles."""
 
 STYLES = ("paper", "town")
-"""Their names; `paper` is what searches do without a style."""
+"""The names of the package's own styles. A search without a style does the same as `paper`."""
+
+# Each of these options discards another one of the layers before it, which depends on it or would override it.
+_DISCARDS = {"method": "preset", "axes": "targets", "evaluations": "generations"}
 
 
-def read_style(style: UserValue, known: Collection[str] | None = None) -> dict[str, UserValue]:
-    """Reads a style: the settings that it gives other values than their defaults.
+class Style(NamedTuple):
+    """A style that has been read.
+
+    Attributes:
+      name: of the style, or the path of its file.
+      options: values by name, not yet checked.
+    """
+
+    name: str
+    options: Mapping[str, UserValue]
+
+
+def read_style(style: UserValue) -> Style:
+    """Reads a style.
 
     Args:
-      style: the name of one of `STYLES`, or the path of a TOML file that ends in ``.toml``.
-      known: the names of the settings that it may have; by default any.
-
-    Returns:
-      Values by name, not yet checked.
+      style: one of `STYLES`, the path of a file that ends in ``.toml``, or a `Style`.
 
     Raises:
-      InputError: for a name that no style has, a file that cannot be read or is no TOML, or an unknown setting.
+      InputError: for an unknown name, or a file that cannot be read or is not TOML.
     """
+    if isinstance(style, Style):
+        return style
     text = str(style) if isinstance(style, str | Path) else ""
     if not text.endswith(".toml") and text not in STYLES:
         names = f"one of {', '.join(STYLES)}, or a file that ends in .toml"
-        raise InputError(f"style: expected {names}, got {short(repr(style), 40)}{likely(text, STYLES)}")
-    file = Path(text) if text.endswith(".toml") else FOLDER / f"{text}.toml"
+        raise InputError(f"style: expected {names}, got {shorten(repr(style), 40)}{suggest(text, STYLES)}")
+    return _read(Path(text)) if text.endswith(".toml") else _read_own(text)
+
+
+@cache
+def _read_own(name: str) -> Style:
+    return _read(FOLDER / f"{name}.toml")._replace(name=name)
+
+
+def _read(file: Path) -> Style:
+    text = str(file)
     try:
-        settings = tomllib.loads(read_text(file, MIB))
+        return Style(text, tomllib.loads(read_text(file, MIB)))
     except OSError as error:
         raise InputError(f"style {text!r}: {reason(error)}") from None
     except ValueError as error:  # of TOML, or of UTF-8
-        raise InputError(f"style {text!r}: expected TOML, got a file that is none: {short(str(error))}") from None
-    for name in settings:
-        if known is not None and name not in known:
-            words = f"settings of a search, {', '.join(known)}"
-            raise InputError(f"style {text!r}: expected {words}, got {short(repr(name), 40)}{likely(name, known)}")
-    return settings
+        raise InputError(f"style {text!r}: expected TOML, got {shorten(str(error))}") from None
+
+
+def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:
+    """Merges layers of checked options; each layer overrides the ones before it.
+
+    Ranges and weights are merged feature by feature. A method discards the preset of the layers before, axes discard
+    the targets, and evaluations the generations.
+    """
+    merged: dict[str, UserValue] = {}
+    for layer in layers:
+        for name, other in _DISCARDS.items():
+            if layer.get(name) is not None:
+                merged.pop(other, None)
+        joined = {
+            name: tuple(({item[0]: item for item in merged.get(name, ())} | {item[0]: item for item in items}).values())
+            for name, items in layer.items()
+            if name in ("where", "weights")
+        }
+        merged |= {**layer, **joined}
+    return merged

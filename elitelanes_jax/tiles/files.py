@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.limited_read import MIB, read_bytes, read_text
+from elitelanes_jax._util.files import MIB, read_bytes, read_text
 from elitelanes_jax._util.types import Plain
 
 _LONGEST_SIDE = 4096

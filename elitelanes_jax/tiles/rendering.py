@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, is_whole, path, switch
-from elitelanes_jax._util.errors import InputError, short
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
@@ -70,7 +70,7 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     """
     grid = np.asarray(check_grid(grid))
     if not isinstance(tiles, TileSet):
-        raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {short(repr(tiles))}")
+        raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}")
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
         code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
         remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends leaves such roads out"

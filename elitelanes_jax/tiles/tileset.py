@@ -29,8 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, short
-from elitelanes_jax._util.limited_read import KIB, read_text
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES, Side, rotate_codes
 from elitelanes_jax.tiles._lines import misplaced_lines
@@ -256,14 +256,14 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
             number = CONNECTIONS[KINDS[kind][0]]
             count = f"{number} sides" if number > 1 else "1 side"
             how = {"turn": " that meet", "straight": " that face each other"}.get(kind, "")
-            expected = f"{short(name)} to open {count}{how}, as letters of NESW"
+            expected = f"{shorten(name)} to open {count}{how}, as letters of NESW"
             problems.append(f"{file}: expected {expected}, got {_shown(sides)}")
     return about | {"opens": {name: sides for name, sides in opens.items() if isinstance(sides, str)}}
 
 
 def _shown(value: Plain) -> str:
     """Returns a value for a message: neither long nor deep."""
-    return short(reprlib.repr(value))
+    return shorten(reprlib.repr(value))
 
 
 def _code(sides: str) -> int | None:

@@ -1,20 +1,23 @@
-/** Photographs that belong together: a gain and an offset for each tile, and feathered seams, as the package's `tiles/blend.py` has them. */
+/** Matches the light of photographed tiles: a gain and an offset for each tile, and feathered seams. */
 import { EAST, NORTH, SOUTH, WEST, type Grid } from "./network/codes";
 
-/** One tile's picture: levels R, G, B, and labels, both of size · size pixels, row after row. */
+/** One tile's picture of size x size pixels, row by row: R, G, B levels, and labels. */
 export interface Pixels {
   readonly size: number;
   readonly levels: Uint8ClampedArray;
   readonly labels: Uint8Array;
 }
 
-/** Returns the pixels of a picture: its place times 4, plus quarter turns counter-clockwise. */
+/** Returns the pixels of a picture. Its number is 4 times its index plus its quarter turns counter-clockwise. */
 export type PixelsOf = (picture: number) => Pixels;
 
-/** What squared 255 · (gain - 1) and offset cost, beside squared grey levels. */
-const GAIN = 1, OFFSET = 0.01;
-const STRIP = 1 / 2, FEATHER = 0.02;
-const CLOSE = 1e-9, MOST_ROUNDS = 2000;
+/** The costs of (255 · (gain - 1))² and of offset², relative to a squared difference of grey levels. */
+const GAIN = 1;
+const OFFSET = 0.01;
+const STRIP = 1 / 2;
+const FEATHER = 0.02;
+const CLOSE = 1e-9;
+const MOST_ROUNDS = 2000;
 
 export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: number): Pixels {
   const turned = { size, levels: new Uint8ClampedArray(levels.length), labels: new Uint8Array(labels.length) };
@@ -30,25 +33,26 @@ export function turnedPixels({ size, levels, labels }: Pixels, quarterTurns: num
   return turned;
 }
 
-/** Calls `each` for every two neighbours whose roads meet: the cells, and whether the second lies to the south. */
+/** Calls `each` for each pair of linked neighbours, with `south` if the second cell lies to the south. */
 function meetings({ height, width, codes }: Grid, each: (one: number, other: number, south: boolean) => void): void {
-  codes.forEach((code, place) => {
-    if (place % width < width - 1 && code & EAST && codes[place + 1] & WEST) each(place, place + 1, false);
-    if (place < (height - 1) * width && code & SOUTH && codes[place + width] & NORTH) each(place, place + width, true);
+  codes.forEach((code, cell) => {
+    if (cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST) each(cell, cell + 1, false);
+    if (cell < (height - 1) * width && code & SOUTH && codes[cell + width] & NORTH) each(cell, cell + width, true);
   });
 }
 
 interface Equations {
-  /** Of each channel, 4 x 4 products and 4 right sides. */
+  /** For each channel, a 4 x 4 matrix and a right side of 4. */
   readonly products: Float64Array;
   readonly sides: Float64Array;
 }
 
-/** Compares the strips on both sides of a seam: the second picture lies east of the first, or south of it. */
+/** Returns the equations of a seam, from the strips on both sides. The second picture lies east or south. */
 function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
   const { size } = one;
   const depth = Math.max(1, Math.round(STRIP * size));
-  const products = new Float64Array(48), sides = new Float64Array(12);
+  const products = new Float64Array(48);
+  const sides = new Float64Array(12);
   let count = 0;
   for (let along = 0; along < size; along++) {
     for (let away = 0; away < depth; away++) {
@@ -57,7 +61,8 @@ function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
       if (!one.labels[near] || one.labels[near] !== other.labels[far]) continue;
       count++;
       for (let channel = 0; channel < 3; channel++) {
-        const here = one.levels[3 * near + channel], there = other.levels[3 * far + channel];
+        const here = one.levels[3 * near + channel];
+        const there = other.levels[3 * far + channel];
         const row = [here / 255, 1, -there / 255, -1];
         for (let y = 0; y < 4; y++) {
           for (let x = 0; x < 4; x++) products[16 * channel + 4 * y + x] += row[y] * row[x];
@@ -71,10 +76,10 @@ function equationsOf(one: Pixels, other: Pixels, south: boolean): Equations {
 }
 
 /**
- * Solves for the gain and the offset of each cell and channel, by conjugate gradients.
+ * Returns the gain and the offset of each cell and channel, by conjugate gradients.
  *
- * @param pictures of the cells, -1 where there is none
- * @returns per channel, gain and offset of cell after cell
+ * @param pictures the picture of each cell, -1 for none
+ * @returns for each channel, gain and offset, cell by cell
  */
 export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: PixelsOf): Float64Array[] {
   const known = new Map<string, Equations>();
@@ -88,52 +93,61 @@ export function solveTones(grid: Grid, pictures: ArrayLike<number>, pixelsOf: Pi
   return [0, 1, 2].map((channel) => {
     const size = 2 * grid.codes.length;
     const times = (vector: Float64Array): Float64Array => {
-      const product = vector.map((value, place) => value * (place % 2 ? OFFSET : GAIN));
+      const product = vector.map((value, index) => value * (index % 2 ? OFFSET : GAIN));
       for (const { one, other, equations } of seams) {
-        const places = [2 * one, 2 * one + 1, 2 * other, 2 * other + 1];
+        const indices = [2 * one, 2 * one + 1, 2 * other, 2 * other + 1];
         for (let y = 0; y < 4; y++) {
-          for (let x = 0; x < 4; x++) product[places[y]] += equations.products[16 * channel + 4 * y + x] * vector[places[x]];
+          for (let x = 0; x < 4; x++)
+            product[indices[y]] += equations.products[16 * channel + 4 * y + x] * vector[indices[x]];
         }
       }
       return product;
     };
-    const rest = new Float64Array(size), scale = Float64Array.from({ length: size }, (_, place) => (place % 2 ? OFFSET : GAIN));
+    const rest = new Float64Array(size);
+    const scale = Float64Array.from({ length: size }, (_, index) => (index % 2 ? OFFSET : GAIN));
     for (const { one, other, equations } of seams) {
-      [2 * one, 2 * one + 1, 2 * other, 2 * other + 1].forEach((place, y) => {
-        rest[place] += equations.sides[4 * channel + y];
-        scale[place] += equations.products[16 * channel + 5 * y];
+      [2 * one, 2 * one + 1, 2 * other, 2 * other + 1].forEach((index, y) => {
+        rest[index] += equations.sides[4 * channel + y];
+        scale[index] += equations.products[16 * channel + 5 * y];
       });
     }
-    const dot = (a: Float64Array, b: Float64Array): number => a.reduce((sum, value, place) => sum + value * b[place], 0);
+    const dot = (a: Float64Array, b: Float64Array): number =>
+      a.reduce((sum, value, index) => sum + value * b[index], 0);
     const found = new Float64Array(size);
-    let way = rest.map((value, place) => value / scale[place]);
+    let way = rest.map((value, index) => value / scale[index]);
     let product = dot(rest, way);
     const enough = CLOSE * CLOSE * product;
     for (let round = 0; round < MOST_ROUNDS && product > enough; round++) {
       const changed = times(way);
       const step = product / dot(way, changed);
-      for (let place = 0; place < size; place++) {
-        found[place] += step * way[place];
-        rest[place] -= step * changed[place];
+      for (let index = 0; index < size; index++) {
+        found[index] += step * way[index];
+        rest[index] -= step * changed[index];
       }
-      const scaled = rest.map((value, place) => value / scale[place]);
+      const scaled = rest.map((value, index) => value / scale[index]);
       const next = dot(rest, scaled);
       const more = next / product;
-      way = way.map((value, place) => scaled[place] + more * value);
+      way = way.map((value, index) => scaled[index] + more * value);
       product = next;
     }
-    return found.map((value, place) => (place % 2 ? value : 1 + value / 255));
+    return found.map((value, index) => (index % 2 ? value : 1 + value / 255));
   });
 }
 
-/** Rounds to the nearest whole number, halves to the even one. */
+/** Rounds to the nearest whole number, and halves to even, as NumPy does. */
 function rint(value: number): number {
   const near = Math.round(value);
   return Math.abs(value % 1) === 0.5 && near % 2 ? near - 1 : near;
 }
 
-/** Draws a map whose tiles have been brought together into `target`, of R, G, B and opacity; bare cells stay as they are. */
-export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: PixelsOf, pixelsOf: PixelsOf, target: Uint8ClampedArray): void {
+/** Draws a map with matched tiles into `target`, which has R, G, B and opacity. Cells without a picture keep theirs. */
+export function paintBlended(
+  grid: Grid,
+  pictures: ArrayLike<number>,
+  compared: PixelsOf,
+  pixelsOf: PixelsOf,
+  target: Uint8ClampedArray,
+): void {
   const { width } = grid;
   const tones = solveTones(grid, pictures, compared);
   const size = pixelsOf(Array.from(pictures).find((picture) => picture >= 0) ?? 0).size;
@@ -142,7 +156,9 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
   grid.codes.forEach((_, cell) => {
     if (pictures[cell] < 0) return;
     const { levels } = pixelsOf(pictures[cell]);
-    const tables = tones.map((values) => Uint8ClampedArray.from({ length: 256 }, (_, level) => rint(level * values[2 * cell] + values[2 * cell + 1])));
+    const tables = tones.map((values) =>
+      Uint8ClampedArray.from({ length: 256 }, (_, level) => rint(level * values[2 * cell] + values[2 * cell + 1])),
+    );
     for (let row = 0, from = 0; row < size; row++) {
       for (let to = 4 * (start(cell) + row * stride), end = to + 4 * size; to < end; to += 4) {
         for (let channel = 0; channel < 3; channel++) target[to + channel] = tables[channel][levels[from++]];
@@ -150,8 +166,11 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
     }
   });
   const reach = Math.max(FEATHER * size, 2);
-  const shares = Array.from({ length: Math.ceil(reach - 0.5) }, (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4);
-  const changes = new Map<number, number>(); // by place in the target: a pixel near a corner has two
+  const shares = Array.from(
+    { length: Math.ceil(reach - 0.5) },
+    (_, away) => (1 + Math.cos((Math.PI * (away + 0.5)) / reach)) / 4,
+  );
+  const changes = new Map<number, number>(); // by index in `target`: a pixel near a corner has two
   meetings(grid, (one, other, south) => {
     if (pictures[one] < 0 || pictures[other] < 0) return;
     const [first, second] = [pixelsOf(pictures[one]), pixelsOf(pictures[other])];
@@ -160,7 +179,8 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
         const [y, x, y2, x2] = south ? [size - 1 - away, along, away, along] : [along, size - 1 - away, along, away];
         if (first.labels[y * size + x] !== second.labels[y2 * size + x2]) continue;
         for (let channel = 0; channel < 3; channel++) {
-          const left = 4 * (start(one) + y * stride + x) + channel, right = 4 * (start(other) + y2 * stride + x2) + channel;
+          const left = 4 * (start(one) + y * stride + x) + channel;
+          const right = 4 * (start(other) + y2 * stride + x2) + channel;
           const step = share * (target[right] - target[left]);
           changes.set(left, (changes.get(left) ?? 0) + step);
           changes.set(right, (changes.get(right) ?? 0) - step);
@@ -168,5 +188,5 @@ export function paintBlended(grid: Grid, pictures: ArrayLike<number>, compared: 
       }
     });
   });
-  for (const [place, change] of changes) target[place] = rint(target[place] + change);
+  for (const [index, change] of changes) target[index] = rint(target[index] + change);
 }

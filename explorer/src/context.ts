@@ -1,4 +1,4 @@
-/** What all parts of the page share. */
+/** The values that all parts of the page share. */
 import { createContext } from "preact";
 import { useContext } from "preact/hooks";
 import type { Data, Run } from "./data";
@@ -12,11 +12,11 @@ export interface Shared {
   readonly run: Run;
   readonly tiles: TilePictures | null;
   readonly dark: boolean;
-  /** Changes what is shown. */
+  /** Changes fields of the view. */
   readonly show: (change: Partial<View>) => void;
   /** Opens a map in the editor. */
   readonly draw: (grid: Grid) => void;
-  /** Tells a reader of the screen, and, unless it is for those alone, shows for a moment. */
+  /** Announces a message to screen readers and, unless it is `unseen`, shows it for some seconds. */
   readonly say: (message: string, unseen?: boolean) => void;
 }
 

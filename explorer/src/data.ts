@@ -1,4 +1,4 @@
-/** What the page shows: runs, unpacked from the values and the blob that Python makes. */
+/** The runs on the page, unpacked from Python's values and its compressed arrays. */
 import type { Grid } from "./network/codes";
 import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
 import { alphabetMask, COUNT_NAMES, fitness, measure, type Weights } from "./network/measure";
@@ -16,14 +16,14 @@ interface Layers {
 interface PictureValues extends Layers {
   readonly name: string;
   readonly code: number;
-  /** In the size at which light is compared, where that is another one. */
+  /** The picture as light is compared, if it differs in size. */
   readonly compared?: Layers;
 }
 
 export interface TileValues {
   readonly name: string;
   readonly px: number;
-  /** Whether the light of the tiles is brought together, and their seams are feathered. */
+  /** Whether the light of the tiles is matched and their seams are feathered. */
   readonly blend: boolean;
   readonly pictures: readonly PictureValues[];
   readonly rotations: Readonly<Record<string, readonly number[]>>;
@@ -40,7 +40,7 @@ interface RunValues {
   readonly fitness: ArrayRef | null;
   readonly seed: ArrayRef;
   readonly niche: ArrayRef | null;
-  readonly extras: Readonly<Record<string, ArrayRef>>;
+  readonly features: Readonly<Record<string, ArrayRef>>;
   readonly labels: readonly string[] | null;
   readonly maps: readonly ChosenMap[];
   readonly history: {
@@ -49,7 +49,12 @@ interface RunValues {
     readonly best_fitness: ArrayRef;
     readonly elite_count: ArrayRef;
   } | null;
-  readonly rides: readonly { readonly place: number; readonly goal: readonly [number, number]; readonly success: boolean; readonly poses: ArrayRef }[];
+  readonly rides: readonly {
+    readonly elite: number;
+    readonly goal: readonly [number, number];
+    readonly success: boolean;
+    readonly poses: ArrayRef;
+  }[];
   readonly floors: readonly (readonly [number, number])[] | null;
   readonly record: Readonly<Record<string, unknown>>;
 }
@@ -64,14 +69,14 @@ export interface Values {
 }
 
 export interface ChosenMap {
-  readonly place: number;
+  readonly elite: number;
   readonly name: string;
   readonly pictures: readonly number[] | null;
 }
 
-/** A ride on a map, 30 poses a second: tiles east and south, radians counter-clockwise from east. */
+/** A ride on a map with 30 poses a second: x in tiles east, y in tiles south, theta in radians from east. */
 export interface Ride {
-  readonly place: number;
+  readonly elite: number;
   readonly goal: readonly [row: number, column: number];
   readonly success: boolean;
   readonly x: Float32Array;
@@ -81,7 +86,7 @@ export interface Ride {
 
 export interface History {
   readonly evaluations: Float64Array;
-  /** Of each seed a row. */
+  /** One row per seed. */
   readonly best_fitness: readonly Int32Array[];
   readonly elite_count: readonly Int32Array[];
 }
@@ -97,7 +102,7 @@ export interface Data {
 const TYPES = { uint8: Uint8Array, int32: Int32Array, float32: Float32Array, float64: Float64Array } as const;
 type Typed<T extends keyof typeof TYPES> = InstanceType<(typeof TYPES)[T]>;
 
-/** Unpacks what Python made. */
+/** Unpacks the data that Python packed. */
 export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): Promise<Data> {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = await new Response(stream).arrayBuffer();
@@ -109,30 +114,36 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
   const runs = values.runs.map((run) => {
     const halves = read("uint8", run.grids);
     const codes = new Uint8Array(run.grids.codes!);
-    for (let place = 0; place < codes.length; place++) codes[place] = (halves[place >> 1] >> (place & 1 ? 4 : 0)) & 15;
+    for (let cell = 0; cell < codes.length; cell++) codes[cell] = (halves[cell >> 1] >> (cell & 1 ? 4 : 0)) & 15;
     const history = run.history && {
       evaluations: read("float64", run.history.evaluations),
       best_fitness: rows(read("int32", run.history.best_fitness), run.history.steps),
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
-    const extras = new Map(Object.entries(run.extras).map(([name, ref]) => [name, read("int32", ref)]));
-    const rides = run.rides.map(({ place, goal, success, poses }) => {
+    const features = new Map(Object.entries(run.features).map(([name, ref]) => [name, read("int32", ref)]));
+    const rides = run.rides.map(({ elite, goal, success, poses }) => {
       const track = read("float32", poses);
       const steps = track.length / 3;
       const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
-      return { place, goal, success, x, y, theta };
+      return { elite, goal, success, x, y, theta };
     });
     const [fit, niche] = [run.fitness, run.niche].map((ref) => ref && read("int32", ref));
-    return new Run(run, codes, fit, niche, read("int32", run.seed), extras, history, rides);
+    return new Run(run, codes, fit, niche, read("int32", run.seed), features, history, rides);
   });
-  return { title: values.title, version: values.version, tiles: values.tiles, lots: read("float64", values.lots), runs };
+  return {
+    title: values.title,
+    version: values.version,
+    tiles: values.tiles,
+    lots: read("float64", values.lots),
+    runs,
+  };
 }
 
 function rows(values: Int32Array, length: number): Int32Array[] {
   return Array.from({ length: values.length / length }, (_, row) => values.subarray(row * length, (row + 1) * length));
 }
 
-/** Which elites the archive shows: of one seed, the best of all, or how many seeds have one. */
+/** The elites that the archive shows: of one seed, the best of all seeds, or the number of seeds with one. */
 export type Seed = number | "best" | "count";
 
 /** The elites of a run, with their metrics. */
@@ -150,10 +161,10 @@ export class Run {
   readonly floors: ReadonlyMap<number, number> | null;
   /** The number of elites. */
   readonly count: number;
-  /** Of each elite, its fitness, the number of its seed, its niche. */
+  /** For each elite, its fitness, its niche and its seed. */
   readonly fitness: Int32Array;
   readonly niche: Int32Array;
-  private readonly counts: Int32Array;
+  private readonly metrics: Int32Array;
   private readonly measured: Uint8Array;
   private readonly columns = new Map<string, Float64Array>();
   private readonly sortedColumns = new Map<string, Float64Array>();
@@ -166,7 +177,7 @@ export class Run {
     niche: Int32Array | null,
     readonly seed: Int32Array,
     /** Features that the search measured beside the metrics. */
-    readonly extras: ReadonlyMap<string, Int32Array>,
+    readonly features: ReadonlyMap<string, Int32Array>,
     readonly history: History | null,
     readonly rides: readonly Ride[],
   ) {
@@ -176,11 +187,14 @@ export class Run {
     this.alphabet = alphabetMask(values.alphabet);
     this.floors = values.floors && new Map(values.floors);
     this.count = seed.length;
-    const metrics = COUNT_NAMES.length;
-    this.counts = new Int32Array(this.count * metrics);
+    const size = COUNT_NAMES.length;
+    this.metrics = new Int32Array(this.count * size);
     this.measured = new Uint8Array(this.count);
-    this.niche = niche ?? Int32Array.from({ length: this.count }, (_, elite) => nicheOf(this.axes, (name) => this.feature(name, elite)));
-    this.fitness = fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.countsOf(elite), this.weights));
+    this.niche =
+      niche ??
+      Int32Array.from({ length: this.count }, (_, elite) => nicheOf(this.axes, (name) => this.feature(name, elite)));
+    this.fitness =
+      fit ?? Int32Array.from({ length: this.count }, (_, elite) => fitness(this.metricsOf(elite), this.weights));
   }
 
   grid(elite: number): Grid {
@@ -188,29 +202,29 @@ export class Run {
     return { height: this.height, width: this.width, codes: this.codes.subarray(elite * cells, (elite + 1) * cells) };
   }
 
-  /** Returns the metrics of an elite, measured once they are asked for. */
-  countsOf(elite: number): Int32Array {
+  /** Returns the metrics of an elite, measured at the first call. */
+  metricsOf(elite: number): Int32Array {
     if (!this.measured[elite]) {
-      measure(this.grid(elite), this.alphabet, this.counts, elite * COUNT_NAMES.length);
+      measure(this.grid(elite), this.alphabet, this.metrics, elite * COUNT_NAMES.length);
       this.measured[elite] = 1;
     }
-    return this.counts.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
+    return this.metrics.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
   }
 
   get niches(): number {
     return this.axes.reduce((product, axis) => product * axis.bins, 1);
   }
 
-  /** What can be shown of an elite: fitness, features, and the distance from a proven floor where one is known. */
+  /** The quantities of an elite: fitness, features, and the difference to the proven minimum if one is known. */
   get quantities(): readonly string[] {
-    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.extras.keys()];
+    return ["fitness", ...(this.floors ? ["above_floor"] : []), ...FEATURES, ...this.features.keys()];
   }
 
   feature(name: string, elite: number): number {
-    return this.extras.get(name)?.[elite] ?? feature(name, this.countsOf(elite));
+    return this.features.get(name)?.[elite] ?? feature(name, this.metricsOf(elite));
   }
 
-  /** Returns a quantity of all elites; not a number where it has no meaning. */
+  /** Returns a quantity of all elites, NaN where it is not defined. */
   column(name: string): Float64Array {
     let column = this.columns.get(name);
     if (!column) {
@@ -220,11 +234,13 @@ export class Run {
     return column;
   }
 
-  /** Returns the numbers of a quantity, sorted. */
+  /** Returns the values of a quantity, sorted, without NaN. */
   sorted(name: string): Float64Array {
     let sorted = this.sortedColumns.get(name);
     if (!sorted) {
-      sorted = this.column(name).filter((value) => !Number.isNaN(value)).sort();
+      sorted = this.column(name)
+        .filter((value) => !Number.isNaN(value))
+        .sort();
       this.sortedColumns.set(name, sorted);
     }
     return sorted;
@@ -236,7 +252,7 @@ export class Run {
     return this.feature(name, elite);
   }
 
-  /** Returns the lowest fitness that a flawless map with so many cycles can have, if that is proven. */
+  /** Returns the proven minimum of the fitness in a flawless elite's niche, if one is known. */
   floor(elite: number): number | undefined {
     const flawless =
       this.feature("components", elite) === 1 &&
@@ -246,7 +262,7 @@ export class Run {
     return flawless ? this.floors?.get(this.feature("cyclomatic", elite)) : undefined;
   }
 
-  /** Returns the elite in each niche, -1 where it is vacant: of a seed, or the fittest of all; of equals the first. */
+  /** Returns the fittest elite in each niche, -1 for a vacant niche. The first of equal elites wins. */
   elites(seed: Seed): Int32Array {
     let table = this.tables.get(seed);
     if (!table) {
@@ -282,35 +298,35 @@ export class Run {
 
   /** Returns a name for a map. */
   label(elite: number): string {
-    const chosen = this.maps.find((map) => map.place === elite);
+    const chosen = this.maps.find((map) => map.elite === elite);
     if (this.labels) return this.labels[elite];
     const seed = this.seeds > 1 ? `, seed ${this.seed[elite]}` : "";
     return chosen ? `map ${chosen.name}${seed}` : `niche ${this.nicheName(this.niche[elite])}${seed}`;
   }
 }
 
-/** Returns the place of a picture of each tile: those that a map was drawn with, else those that the lots fall on. */
+/** Returns the picture of each cell: the known ones, or pictures drawn by lot. -1 means that the set has none. */
 export function choosePictures(grid: Grid, data: Data, known: readonly number[] | null): Int32Array {
   if (known) return Int32Array.from(known);
-  return Int32Array.from(grid.codes, (code, place) => {
+  return Int32Array.from(grid.codes, (code, cell) => {
     const draws = data.tiles.rotations[code];
-    return draws ? draws[Math.floor(data.lots[place % data.lots.length] * draws.length)] : -1;
+    return draws ? draws[Math.floor(data.lots[cell % data.lots.length] * draws.length)] : -1;
   });
 }
 
-/** Returns the share of sorted values that lie below a value, with half of those that equal it. */
+/** Returns the share of sorted values below a value, plus half of the share that equals it. */
 export function quantileOf(sorted: Float64Array, value: number): number {
   return (bisect(sorted, value) + bisect(sorted, value + 1e-9)) / 2 / Math.max(sorted.length, 1);
 }
 
 export function quantile(sorted: Float64Array, share: number): number {
-  const place = share * (sorted.length - 1);
-  const low = Math.floor(place);
+  const position = share * (sorted.length - 1);
+  const low = Math.floor(position);
   const high = Math.min(low + 1, sorted.length - 1);
-  return sorted[low] + (sorted[high] - sorted[low]) * (place - low);
+  return sorted[low] + (sorted[high] - sorted[low]) * (position - low);
 }
 
-/** Returns how many sorted values lie below a value. */
+/** Returns the number of sorted values below a value. */
 export function bisect(sorted: ArrayLike<number>, value: number): number {
   let low = 0;
   let high = sorted.length;

@@ -1,4 +1,4 @@
-/** Maps as vectors: shapes in tiles' units, x to the east and y to the south, which a canvas or an SVG file shows. */
+/** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
 import { DISTINCT } from "./colours";
@@ -8,7 +8,7 @@ export interface Shape {
   readonly d: string;
   readonly stroke?: string;
   readonly fill?: string;
-  /** Of the stroke. */
+  /** The width of the stroke. */
   readonly width?: number;
   readonly dash?: readonly number[];
   readonly cap?: "butt" | "round";
@@ -30,11 +30,11 @@ export interface Scene {
   readonly texts: readonly Text[];
 }
 
-/** What can be laid over a map. */
+/** The overlays of a map. */
 export const OVERLAYS = ["bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "faces"] as const;
 export type Overlay = (typeof OVERLAYS)[number];
 
-/** The colour of each overlay; they differ in shape too. */
+/** The colour of each overlay. Overlays differ in shape, too. */
 export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
   bridges: "#e8308c",
   adjacent_crossings: "#ff8c1a",
@@ -43,13 +43,19 @@ export const OVERLAY_COLOURS: Readonly<Record<Overlay, string>> = {
   faces: "#56b4e9",
 };
 
-const GROUND = "#e4e9dd", KERB = "#aab2a5", ROAD = "#474d59", LANE = "#f7c945", END = "#d7263d";
-const ROAD_WIDTH = 0.56, KERB_WIDTH = 0.68, LANE_WIDTH = 0.045;
+const GROUND = "#e4e9dd";
+const KERB = "#aab2a5";
+const ROAD = "#474d59";
+const LANE = "#f7c945";
+const END = "#d7263d";
+const ROAD_WIDTH = 0.56;
+const KERB_WIDTH = 0.68;
+const LANE_WIDTH = 0.045;
 
-const at = (place: number): string => `${+place.toFixed(3)}`;
+const at = (position: number): string => `${+position.toFixed(3)}`;
 const line = (x: number, y: number, x2: number, y2: number): string => `M${at(x)} ${at(y)}L${at(x2)} ${at(y2)}`;
 
-/** Returns the path of the middle of a tile's roads. */
+/** Returns the path along the middle of a tile's roads. */
 function tilePath(code: number, x: number, y: number, from = 0): string {
   const sides = SIDES.filter((side) => code & side.bit);
   if (IS_TURN[code]) {
@@ -62,24 +68,32 @@ function tilePath(code: number, x: number, y: number, from = 0): string {
     const [one, other] = sides;
     return line(x + one.right / 2, y + one.down / 2, x + other.right / 2, y + other.down / 2);
   }
-  return sides.map((side) => line(x + side.right * from, y + side.down * from, x + side.right / 2, y + side.down / 2)).join("");
+  return sides
+    .map((side) => line(x + side.right * from, y + side.down * from, x + side.right / 2, y + side.down / 2))
+    .join("");
 }
 
 /** Draws the roads of a map. */
 export function mapShapes(grid: Grid, { ground = true, lanes = true } = {}): Shape[] {
   const { height, width, codes } = grid;
-  let roads = "", stubs = "", middles = "", ends = "";
-  codes.forEach((code, place) => {
+  let roads = "";
+  let stubs = "";
+  let middles = "";
+  let ends = "";
+  codes.forEach((code, cell) => {
     if (!code) return;
-    const row = Math.floor(place / width), column = place % width;
-    const x = column + 0.5, y = row + 0.5;
+    const row = Math.floor(cell / width);
+    const column = cell % width;
+    const x = column + 0.5;
+    const y = row + 0.5;
     const connections = CONNECTIONS[code];
     if (connections === 1) stubs += tilePath(code, x, y);
     else roads += tilePath(code, x, y);
     middles += tilePath(code, x, y, connections > 2 ? 0.3 : 0);
     for (const side of SIDES) {
       if (!(code & side.bit)) continue;
-      const r = row + side.down, c = column + side.right;
+      const r = row + side.down;
+      const c = column + side.right;
       const returned = r >= 0 && r < height && c >= 0 && c < width && codes[r * width + c] & side.opposite;
       if (!returned) ends += bar(x + side.right * 0.47, y + side.down * 0.47, side.right === 0);
       if (connections === 1) ends += bar(x - side.right * 0.12, y - side.down * 0.12, side.right === 0);
@@ -96,9 +110,10 @@ export function mapShapes(grid: Grid, { ground = true, lanes = true } = {}): Sha
   ].filter((shape) => shape.d);
 }
 
-const bar = (x: number, y: number, flat: boolean): string => (flat ? line(x - 0.3, y, x + 0.3, y) : line(x, y - 0.3, x, y + 0.3));
+const bar = (x: number, y: number, flat: boolean): string =>
+  flat ? line(x - 0.3, y, x + 0.3, y) : line(x, y - 0.3, x, y + 0.3);
 
-/** Draws what makes up a metric, over a map. */
+/** Draws overlays: the roads and tiles that a metric counts. */
 export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes: Shape[]; texts: Text[] } {
   const shapes: Shape[] = [];
   const texts: Text[] = [];
@@ -108,31 +123,35 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
     texts.push(...faces.texts);
   }
   const { height, width, codes } = grid;
-  const middle = (place: number): [number, number] => [(place % width) + 0.5, Math.floor(place / width) + 0.5];
-  const pair = (place: number, side: number): string => {
-    const [x, y] = middle(place);
+  const middle = (cell: number): [number, number] => [(cell % width) + 0.5, Math.floor(cell / width) + 0.5];
+  const pair = (cell: number, side: number): string => {
+    const [x, y] = middle(cell);
     return side === EAST ? line(x, y, x + 1, y) : line(x, y, x, y + 1);
   };
   if (shown.has("bridges")) {
     let d = "";
-    countFaces(grid, (place, side) => (d += pair(place, side)));
+    countFaces(grid, (cell, side) => (d += pair(cell, side)));
     shapes.push({ d, stroke: "#fff", width: 0.3, cap: "round", opacity: 0.85 });
     shapes.push({ d, stroke: OVERLAY_COLOURS.bridges, width: 0.18, cap: "round" });
   }
   const pairs = (belongs: (one: number, other: number, linked: boolean) => boolean): string => {
     let d = "";
-    codes.forEach((code, place) => {
-      if (place % width < width - 1 && belongs(code, codes[place + 1], !!(code & 4 && codes[place + 1] & 1))) d += pair(place, EAST);
-      if (place < (height - 1) * width && belongs(code, codes[place + width], !!(code & 2 && codes[place + width] & 8))) d += pair(place, SOUTH);
+    codes.forEach((code, cell) => {
+      if (cell % width < width - 1 && belongs(code, codes[cell + 1], !!(code & 4 && codes[cell + 1] & 1)))
+        d += pair(cell, EAST);
+      if (cell < (height - 1) * width && belongs(code, codes[cell + width], !!(code & 2 && codes[cell + width] & 8)))
+        d += pair(cell, SOUTH);
     });
     return d;
   };
   const rings = (d: string, radius: number): string => {
     const ends = new Set([...d.matchAll(/[ML]([^ML]+)/g)].map((found) => found[1]));
-    return [...ends].map((end) => {
-      const [x, y] = end.split(" ").map(Number);
-      return circle(x, y, radius);
-    }).join("");
+    return [...ends]
+      .map((end) => {
+        const [x, y] = end.split(" ").map(Number);
+        return circle(x, y, radius);
+      })
+      .join("");
   };
   if (shown.has("adjacent_crossings")) {
     const d = pairs((one, other, linked) => linked && CONNECTIONS[one] >= 3 && CONNECTIONS[other] >= 3);
@@ -146,9 +165,9 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
   }
   if (shown.has("dead_ends")) {
     let d = "";
-    codes.forEach((_, place) => {
-      if (!isDeadEnd(grid, place)) return;
-      const [x, y] = middle(place);
+    codes.forEach((_, cell) => {
+      if (!isDeadEnd(grid, cell)) return;
+      const [x, y] = middle(cell);
       d += line(x - 0.24, y - 0.24, x + 0.24, y + 0.24) + line(x - 0.24, y + 0.24, x + 0.24, y - 0.24);
     });
     shapes.push({ d, stroke: "#fff", width: 0.24, cap: "round" });
@@ -157,44 +176,59 @@ export function overlayShapes(grid: Grid, shown: ReadonlySet<Overlay>): { shapes
   return { shapes: shapes.filter((shape) => shape.d), texts };
 }
 
-const TRAIL = "#ff3f8e", ROBOT_LENGTH = 0.18 / 0.585, ROBOT_WIDTH = 0.15 / 0.585;
+const TRAIL = "#ff3f8e";
+const ROBOT_LENGTH = 0.18 / 0.585;
+const ROBOT_WIDTH = 0.15 / 0.585;
 
-/** Draws a ride until a step: its trail, the robot, a ring about the goal. */
+/** Draws a ride up to a step: its trail, the robot, and a ring around the goal. */
 export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] {
   const step = Math.min(until, x.length - 1);
-  const trail = Array.from(x.subarray(0, step + 1), (east, at_) => `${at_ ? "L" : "M"}${at(east)} ${at(y[at_])}`).join("");
+  const trail = Array.from(x.subarray(0, step + 1), (east, at_) => `${at_ ? "L" : "M"}${at(east)} ${at(y[at_])}`).join(
+    "",
+  );
   const corner = (along: number, left: number): string => {
     const [cosine, sine] = [Math.cos(theta[step]), Math.sin(theta[step])];
     return `${at(x[step] + along * cosine - left * sine)} ${at(y[step] - along * sine - left * cosine)}`;
   };
-  const back = -ROBOT_LENGTH / 2, half = ROBOT_WIDTH / 2;
+  const back = -ROBOT_LENGTH / 2;
+  const half = ROBOT_WIDTH / 2;
   return [
     { d: trail, stroke: TRAIL, width: 0.06, cap: "round" },
     { d: circle(goal[1] + 0.5, goal[0] + 0.5, 0.25), stroke: TRAIL, width: 0.07 },
-    { d: `M${corner(back, half)}L${corner(back, -half)}L${corner(-back, 0)}Z`, fill: "#fff", stroke: "#14181f", width: 0.035 },
+    {
+      d: `M${corner(back, half)}L${corner(back, -half)}L${corner(-back, 0)}Z`,
+      fill: "#fff",
+      stroke: "#14181f",
+      width: 0.035,
+    },
   ];
 }
 
 const circle = (x: number, y: number, radius: number): string =>
   `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
 
-/** Turns the circles of a path into squares that stand on a corner. */
+/** Replaces the circles of a path by diamonds. */
 function squares(circles: string): string {
-  return circles.replace(/a([\d.]+) [^M]*/g, (_, radius: string) => `l${radius} -${radius}l${radius} ${radius}l-${radius} ${radius}Z`);
+  return circles.replace(
+    /a([\d.]+) [^M]*/g,
+    (_, radius: string) => `l${radius} -${radius}l${radius} ${radius}l-${radius} ${radius}Z`,
+  );
 }
 
-function isDeadEnd({ height, width, codes }: Grid, place: number): boolean {
-  const code = codes[place];
-  const row = Math.floor(place / width), column = place % width;
+function isDeadEnd({ height, width, codes }: Grid, cell: number): boolean {
+  const code = codes[cell];
+  const row = Math.floor(cell / width);
+  const column = cell % width;
   if (CONNECTIONS[code] === 1) return true;
   return SIDES.some((side) => {
-    const r = row + side.down, c = column + side.right;
+    const r = row + side.down;
+    const c = column + side.right;
     const inside = r >= 0 && r < height && c >= 0 && c < width;
     return !!(code & side.bit) && !(inside && codes[r * width + c] & side.opposite);
   });
 }
 
-/** Fills the inner faces, neighbours in different colours, each with its number. */
+/** Fills and numbers the inner faces. Neighbouring faces have different colours. */
 function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
   const { height, width } = grid;
   const { root } = findFaces(grid);
@@ -207,9 +241,17 @@ function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
     for (let column = 0; column < stride; column++) {
       const own = corner(row, column);
       if (!own) continue;
-      if (!cornersOf.has(own)) cornersOf.set(own, []), neighbours.set(own, new Set());
+      if (!cornersOf.has(own)) {
+        cornersOf.set(own, []);
+        neighbours.set(own, new Set());
+      }
       cornersOf.get(own)!.push([row, column]);
-      for (const [r, c] of [[row - 1, column], [row + 1, column], [row, column - 1], [row, column + 1]]) {
+      for (const [r, c] of [
+        [row - 1, column],
+        [row + 1, column],
+        [row, column - 1],
+        [row, column + 1],
+      ]) {
         const other = corner(r, c);
         if (other && other !== own) neighbours.get(own)!.add(other);
       }
@@ -237,8 +279,12 @@ export function sceneOf(grid: Grid, shown: ReadonlySet<Overlay> = new Set()): Sc
   return { height: grid.height, width: grid.width, shapes: [...mapShapes(grid), ...over.shapes], texts: over.texts };
 }
 
-/** Draws shapes on a canvas, a tile so many pixels wide. */
-export function paint(context: CanvasRenderingContext2D, { shapes, texts }: Pick<Scene, "shapes" | "texts">, scale: number): void {
+/** Draws shapes on a canvas. A tile is `scale` pixels wide. */
+export function paint(
+  context: CanvasRenderingContext2D,
+  { shapes, texts }: Pick<Scene, "shapes" | "texts">,
+  scale: number,
+): void {
   context.save();
   context.scale(scale, scale);
   for (const shape of shapes) {
@@ -272,7 +318,7 @@ export function paint(context: CanvasRenderingContext2D, { shapes, texts }: Pick
   context.restore();
 }
 
-/** Writes an SVG file of a scene, a tile so many units wide. */
+/** Writes a scene as an SVG file. A tile is `tile` units wide. */
 export function toSvg({ height, width, shapes, texts }: Scene, tile = 48): string {
   const paths = shapes.map((shape) => {
     const attributes: Record<string, string | number | undefined> = {

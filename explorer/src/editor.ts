@@ -1,4 +1,4 @@
-/** The map that is drawn: its cells, the given ones, and what was there before. */
+/** The state of the editor: the map, the cells that are given, and earlier states for undo. */
 import { rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
 import { repair } from "./network/repair";
 
@@ -7,14 +7,14 @@ export type Tool = (typeof TOOLS)[number];
 
 export interface Drawing {
   readonly grid: Grid;
-  /** Of each cell whether `--fix` keeps it as it is. */
+  /** For each cell, 1 if `--fix` keeps it. */
   readonly given: Uint8Array;
 }
 
 export interface Editor extends Drawing {
   readonly past: readonly Drawing[];
   readonly future: readonly Drawing[];
-  /** The map that drawing began with, to compare with. */
+  /** The map before the first stroke. */
   readonly start: Grid;
 }
 
@@ -29,9 +29,10 @@ export function editorOf(grid: Grid, given: Uint8Array = new Uint8Array(grid.cod
   return { grid, given, past: [], future: [], start: grid };
 }
 
-/** Returns the drawing after a stroke, which can be undone. */
+/** Returns the editor with a new drawing, as a step that can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
-  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, place) => given === drawing.given[place])) return editor;
+  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, cell) => given === drawing.given[cell]))
+    return editor;
   const { grid, given } = editor;
   return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, given }], future: [] };
 }
@@ -39,7 +40,9 @@ export function done(editor: Editor, drawing: Drawing): Editor {
 export function undo(editor: Editor): Editor {
   const last = editor.past.at(-1);
   const { grid, given } = editor;
-  return last ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] } : editor;
+  return last
+    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] }
+    : editor;
 }
 
 export function redo(editor: Editor): Editor {
@@ -48,17 +51,19 @@ export function redo(editor: Editor): Editor {
   return next ? { ...editor, ...next, past: [...editor.past, { grid, given }], future } : editor;
 }
 
-/** A stroke: the tool, the tile that it sets, and the cells that it went over, one after another. */
+/** A stroke: the tool, the tile that it sets, and the cells that it touched, in order. */
 export interface Stroke {
   readonly tool: Tool;
   readonly tile: number;
   readonly cells: readonly number[];
 }
 
-/** Returns the cells from one to another, side by side, the first left out: along the longer way first. */
+/** Returns neighbouring cells that lead from one cell to another, without the first. */
 export function between(width: number, from: number, to: number): number[] {
-  let row = Math.floor(from / width), column = from % width;
-  const down = Math.floor(to / width), right = to % width;
+  let row = Math.floor(from / width);
+  let column = from % width;
+  const down = Math.floor(to / width);
+  const right = to % width;
   const cells: number[] = [];
   while (row !== down || column !== right) {
     if (Math.abs(right - column) > Math.abs(down - row)) column += Math.sign(right - column);
@@ -68,7 +73,7 @@ export function between(width: number, from: number, to: number): number[] {
   return cells;
 }
 
-/** Returns a drawing with a stroke, mended if asked for. */
+/** Returns a drawing after a stroke, repaired if `mending` says so. */
 export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending: Mending): Drawing {
   const { height, width } = drawing.grid;
   const codes = drawing.grid.codes.slice();
@@ -81,13 +86,13 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   const dirty = new Uint8Array(codes.length);
   for (const cell of cells) dirty[cell] = 1;
   if (tool === "road" || tool === "cut") {
-    cells.slice(1).forEach((cell, place) => {
-      const side = SIDES.find(({ down, right }) => cells[place] + down * width + right === cell)!;
+    cells.slice(1).forEach((cell, index) => {
+      const side = SIDES.find(({ down, right }) => cells[index] + down * width + right === cell)!;
       if (tool === "road") {
-        codes[cells[place]] |= side.bit;
+        codes[cells[index]] |= side.bit;
         codes[cell] |= side.opposite;
       } else {
-        codes[cells[place]] &= ~side.bit;
+        codes[cells[index]] &= ~side.bit;
         codes[cell] &= ~side.opposite;
       }
     });
@@ -102,13 +107,17 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   return { grid: mending.repair ? repair(plain, { dirty, fixed, fill: mending.fill }) : plain, given };
 }
 
-/** Returns a drawing of another size: what fits of this one, and empty cells. */
+/** Returns a drawing of another size, cut or filled up with empty cells. */
 export function resized({ grid, given }: Drawing, height: number, width: number): Drawing {
   const codes = new Uint8Array(height * width);
   const marks = new Uint8Array(height * width);
-  rowsOf(grid).slice(0, height).forEach((row, y) => row.slice(0, width).forEach((code, x) => {
-    codes[y * width + x] = code;
-    marks[y * width + x] = given[y * grid.width + x];
-  }));
+  rowsOf(grid)
+    .slice(0, height)
+    .forEach((row, y) =>
+      row.slice(0, width).forEach((code, x) => {
+        codes[y * width + x] = code;
+        marks[y * width + x] = given[y * grid.width + x];
+      }),
+    );
   return { grid: { height, width, codes }, given: marks };
 }

@@ -1,4 +1,15 @@
-/** Files that the page saves. */
+/** Files that the page saves and opens. */
+import { FileError, readMap } from "./network/formats";
+
+const MOST_BYTES = 8 * 2 ** 20; // a map file of 1024 x 1024 tiles has 3 MB
+
+/** Reads the first of the files that were dropped or picked. */
+export async function readMapFile(files: ArrayLike<File>): Promise<ReturnType<typeof readMap>> {
+  if (!files.length) throw new FileError("A map.json or a Duckietown map can be dropped here");
+  const file = files[0];
+  if (file.size > MOST_BYTES) throw new FileError(`${file.name}: expected at most 8 MiB`);
+  return readMap(await file.text(), file.name);
+}
 
 /** Lets the browser save a file. */
 export function save(name: string, content: string | Blob, type = "text/plain"): void {

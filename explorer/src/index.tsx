@@ -1,4 +1,4 @@
-/** The module of the widget, `export default { render }`, and of the page, which has a small stand-in for its model. */
+/** The module of the widget and of the page. The page has a small substitute for the widget's model. */
 import { render as mount } from "preact";
 import { App } from "./App";
 import { unpack, type Values } from "./data";
@@ -8,7 +8,7 @@ import { feature } from "./network/features";
 import { repair } from "./network/repair";
 import { measureTown } from "./network/town";
 
-/** What the page and a notebook have in common: the part of anywidget's model that is used here. */
+/** The part of anywidget's model that is used here. */
 interface Model {
   get(name: string): unknown;
   set(name: string, value: unknown): void;
@@ -29,7 +29,7 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
     model.set(name, value);
     model.save_changes();
   };
-  const draw = async () => {
+  const show = async () => {
     const current = ++version;
     try {
       const data = await unpack(model.get("values") as Values, bytesOf(model.get("blob")));
@@ -50,26 +50,32 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
         />,
         el,
       );
+      requestAnimationFrame(() => performance.mark("elitelanes-shown"));
     } catch (error) {
-      el.textContent = `The explorer cannot show this: ${error instanceof Error ? error.message : error}`;
+      el.textContent = `The explorer cannot show this: ${error instanceof Error ? error.message : String(error)}`;
       throw error;
     }
   };
+  const draw = () => void show();
   model.on("change:blob", draw);
-  void draw();
+  draw();
   return () => {
     model.off("change:blob", draw);
     mount(null, el);
   };
 }
 
-/** Stands in for a notebook's model on a page: values that nobody listens to. */
+/** Returns the page's substitute for a notebook's model. */
 function pageModel(): Model {
-  const text = (id: string) => document.getElementById(id)!.textContent!;
+  const text = (id: string) => document.getElementById(id)!.textContent;
   const letters = atob(text("elitelanes-blob"));
   const packed = new Uint8Array(letters.length);
-  for (let place = 0; place < letters.length; place++) packed[place] = letters.charCodeAt(place);
-  const values = new Map<string, unknown>([["values", JSON.parse(text("elitelanes-values"))], ["blob", packed], ["addressed", true]]);
+  for (let index = 0; index < letters.length; index++) packed[index] = letters.charCodeAt(index);
+  const values = new Map<string, unknown>([
+    ["values", JSON.parse(text("elitelanes-values"))],
+    ["blob", packed],
+    ["addressed", true],
+  ]);
   return {
     get: (name) => values.get(name),
     set: (name, value) => void values.set(name, value),
@@ -83,7 +89,18 @@ function pageModel(): Model {
 const page = typeof document === "undefined" ? null : document.getElementById("elitelanes-explorer");
 if (page) render({ model: pageModel(), el: page });
 
-/** What tests compare with Python. */
-export const kernel = { feature, fitness, fromDuckietown, measure, measureTown, readMap, repair, toDuckietown, toFix, toMapJson };
+/** The functions that tests compare with Python. */
+export const kernel = {
+  feature,
+  fitness,
+  fromDuckietown,
+  measure,
+  measureTown,
+  readMap,
+  repair,
+  toDuckietown,
+  toFix,
+  toMapJson,
+};
 
 export default { render };

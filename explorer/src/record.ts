@@ -5,14 +5,18 @@ import { binsOf, feature, FEATURES, isShare, unitOf } from "./network/features";
 
 /** Returns the tile pictures that a map of a run was drawn with, if they are known. */
 export const picturesOf = (run: Run, elite: number): readonly number[] | null =>
-  run.maps.find((map) => map.place === elite)?.pictures ?? null;
+  run.maps.find((map) => map.elite === elite)?.pictures ?? null;
+
+/** Returns the metrics as a map file has them, for a grid of so many cells. */
+export function metricFields(metrics: ArrayLike<number>, cells: number): Record<string, number> {
+  const whole = FEATURES.filter((name) => !isShare(name)).map((name) => [name, feature(name, metrics)] as const);
+  return { ...Object.fromEntries(whole), coverage: Math.fround(feature("tiles", metrics) / cells) };
+}
 
 /** Returns what is known of an elite, as its map file has it. */
 function known(run: Run, elite: number): Record<string, unknown> {
-  const counts = run.countsOf(elite);
-  const metrics = Object.fromEntries(FEATURES.filter((name) => !isShare(name)).map((name) => [name, feature(name, counts)]));
-  metrics.coverage = Math.fround(feature("tiles", counts) / (run.height * run.width));
-  for (const name of run.extras.keys()) metrics[name] = run.feature(name, elite) / unitOf(name);
+  const metrics = metricFields(run.metricsOf(elite), run.height * run.width);
+  for (const name of run.features.keys()) metrics[name] = run.feature(name, elite) / unitOf(name);
   return {
     metrics,
     fitness: run.fitness[elite],

@@ -1,10 +1,18 @@
-/** What the page shows at a moment, and how its address keeps it. */
+/** The view, and its text in the page's address. */
 import { OVERLAYS, type Overlay } from "./drawing";
 import type { Seed } from "./data";
 import { LAYERS, type Layer } from "./tiles";
 
 export const VIEWS = ["archive", "maps", "compare", "draw", "run"] as const;
 export type ViewName = (typeof VIEWS)[number];
+
+export const VIEW_NAMES: Readonly<Record<ViewName, string>> = {
+  archive: "Archive",
+  maps: "Maps",
+  compare: "Compare",
+  draw: "Draw",
+  run: "Run",
+};
 
 export type Ranges = Readonly<Record<string, readonly [low: number, high: number]>>;
 
@@ -14,11 +22,11 @@ export interface View {
   readonly seed: Seed;
   /** The bins of a niche, such as 12-0-0-0-1. */
   readonly niche: string | null;
-  /** The place of a map among the elites of its run; it goes before the niche. */
+  /** The index of the open elite; it overrides the niche. */
   readonly map: number | null;
   readonly colour: string;
   readonly scale: "linear" | "rank";
-  /** The axis across; all others go down. */
+  /** The horizontal axis. All others are vertical. */
   readonly across: string | null;
   readonly look: "lines" | "tiles";
   readonly layers: readonly Layer[];
@@ -50,7 +58,7 @@ export const START: View = {
   pins: [],
 };
 
-/** Writes a view as the part of an address after the #; what is as at the start is left out. */
+/** Writes a view as the part of an address after the #, without fields at their start values. */
 export function toHash(view: View): string {
   const words: Record<string, string> = {
     view: view.view,
@@ -76,12 +84,13 @@ export function toHash(view: View): string {
     .join("&");
 }
 
-/** Reads a view; what is missing or no value of its field is as at the start. */
+/** Reads a view. Missing and invalid fields get their start values. */
 export function fromHash(hash: string): View {
   const words = new URLSearchParams(hash.replace(/^#/, ""));
   const one = <T extends string>(key: string, known: readonly T[], start: T): T =>
     known.find((word) => word === words.get(key)) ?? start;
-  const whole = (key: string): number | null => (/^\d{1,9}$/.test(words.get(key) ?? "") ? Number(words.get(key)) : null);
+  const whole = (key: string): number | null =>
+    /^\d{1,9}$/.test(words.get(key) ?? "") ? Number(words.get(key)) : null;
   const some = <T extends string>(key: string, known: readonly T[], start: readonly T[]): readonly T[] =>
     words.has(key) ? known.filter((word) => words.get(key)!.split(",").includes(word)) : start;
   const seed = words.get("seed");
@@ -103,14 +112,17 @@ export function fromHash(hash: string): View {
     where: parseWhere((words.get("where") ?? "").replaceAll(",", " ")),
     sort: sort.replace(/^-/, ""),
     descending: sort.startsWith("-"),
-    pins: (words.get("pins") ?? "").split(",").flatMap((pin) => {
-      const found = /^(\d{1,4})\.(\d{1,9})$/.exec(pin);
-      return found ? [[Number(found[1]), Number(found[2])] as const] : [];
-    }).slice(0, 4),
+    pins: (words.get("pins") ?? "")
+      .split(",")
+      .flatMap((pin) => {
+        const found = /^(\d{1,4})\.(\d{1,9})$/.exec(pin);
+        return found ? [[Number(found[1]), Number(found[2])] as const] : [];
+      })
+      .slice(0, 4),
   };
 }
 
-/** Writes ranges as `--where` takes them; shares are in thousandths here and parts of one there. */
+/** Writes ranges as `--where` takes them. There, shares are from 0 to 1; here, they are in thousandths. */
 export function whereText(ranges: Ranges, unit: (name: string) => number = () => 1): string {
   return Object.entries(ranges)
     .map(([name, [low, high]]) => {

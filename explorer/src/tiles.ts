@@ -1,24 +1,28 @@
-/** Tile pictures and their masks, laid out as the package's `render` does. */
+/** Tile pictures and their masks, and maps drawn with them. */
 import { paintBlended, turnedPixels, type Pixels, type PixelsOf } from "./blend";
 import { css, LABEL_COLOURS, type Rgb } from "./colours";
 import { choosePictures, type Data, type TileValues } from "./data";
 import type { Grid } from "./network/codes";
 
-/** The layers of a picture: the photograph or drawing, masks in white, and the labels in colours. */
+/** The layers of a picture: the image, the masks, and the labels. */
 export const LAYERS = ["image", "road", "red", "yellow", "labels"] as const;
 export type Layer = (typeof LAYERS)[number];
 
 const MASK_BITS = { road: 1, red: 2, yellow: 4 } as const;
 
-/** The longest side of a picture in pixels: browsers refuse larger canvases. */
+/** The longest side of a picture in pixels, because browsers refuse larger canvases. */
 const MOST_PX = 8192;
 
 export interface TilePictures {
   readonly px: number;
-  /** Returns a layer's picture of each tile, made once it is asked for. */
+  /** Returns a layer's picture of each tile, made at the first call. */
   readonly layerOf: (layer: Layer) => readonly CanvasImageSource[];
-  /** In the size in which they are drawn, and in that at which their light is compared; none where it is not. */
-  readonly blended: { readonly drawn: PixelsOf; readonly compared: PixelsOf; readonly maps: Map<string, HTMLCanvasElement> } | null;
+  /** The pictures as they are drawn and as their light is compared, or null if light is not matched. */
+  readonly blended: {
+    readonly drawn: PixelsOf;
+    readonly compared: PixelsOf;
+    readonly maps: Map<string, HTMLCanvasElement>;
+  } | null;
 }
 
 /** Decodes the pictures of a tile set. */
@@ -40,9 +44,9 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
       const canvas = canvasOf(px, px);
       const context = canvas.getContext("2d")!;
       const pixels = context.createImageData(px, px);
-      for (let place = 0; place < pixels.data.length; place += 4) {
-        const rgb = colour(mask[place]);
-        if (rgb) pixels.data.set([...rgb, 255], place);
+      for (let byte = 0; byte < pixels.data.length; byte += 4) {
+        const rgb = colour(mask[byte]);
+        if (rgb) pixels.data.set([...rgb, 255], byte);
       }
       context.putImageData(pixels, 0, 0);
       return canvas;
@@ -53,15 +57,23 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
     road: (mask) => (mask & MASK_BITS.road ? road : null),
     red: (mask) => (mask & MASK_BITS.red ? red : null),
     yellow: (mask) => (mask & MASK_BITS.yellow ? yellow : null),
-    labels: (mask) => (mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background),
+    labels: (mask) =>
+      mask & MASK_BITS.yellow ? yellow : mask & MASK_BITS.red ? red : mask & MASK_BITS.road ? road : background,
   };
   let blended = null;
   if (values.blend) {
-    const drawn = turned(images.map((image, place) => pixelsOf(levelsOf(image), bits()[place])));
+    const drawn = turned(images.map((image, index) => pixelsOf(levelsOf(image), bits()[index])));
     const compared = await Promise.all(
-      values.pictures.map(async ({ compared: small }) => small && pixelsOf(levelsOf(await decode(small.image)), levelsOf(await decode(small.masks)))),
+      values.pictures.map(
+        async ({ compared: small }) =>
+          small && pixelsOf(levelsOf(await decode(small.image)), levelsOf(await decode(small.masks))),
+      ),
     );
-    blended = { drawn, compared: compared.every((one) => one !== undefined) ? turned(compared) : drawn, maps: new Map() };
+    blended = {
+      drawn,
+      compared: compared.every((one) => one !== undefined) ? turned(compared) : drawn,
+      maps: new Map(),
+    };
   }
   return {
     px,
@@ -70,7 +82,7 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
   };
 }
 
-/** Returns R, G, B and opacity of a picture. */
+/** Returns the R, G, B and opacity levels of a picture. */
 function levelsOf(image: HTMLImageElement): Uint8ClampedArray {
   const { width, height } = image;
   const context = canvasOf(width, height).getContext("2d", { willReadFrequently: true })!;
@@ -79,14 +91,14 @@ function levelsOf(image: HTMLImageElement): Uint8ClampedArray {
 }
 
 function pixelsOf(levels: Uint8ClampedArray, bits: Uint8ClampedArray): Pixels {
-  const labels = Uint8Array.from({ length: bits.length / 4 }, (_, place) => {
-    const mask = bits[4 * place];
+  const labels = Uint8Array.from({ length: bits.length / 4 }, (_, pixel) => {
+    const mask = bits[4 * pixel];
     return mask & MASK_BITS.yellow ? 3 : mask & MASK_BITS.red ? 2 : mask & MASK_BITS.road;
   });
-  return { size: Math.sqrt(labels.length), levels: levels.filter((_, place) => place % 4 < 3), labels };
+  return { size: Math.sqrt(labels.length), levels: levels.filter((_, byte) => byte % 4 < 3), labels };
 }
 
-/** Turns pictures as they are asked for. */
+/** Returns a function that turns pictures and keeps them. */
 function turned(upright: readonly Pixels[]): PixelsOf {
   const known = new Map<number, Pixels>();
   return (picture) => {
@@ -102,13 +114,13 @@ export function canvasOf(width: number, height: number): HTMLCanvasElement {
   return canvas;
 }
 
-/** How strongly each layer is laid over those before it, from 0 to 1. */
+/** The opacity of each layer, from 0 to 1. */
 export type Blend = Readonly<Partial<Record<Layer, number>>>;
 
-/** Maps that are kept as they were drawn with their tiles brought together. */
+/** The number of maps with matched tiles that are kept. */
 const MOST_KEPT = 8;
 
-/** Draws the photographs of a map, brought together; the latest maps are kept. */
+/** Draws a map with matched tiles, and keeps it. */
 function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures): HTMLCanvasElement {
   const { drawn, compared, maps } = blended!;
   const key = `${grid.width} ${chosen.join()}`;
@@ -126,8 +138,14 @@ function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures
   return canvas;
 }
 
-/** Draws a map with tile pictures, photographs brought together, unless the map is too large for that. A cell that the set cannot draw is left bare. */
-export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: readonly number[] | null, blend: Blend): HTMLCanvasElement {
+/** Draws a map with tile pictures, matched unless the map is too large. Cells without a picture stay background. */
+export function paintTiles(
+  grid: Grid,
+  data: Data,
+  tiles: TilePictures,
+  known: readonly number[] | null,
+  blend: Blend,
+): HTMLCanvasElement {
   const chosen = choosePictures(grid, data, known);
   const px = Math.min(tiles.px, Math.floor(MOST_PX / Math.max(grid.height, grid.width)));
   const canvas = canvasOf(grid.width * px, grid.height * px);
@@ -135,8 +153,13 @@ export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: r
   context.imageSmoothingEnabled = px !== tiles.px;
   context.fillStyle = css(LABEL_COLOURS.background);
   context.fillRect(0, 0, canvas.width, canvas.height);
-  // Quarter turns counter-clockwise, in whole numbers so that no pixel is mixed with its neighbour.
-  const turned = [[1, 0, 0, 1], [0, -1, 1, 0], [-1, 0, 0, -1], [0, 1, -1, 0]] as const;
+  // Quarter turns counter-clockwise. Whole numbers keep pixels sharp.
+  const turned = [
+    [1, 0, 0, 1],
+    [0, -1, 1, 0],
+    [-1, 0, 0, -1],
+    [0, 1, -1, 0],
+  ] as const;
   for (const layer of LAYERS) {
     const opacity = blend[layer] ?? 0;
     if (opacity <= 0) continue;
@@ -147,10 +170,11 @@ export function paintTiles(grid: Grid, data: Data, tiles: TilePictures, known: r
       context.drawImage(blendedOf(grid, chosen, tiles), 0, 0);
       continue;
     }
-    chosen.forEach((picture, place) => {
+    chosen.forEach((picture, cell) => {
       if (picture < 0) return;
       const [a, b, c, d] = turned[picture & 3];
-      const x = ((place % grid.width) + 0.5) * px, y = (Math.floor(place / grid.width) + 0.5) * px;
+      const x = ((cell % grid.width) + 0.5) * px;
+      const y = (Math.floor(cell / grid.width) + 0.5) * px;
       context.setTransform(a, b, c, d, x, y);
       context.drawImage(pictures[picture >> 2], -px / 2, -px / 2, px, px);
     });

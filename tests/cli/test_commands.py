@@ -82,7 +82,7 @@ def test_the_run_record_and_the_archive(generated):
     run = json.loads((generated / "run.json").read_text())
     assert run["settings"]["size"] == [5, 6]
     assert run["settings"]["seeds"] == 3
-    assert SearchSpec(**run["settings"]["search"]) == SearchSpec(method="ea", preset="paper", generations=5)
+    assert SearchSpec.from_plain(run["settings"]["search"]) == SearchSpec(method="ea", preset="paper", generations=5)
     assert run["config"]["population"] == 20
     assert run["weights"]["dead_ends"] == 480
     assert set(run["versions"]) == {"elitelanes_jax", "python", "jax", "jaxlib", "numpy", "opencv"}
@@ -271,7 +271,7 @@ def test_folders_that_are_not_new_are_left_alone(tmp_path, capsys):
     for out, message in (
         (tmp_path, "expected a folder that is new or empty, got one with files in it"),
         (tmp_path / "file", "expected a folder that is new or empty, got a file"),
-        (tmp_path / "file" / "out", "out: expected a place that can be written to"),
+        (tmp_path / "file" / "out", "out: expected a path that can be written to"),
     ):
         for command in (["generate"], ["render", str(default_tiles())]):
             if command == ["render", str(default_tiles())]:

@@ -155,7 +155,7 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
         (["--to", "duckietown", "--out", out + ".yml"], "--out: expected a folder, or a file that ends in .yaml"),
         (["--to", "sumo-plain", "--out", out + ".Nod.xml"], "--out: expected a folder, got "),
         (["--to", "graphml", "--out", str(tmp_path / "maps")], "expected a folder that is new or empty"),
-        (["--to", "csv", "--out", str(tmp_path / "there.csv")], "expected a file that is new, got one that is there"),
+        (["--to", "csv", "--out", str(tmp_path / "there.csv")], "expected a new file, got an existing one"),
         ([*maps, maps[1], "--to", "graphml"], "0001/map.json: expected each map once, got it twice"),
         ([*maps, maps[1], "--to", "csv"], "0001/map.json: expected each map once, got it twice"),
         ([*maps, same, "--to", "graphml"], "expected maps of different names, got two for 0000"),

@@ -2,12 +2,17 @@
 
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.maps.generation import merge
+from elitelanes_jax.maps.picking import pick
+from elitelanes_jax.maps.spec import PickSpec
 
 SMALL = ["generate", "--size", "5", "6", "--seeds", "3", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]
@@ -76,17 +81,17 @@ def test_what_is_to_be_replaced_stays_where_the_new_run_fails(folder, monkeypatc
     before = files(folder)
     assert main([*SMALL, "--maps", "999", "--force", "--out", str(folder)]) == 1
     assert files(folder) == before
-    usual, moved = Path.replace, []
+    usual, moved = Path.rename, []
 
-    def replace(self, target):
+    def rename(self, target):
         moved.append(self)
-        if len(moved) == 6:  # four old entries have gone aside, and one new one has its place
+        if len(moved) == 8:  # the files are complete, four old entries are moved out, and a new one is in
             raise OSError(28, os.strerror(28), str(target))
         return usual(self, target)
 
-    monkeypatch.setattr(Path, "replace", replace)
+    monkeypatch.setattr(Path, "rename", rename)
     assert main([*SMALL, "--maps", "2", "--force", "--out", str(folder)]) == 2
-    assert len(moved) > 6
+    assert len(moved) > 8
     assert files(folder) == before
     assert [entry.name for entry in folder.parent.iterdir()] == ["out"]
 
@@ -105,3 +110,48 @@ def test_pictures_are_replaced_too(folder, tmp_path, capsys):
     (tmp_path / "pictures" / "labels.png").unlink()
     assert main([*command, "--force"]) == 2
     assert capsys.readouterr().err.endswith("earlier run alone, got one with no labels.png\n")
+
+
+@pytest.mark.parametrize("through", ["folder", "file", "out"])
+def test_what_is_read_is_not_replaced_through_a_link_either(through, folder, capsys):
+    before, link = files(folder), folder.parent / "link"
+    link.symlink_to({"folder": folder, "file": folder / "archive.npz", "out": folder}[through])
+    source = {"folder": link / "archive.npz", "file": link, "out": folder / "archive.npz"}[through]
+    out = link if through == "out" else folder
+    words = f"{out}: expected a folder to replace that contains no input, got one with {source}"
+    assert main(["pick", str(source), "--maps", "2", "--out", str(out), "--force-archive"]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {words}\n"
+    with pytest.raises(InputError, match=re.escape(words)):
+        pick(PickSpec(maps=2), [source], out, force=True, force_archive=True)
+    assert files(folder) == before
+
+
+def test_pick_replaces_an_archive_only_if_that_is_said(folder, capsys):
+    more = Path(shutil.copytree(folder, folder.parent / "more"))
+    before = files(more)
+    command = ["pick", str(folder / "archive.npz"), "--maps", "2", "--tile-px", "16", "--out", str(more)]
+    assert main([*command, "--force"]) == 2
+    words = "archive.npz, which pick does not write again; --force-archive replaces it too"
+    assert capsys.readouterr().err.endswith(
+        f"expected a folder with files of an earlier run alone, got one with {words}\n"
+    )
+    with pytest.raises(InputError, match=words):
+        pick(PickSpec(maps=2), [folder / "archive.npz"], more, force=True)
+    assert files(more) == before
+    assert main([*command, "--force-archive"]) == 0
+    assert "archive.npz" not in files(more)
+    assert main([*command, "--seed", "1", "--force"]) == 0
+    assert json.loads((more / "run.json").read_text())["settings"]["seed"] == 1
+
+
+def test_no_part_is_replaced_by_what_it_is_merged_into(tmp_path, capsys):
+    parts = [tmp_path / f"p{number}" for number in (1, 2)]
+    for number, part in enumerate(parts, start=1):
+        assert main([*SMALL, "--part", f"{number}/2", "--out", str(part)]) == 0
+    before = files(tmp_path)
+    words = f"{parts[0]}: expected a folder to replace that contains no input, got one with {parts[0]}"
+    assert main(["merge", *map(str, parts), "--out", str(parts[0]), "--force"]) == 2
+    assert capsys.readouterr().err == f"elitelanes: {words}\n"
+    with pytest.raises(InputError, match=re.escape(words)):
+        merge(parts, parts[0], force=True)
+    assert files(tmp_path) == before

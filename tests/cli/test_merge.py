@@ -58,7 +58,7 @@ def test_a_part_has_its_seeds_and_no_maps(runs, capsys, tmp_path):
 def test_every_seed_is_in_one_part():
     for seeds in range(1, 12):
         for count in range(1, seeds + 1):
-            numbers = [GenerateSpec(seeds=seeds, part=(number, count)).seed_numbers for number in range(1, count + 1)]
+            numbers = [GenerateSpec(seeds=seeds, part=(number, count)).seed_indices for number in range(1, count + 1)]
             assert [seed for one in numbers for seed in one] == list(range(seeds))
             assert all(numbers)
 
@@ -66,10 +66,10 @@ def test_every_seed_is_in_one_part():
 @pytest.mark.parametrize(
     ("part", "message"),
     [
-        ("4/4", "--part: expected 3 parts at most, as there are seeds, got 4"),
-        ("4/3", "--part: expected a part such as 3/10, 1/10 being the first, got '4/3'"),
-        ("0/3", "--part: expected a part such as 3/10, 1/10 being the first, got '0/3'"),
-        ("three", "--part: expected a part such as 3/10, 1/10 being the first, got 'three'"),
+        ("4/4", "--part: expected at most 3 parts, one for each seed, got 4"),
+        ("4/3", "--part: expected a part such as 3/10, from 1/10 on, got '4/3'"),
+        ("0/3", "--part: expected a part such as 3/10, from 1/10 on, got '0/3'"),
+        ("three", "--part: expected a part such as 3/10, from 1/10 on, got 'three'"),
     ],
 )
 def test_parts_that_there_are_not(part, message, tmp_path, capsys):
@@ -95,12 +95,19 @@ def swap(folder):
     shutil.copy(folder.parent / "part-1" / "archive.npz", folder / "archive.npz")
 
 
+def unfinished(part):
+    hidden = part.with_name(f".{part.name}-unfinished")
+    (hidden / "files").mkdir(parents=True)
+    shutil.copytree(part, hidden / "kept")
+    shutil.rmtree(part)
+
+
 WRONG = {
     "one is missing": (lambda place: shutil.rmtree(place / "part-2"), "part-2: expected a part of a run, made by"),
-    "one is a whole run": (lambda place: settings(place / "part-2", part=None), "generate --part, got a whole one"),
+    "one is a whole run": (lambda place: settings(place / "part-2", part=None), "generate --part, got a whole run"),
     "one is not done": (
-        lambda place: (place / ".part-2-search" / "search").mkdir(parents=True),
-        "part-2: expected a part that is done, got one that the same command goes on with",
+        lambda place: unfinished(place / "part-2"),
+        "part-2: expected a complete part, got unfinished work; the same command completes it",
     ),
     "one is of other settings": (
         lambda place: settings(place / "part-2", seed=7),
@@ -166,7 +173,7 @@ def digests(place):
 
 def test_missing_parts_are_named(runs, tmp_path, capsys):
     assert main(["merge", str(runs / "part-2"), "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == "elitelanes: parts: expected all 2, got none of 1/2\n"
+    assert capsys.readouterr().err == "elitelanes: parts: expected all 2 parts, got all but 1/2\n"
     assert not list(tmp_path.iterdir())
 
 

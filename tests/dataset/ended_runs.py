@@ -76,7 +76,7 @@ def _end(child, records, count, wait, name):
 def main(out, runs, seed, *names):
     out, rng, said = Path(out), random.Random(int(seed)), Path(f"{out}.said")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # it may have been ignored, as nohup does
-    records, ended = out / ".unfinished" / "records", 0
+    records, ended = out.with_name(f".{out.name}-unfinished") / "kept" / "records", 0
     while ended < int(runs):
         there = sum(1 for _ in records.glob("*/[!.]*"))
         child = _fork(out, rng.randint(1, 8), said)

@@ -156,7 +156,7 @@ def test_what_is_wrong_with_a_camera_is_named(tmp_path):
         parse_viewpoints("rows=0")
     with pytest.raises(InputError, match="transforms: expected light, .* with a camera, .* got rotation"):
         DatasetSpec(camera=(), transforms=parse_transforms("rotation=20"))
-    with pytest.raises(InputError, match="tile_px: expected maps of at most 32766 pixels a side with a camera"):
+    with pytest.raises(InputError, match="size: expected maps of at most 32766 pixels a side"):
         DatasetSpec(camera=(), size=128, maps=1, split=(1, 0, 0))
     with pytest.raises(InputError, match="expected lanes to look from"):
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)

@@ -132,7 +132,7 @@ def test_plain_values_are_json(tmp_path):
         plain = json.loads(json.dumps(one.to_plain()))
         assert set(plain) == set(DatasetSpec.options())
         assert set(plain["search"]) == set(SearchSpec.options())
-        searched = SearchSpec(**plain.pop("search"))
+        searched = SearchSpec.from_plain(plain.pop("search"))
         transforms = plain.pop("transforms")
         back = DatasetSpec(**plain, search=searched)
         assert back.replace(transforms=one.transforms) == one

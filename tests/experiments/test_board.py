@@ -3,14 +3,14 @@
 import json
 from pathlib import Path
 
-import board
 import numpy as np
 import pytest
-from board_rows import ROWS, Found, Row
 
 from elitelanes_jax.benchmark.submissions import read_submission
 from elitelanes_jax.benchmark.tasks import find_task
 from elitelanes_jax.cli.main import main as command
+from experiments.search import board
+from experiments.search.board_rows import ROWS, Found, Row
 
 TASK = find_task("5x5A-10000")
 TUNING = Path(board.__file__).parent / "results" / "tuning"

@@ -5,12 +5,10 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from types import SimpleNamespace
 
-import certify
 import jax
 import numpy as np
 import pytest
 from certified import better_than_certified
-from check_archive import check, main, rescore
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from integer_programme import solve
@@ -18,6 +16,8 @@ from oracle import CERTIFICATES, fitness, measure
 
 import elitelanes_jax
 from elitelanes_jax.search.evolution import evolve
+from experiments.search import certify
+from experiments.search.check_archive import check, main, rescore
 
 RECORDS = {
     (one["height"], one["width"], one["fill"]): one for one in json.loads(CERTIFICATES.read_text())["certificates"]
@@ -200,8 +200,8 @@ def test_the_checker_says_when_a_certificate_is_wrong(archive, tmp_path, capsys)
     assert main([str(tmp_path / "wrong.json"), file, "--size", "5", "5"]) == 1
     told = capsys.readouterr().err.splitlines()
     assert [line.split(", got")[0] for line in told] == [
-        "check_archive.py: cyclomatic number 3: certified -54 at best",
-        "check_archive.py: cyclomatic number 4: certified no network",
+        "check_archive: cyclomatic number 3: certified -54 at best",
+        "check_archive: cyclomatic number 4: certified no network",
     ]
 
 

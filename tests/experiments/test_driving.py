@@ -1,11 +1,11 @@
 """The programs that measure driving: on a few maps, that they run and what they say."""
 
-import driving_speed
-import expert
 import numpy as np
 import pytest
 
 from elitelanes_jax.formats.duckietown import to_duckietown
+from experiments.navigation import expert
+from experiments.navigation import speed as driving_speed
 
 TOWN = np.array([[6, 7, 3], [12, 13, 9]])
 

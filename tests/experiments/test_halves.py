@@ -3,17 +3,39 @@
 import itertools
 from concurrent.futures import ThreadPoolExecutor
 
-import certify
 import numpy as np
 import pytest
-from check_archive import rescore
-from frontier import BESIDE_TURN, CROSSING, STRAIGHT, TURN, sweep
-from half_patterns import find_patterns
-from half_sweep import UNIT, find_highest, find_rests, make_half
-from half_worths import across, choose_worths, first_worths
-from halves import find_most_crossings, find_optimum
 
 from elitelanes_jax.benchmark.tasks import find_task
+from experiments.search import certify
+from experiments.search.check_archive import rescore
+from experiments.search.exact.duals import UNIT, choose_duals, edge_gains, first_duals
+from experiments.search.exact.graph import NEVER, carry_best, carry_counts, merge
+from experiments.search.exact.halves import cost_to_go, find_highest, make_half
+from experiments.search.exact.patterns import find_patterns
+from experiments.search.exact.proof import find_most_crossings, find_optimum
+from experiments.search.exact.sweep import sweep
+from experiments.search.exact.tiles import BESIDE_TURN, CROSSING, STRAIGHT, TURN, score_across
+
+
+def test_equal_states_are_one_node_and_values_are_carried_along_edges():
+    rng = np.random.default_rng(0)
+    rows = rng.integers(0, 3, (900, 2)).astype(np.uint64)
+    target, states = merge(rows)
+    np.testing.assert_array_equal(states[target], rows)
+    assert [tuple(state) for state in states] == list(dict.fromkeys(map(tuple, rows)))
+    source, gain = rng.integers(0, 40, 900).astype(np.int32), rng.integers(-9, 9, 900)
+    shift, values = rng.integers(0, 2, 900).astype(np.int8), rng.integers(0, 50, (40, 3))
+    values[rng.random(values.shape) < 0.9] = NEVER
+    best, way = carry_best(len(states), source, target, gain, shift, values)
+    counts = carry_counts(len(states), source, target, shift, np.maximum(values, 0))
+    for node, number in np.ndindex(best.shape):
+        edges = [edge for edge in np.flatnonzero(target == node) if number >= shift[edge]]
+        came = {edge: values[source[edge], number - shift[edge]] for edge in edges}
+        assert counts[node, number] == sum(max(value, 0) for value in came.values())
+        reached = {edge: value + gain[edge] for edge, value in came.items() if value != NEVER}
+        assert best[node, number] == max(reached.values(), default=NEVER)
+        assert not reached or way[node, number] == max(reached, key=reached.get)
 
 
 def two_halves(height, width, fill=True):
@@ -113,21 +135,25 @@ def test_the_highest_half_is_that_of_enumeration(shape, fill):
     draws = np.random.default_rng(0)
     worth, price = draws.integers(-9 * UNIT, 9 * UNIT, (shape[1], 16)), int(draws.integers(-5 * UNIT, 5 * UNIT))
     half = make_half(*shape, fill=fill)
-    value, score, crossings, labels = find_highest(half, worth, price)
-    assert value == enumerate_half(*shape, fill, worth, price) == find_rests(half, worth, price)[0][0]
-    assert value == UNIT * score + price * crossings + worth[np.arange(shape[1]), labels].sum()
+    gains = edge_gains(half, worth, price)
+    edges = find_highest(half, gains)
+    value = sum(int(gain[edge]) for gain, edge in zip(gains, edges, strict=True))
+    assert value == enumerate_half(*shape, fill, worth, price) == cost_to_go(half, gains)[0][0]
+    assert [layer.label[edge] >= 0 for layer, edge in zip(half.layers, edges, strict=True)] == (
+        ([False] * (shape[0] - 1) + [True]) * shape[1]
+    )
 
 
 @pytest.mark.parametrize(("height", "pattern"), [(6, None), (7, None), (6, 0b1000001), (7, 0b1001101)])
 def test_labels_that_fit_are_worth_enough(height, pattern):
     upper, lower = two_halves(height, 7)
     halves = (upper,) if upper is lower else (upper, lower)
-    worths = choose_worths(halves, 6, first_worths(halves), pattern, 0)
-    first, second = worths.labels[0], worths.labels[-1]
+    duals = choose_duals(halves, 6, first_duals(halves), pattern, 0)
+    first, second = duals.labels[0], duals.labels[-1]
     for one, other in np.ndindex(first.shape[1], first.shape[1]):
-        if across(one, other) >= 0:
+        if score_across(one, other) >= 0:
             linked = np.array([pattern is None or (pattern >> column & 1) == (one >= TURN) for column in range(7)])
-            assert (first[:, one] + second[:, other] >= UNIT * across(one, other))[linked].all()
+            assert (first[:, one] + second[:, other] >= UNIT * score_across(one, other))[linked].all()
 
 
 @pytest.mark.parametrize(
@@ -154,8 +180,8 @@ def test_no_pattern_of_a_network_is_left_out(size):
     halves = (upper,) if upper is lower else (upper, lower)
     for cyclomatic, optimum, grid in zip(task.cyclomatic.tolist(), task.optimum.tolist(), task.witnesses, strict=True):
         score, crossings = -optimum // 2 - cyclomatic, 2 * (cyclomatic - 1)
-        worths = choose_worths(halves, crossings, first_worths(halves), None, 0)
+        duals = choose_duals(halves, crossings, first_duals(halves), None, 0)
         linked = grid[task.shape[0] // 2 - 1] & 2 > 0
         pattern = min(sum(1 << place for place in np.flatnonzero(side).tolist()) for side in (linked, linked[::-1]))
         for target in (score, score - 1, score - 5, score - 20):
-            assert pattern in find_patterns(halves, worths, crossings, target, 10**7)
+            assert pattern in find_patterns(halves, duals, crossings, target, 10**7)

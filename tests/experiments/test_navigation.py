@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-navigation = pytest.importorskip("navigation", reason="matplotlib is not here", exc_type=ImportError)
+navigation = pytest.importorskip("experiments.navigation.study", reason="matplotlib is not here", exc_type=ImportError)
 pytest.importorskip("flax", reason="flax and optax are not here")
-import hard_maps  # noqa: E402
-import navigation_maps  # noqa: E402
-import navigation_results  # noqa: E402
-import navigation_tasks  # noqa: E402
-from navigation_answers import answers  # noqa: E402
-
 from elitelanes_jax.formats.duckietown import to_duckietown  # noqa: E402
 from elitelanes_jax.network.symmetry import canonical_form  # noqa: E402
+from experiments.navigation import hard_maps  # noqa: E402
+from experiments.navigation import maps as navigation_maps  # noqa: E402
+from experiments.navigation import outcomes as navigation_results  # noqa: E402
+from experiments.navigation import tasks as navigation_tasks  # noqa: E402
+from experiments.navigation.hypotheses import answers  # noqa: E402
 
 
 def made_up_runs():

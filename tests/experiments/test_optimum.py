@@ -1,9 +1,10 @@
-"""The yardsticks of experiments/optimum.py, and that it runs."""
+"""The baselines of experiments/search/optimum.py, and that it runs."""
 
 import numpy as np
-import optimum
 import pytest
 from oracle import fitness, measure
+
+from experiments.search import optimum
 
 
 @pytest.mark.parametrize("side", [8, 12, 16, 24])
@@ -23,7 +24,7 @@ def test_it_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
     command, evolve = ["--quick", "--out", str(tmp_path)], optimum.evolve
 
     def interrupted(*args, **setting):
-        if setting.get("method") == "gwo" and args[1] == (8, 8):
+        if setting["spec"].method == "gwo" and args[1] == (8, 8):
             raise KeyboardInterrupt
         return evolve(*args, **setting)
 

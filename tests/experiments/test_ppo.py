@@ -13,9 +13,10 @@ from elitelanes_jax.drive._levels import make_level
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive.lanes import Place
 
-ppo = pytest.importorskip("ppo", reason="flax and optax are not here", exc_type=ImportError)
-import drivers  # noqa: E402
+ppo = pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
 from flax import linen as nn  # noqa: E402
+
+from experiments.navigation import drivers  # noqa: E402
 
 
 class Levels(NamedTuple):

@@ -6,7 +6,13 @@ from types import SimpleNamespace
 import jax
 import numpy as np
 import pytest
-from realism import (
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.spec import SearchSpec
+from experiments.realism.study import (
     FEATURES,
     PEOPLE,
     SIZES,
@@ -20,12 +26,6 @@ from realism import (
     read_people,
     with_targets,
 )
-
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.spec import SearchSpec
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [12, 5, 5, 9]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

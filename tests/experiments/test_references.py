@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from realism import SIZES, shares
-from references import netgenerate_grid, netgenerate_rand, rasterised, use_map_utils
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.graph import tile_graph
 from elitelanes_jax.network.plain_metrics import plain_measure
+from experiments.realism.references import netgenerate_grid, netgenerate_rand, rasterised, use_map_utils
+from experiments.realism.study import SIZES, shares
 
 RING = [[6, 3], [12, 9]]
 

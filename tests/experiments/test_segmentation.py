@@ -6,19 +6,20 @@ import sys
 import jax
 import numpy as np
 import pytest
-import segmentation
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
-from training_sets import Condition, draw_maps, patterns, split_tiles, training_set
 
 from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.network.wfc import generate_batch
+from experiments.perception import segmentation
+from experiments.perception.throughput import main as throughput
+from experiments.perception.training_sets import Condition, draw_maps, patterns, split_tiles, training_set
 
-unet = pytest.importorskip("unet", reason="flax and optax are not here", exc_type=ImportError)
+unet = pytest.importorskip("experiments.perception.unet", reason="flax and optax are not here", exc_type=ImportError)
 
 
 def collapsed(count, seed, alphabet=range(3, 16)):
@@ -135,3 +136,11 @@ def test_it_runs_goes_on_and_comes_out_the_same(tmp_path, monkeypatch, capsys):
     assert [file.read_bytes() for file in files] == before
     assert segmentation.main([*arguments, "--seeds", "2"]) == 2
     assert "expected results of seeds 2, got some of 1" in capsys.readouterr().err
+
+
+def test_throughput_tells_the_time_of_each_step(capsys):
+    assert throughput(["--maps", "8", "--tile-px", "16"]) == 0
+    printed = capsys.readouterr().out
+    shares = [int(line.split("|")[3].strip(" %")) for line in printed.splitlines()[2:-2]]
+    assert len(shares) == 5 and abs(sum(shares[:-1]) - 100) <= 3
+    assert "8 maps, all processors:" in printed

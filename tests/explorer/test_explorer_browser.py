@@ -58,7 +58,7 @@ def run(place):
 def drawn(run):
     """The first map that the run wrote, and its place among the elites."""
     (shown, *_) = collect([run]).values["runs"][0]["maps"]
-    return read_map(run / "maps" / shown["name"] / "map.json"), shown["place"]
+    return read_map(run / "maps" / shown["name"] / "map.json"), shown["elite"]
 
 
 def a_ride(codes):
@@ -200,7 +200,7 @@ def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, place):
     assert own["values"]["Mean detour"] == f"{town.mean_detour / 1000:.2f}"
     assert own["values"]["Repetition"] == f"{town.repetition / 10:.1f} %"
     assert own["drawn"].replace("−", "-").replace(",", "") == str(elites.fitness[best] - 50 * corners[best])
-    assert own["left"] == "Corners: a search alone can measure it; the fitness here leaves it out."
+    assert own["left"] == "Corners: only a search can measure it; the fitness here leaves it out."
 
 
 def test_drawing(seen, place):

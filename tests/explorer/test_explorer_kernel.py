@@ -8,6 +8,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
+from kernel_cases import ALPHABET, CASES, WEIGHTS, kernel_cases
 
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.road_map import read_map
@@ -18,14 +19,10 @@ from elitelanes_jax.network.metrics import measure, stack_metrics
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.town_features import TownFeatures
-from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.kernels import measure_features
 
 HERE = Path(__file__).parent
 MODULE = HERE.parents[1] / "elitelanes_jax" / "explorer" / "static" / "explorer.js"
-
-ALPHABET = (0, 3, 5, 6, 7, 9, 10, 11, 12)
-WEIGHTS = Weights(turns=7, off_alphabet=-13, components=31, constant=5)
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="the kernel runs in Node")
 
@@ -114,3 +111,7 @@ def test_map_files_are_those_of_python(sample, made, tmp_path):
         else:
             assert one["yaml"] == to_duckietown(grid)
             assert one["again"] == grid.ravel().tolist()
+
+
+def test_the_cases_for_vitest_are_fresh():
+    assert CASES.read_text(encoding="utf-8") == kernel_cases(), "run: python tests/explorer/kernel_cases.py"

@@ -179,7 +179,7 @@ def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
         ("own", 1, 20),
         ("big", 1, 400),
     ]
-    assert own["extras"]["corners"]["array"][2] == 20 and own["weights"]["symmetry"] == -3
+    assert own["features"]["corners"]["array"][2] == 20 and own["weights"]["symmetry"] == -3
     assert big["history"]["best_fitness"]["array"][2] == big["history"]["steps"]
 
 

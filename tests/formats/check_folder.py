@@ -17,7 +17,7 @@ from sumo_drive import drive, read
 
 from elitelanes_jax._util.checks import one_of, path
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.optional_imports import import_optional
+from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say, warn

@@ -147,7 +147,7 @@ def test_no_file_is_replaced_before_all_are_written(tmp_path, small_files_only):
     nodes, edges, _ = plain_xml(RING)
     assert len(nodes) < len(edges)
     small_files_only(len(nodes))
-    with pytest.raises(InputError, match="city.nod.xml: expected a place that can be written to, got: file too large"):
+    with pytest.raises(InputError, match="city.nod.xml: expected a path that can be written to, got: file too large"):
         write_sumo(tmp_path / "new" / "city", RING)
     small_files_only(-1)
     assert tuple(file.read_text() for file in files) == plain_xml(KNOT)
@@ -219,9 +219,7 @@ def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
     assert convert(out / "city.xodr", KNOT, "opendrive") == ("Warning: hm",)
     assert [file.name for file in out.iterdir()] == ["city.xodr"]
     assert (out / "city.xodr").read_text() == plain_xml(KNOT).nodes
-    with pytest.raises(
-        InputError, match="city.xodr/a.xodr: expected a place that can be written to, got .*: not a dir"
-    ):
+    with pytest.raises(InputError, match="city.xodr/a.xodr: expected a path that can be written to, got .*: not a dir"):
         convert(out / "city.xodr" / "a.xodr", KNOT, "opendrive")
 
 

@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from corridors import serpentine, spiral
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -14,6 +13,7 @@ from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metri
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.symmetry import mirror, rotate
+from experiments.search.corridors import serpentine, spiral
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (33, 17), (20, 65)]
 

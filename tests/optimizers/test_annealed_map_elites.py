@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from check_archive import check, read_certificate
 from oracle import CERTIFICATES
 
 from elitelanes_jax.network.fitness import fitness
@@ -20,6 +19,7 @@ from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.evolution import evolve
+from experiments.search.check_archive import check, read_certificate
 
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 

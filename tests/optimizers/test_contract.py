@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from check_archive import check, read_certificate
 from oracle import CERTIFICATES
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
@@ -38,6 +37,7 @@ from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import advance, run, start
 from elitelanes_jax.problem.descriptor import compute_descriptor, niche_index, paper_axes
 from elitelanes_jax.problem.problem import road_problem
+from experiments.search.check_archive import check, read_certificate
 
 SHAPE = (5, 6)
 AXES = paper_axes(SHAPE)

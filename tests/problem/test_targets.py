@@ -1,7 +1,6 @@
 """Targets: how they are read, and that maps are chosen nearest to them."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ def test_targets_are_read_from_mappings_and_pairs_alike():
     assert parse_targets({"turn_share": [0.25, 0.5], "crossings": (0, 3)}) == parse_targets(TWO) == TWO
     assert parse_targets({"mine": [4]}, ["mine"]) == (ExampleValues("mine", (4.0,)),)
     spec = SearchSpec(targets=TWO)
-    assert SearchSpec(**json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.measured
+    assert SearchSpec.from_plain(json.loads(json.dumps(spec.to_plain()))) == spec and "symmetry" not in spec.measured
     assert SearchSpec(targets={"symmetry": [1]}).measured == ("symmetry",)
 
 
@@ -50,7 +49,7 @@ def test_targets_give_way_to_axes():
     assert SearchSpec(style="town").targets and not SearchSpec(style="town", axes="turns:5").targets
     assert not SearchSpec(style="town").replace(axes="turns:5").targets
     both = SearchSpec(style="town", axes="turns:5", targets=TWO)
-    assert both.targets == TWO and replace(both) == both
+    assert both.targets == TWO and both.replace() == both
 
 
 def energy(chosen, wanted):

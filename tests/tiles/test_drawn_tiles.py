@@ -10,7 +10,7 @@ import pytest
 
 from elitelanes_jax.tiles.tileset import default_tiles
 
-SCRIPT = Path(__file__).parents[2] / "experiments" / "draw_tiles.py"
+SCRIPT = Path(__file__).parents[2] / "experiments" / "perception" / "draw_tiles.py"
 CENTIMETRE = 384 / 60
 SIDES = {"N": 8, "E": 4, "S": 2, "W": 1}
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 from elitelanes_jax._util import progress
-from elitelanes_jax._util.progress import Loudness, Progress, announce, detail, reporting
+from elitelanes_jax._util.progress import Progress, Verbosity, announce, detail, reporting
 
 
 class Terminal(io.StringIO):
@@ -18,7 +18,7 @@ class Terminal(io.StringIO):
 @pytest.fixture
 def fast(monkeypatch):
     """A second is a hundredth of one."""
-    for name in ("_REDRAW", "_LINES", "_DELAY", "_TOLD"):
+    for name in ("_REDRAW", "_LINES", "_DELAY", "_SHORTEST"):
         monkeypatch.setattr(progress, name, getattr(progress, name) / 100)
 
 
@@ -79,7 +79,7 @@ def test_a_script_says_nothing_unless_it_is_asked_to(listen, fast):
 def test_a_commands_log_has_a_line_every_30_seconds_over_all_works(listen, monkeypatch):
     stream = listen(io.StringIO())
     monkeypatch.setattr(progress, "_LINES", 0.15)
-    with reporting(Loudness.NORMAL):
+    with reporting(Verbosity.NORMAL):
         announce("start")
         for _ in range(2):
             with Progress("digging"):
@@ -87,19 +87,19 @@ def test_a_commands_log_has_a_line_every_30_seconds_over_all_works(listen, monke
             with Progress("digging", shown=False):
                 pass
     assert stream.getvalue() == "start\ndigging, 0 s\n"
-    with reporting(Loudness.NORMAL):
+    with reporting(Verbosity.NORMAL):
         time.sleep(0.2)
     assert stream.getvalue().count("digging") == 1
 
 
 def test_a_quiet_command_says_nothing_and_a_verbose_one_tells_each_step(listen, fast):
     stream = listen(io.StringIO())
-    with reporting(Loudness.QUIET):
+    with reporting(Verbosity.QUIET):
         work()
         announce("start")
         detail("more")
     assert stream.getvalue() == ""
-    with reporting(Loudness.VERBOSE):
+    with reporting(Verbosity.VERBOSE):
         work()
         detail("more")
     lines = stream.getvalue().splitlines()
@@ -119,7 +119,7 @@ class Closed(Terminal):
 
 
 @pytest.mark.parametrize("stream", [lambda: None, Broken, Closed])
-@pytest.mark.parametrize("loud", Loudness)
+@pytest.mark.parametrize("loud", Verbosity)
 def test_work_goes_on_where_nobody_listens(stream, loud, listen, fast):
     listen(stream())
     with reporting(loud):

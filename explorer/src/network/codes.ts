@@ -1,18 +1,18 @@
-/** Tile codes: a bit for each side that a tile connects to, 8·N + 4·E + 2·S + 1·W. */
+/** Tile codes: the sum of 8 (north), 4 (east), 2 (south) and 1 (west) for the sides that a tile connects to. */
 
 export const NORTH = 8;
 export const EAST = 4;
 export const SOUTH = 2;
 export const WEST = 1;
 
-/** A grid of codes, row after row, north first. */
+/** A grid of codes, row by row, north first. */
 export interface Grid {
   readonly height: number;
   readonly width: number;
   readonly codes: Uint8Array;
 }
 
-/** The sides clockwise: the bit, the way to the neighbour there, the bit of the neighbour's side that faces it. */
+/** The sides clockwise: the bit, the step to the neighbour, and the bit of the neighbour's side that faces it. */
 export const SIDES = [
   { bit: NORTH, down: -1, right: 0, opposite: SOUTH, name: "north" },
   { bit: EAST, down: 0, right: 1, opposite: WEST, name: "east" },
@@ -21,9 +21,12 @@ export const SIDES = [
 ] as const;
 
 /** The number of connections of each code. */
-export const CONNECTIONS = Uint8Array.from({ length: 16 }, (_, code) => [8, 4, 2, 1].filter((bit) => code & bit).length);
+export const CONNECTIONS = Uint8Array.from(
+  { length: 16 },
+  (_, code) => [8, 4, 2, 1].filter((bit) => code & bit).length,
+);
 
-/** Whether each code is a turn: two connections on sides that meet. */
+/** 1 for each code that is a turn: two connections on neighbouring sides. */
 export const IS_TURN = Uint8Array.from({ length: 16 }, (_, code) => +[3, 6, 9, 12].includes(code));
 
 export const KIND_OF = Array.from({ length: 16 }, (_, code) => {
@@ -54,6 +57,8 @@ export function rowsOf(grid: Grid): number[][] {
 
 export function sameGrid(one: Grid, other: Grid): boolean {
   return (
-    one.height === other.height && one.width === other.width && one.codes.every((code, place) => code === other.codes[place])
+    one.height === other.height &&
+    one.width === other.width &&
+    one.codes.every((code, cell) => code === other.codes[cell])
   );
 }

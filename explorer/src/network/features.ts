@@ -1,10 +1,10 @@
-/** Features: the whole metrics, and shares in thousandths; niches of axes that cut them into bins. */
+/** Features of a grid, and the niches that they select. Shares are in thousandths. */
 import { COUNT_NAMES, type CountName } from "./measure";
 import { TOWN_NAMES, TOWN_PARTS, TOWN_RATIOS } from "./town";
 
 export const SHARE_UNIT = 1000;
 
-/** Each share: the metric that is counted, and the metrics whose sum it is a part of. */
+/** For each share, the metric above the line and the metrics whose sum is below it. */
 const SHARES: Readonly<Record<string, readonly [CountName, readonly CountName[]]>> = {
   straight_share: ["straights", ["tiles"]],
   turn_share: ["turns", ["tiles"]],
@@ -14,26 +14,27 @@ const SHARES: Readonly<Record<string, readonly [CountName, readonly CountName[]]
 
 export const FEATURES: readonly string[] = [...COUNT_NAMES, ...Object.keys(SHARES)];
 
-/** Tells whether a feature is a part of 1, kept in thousandths. */
+/** Returns whether a feature is a share, from 0 to 1, in thousandths. */
 export const isShare = (name: string): boolean => Object.hasOwn(SHARES, name) || TOWN_PARTS.includes(name);
 
-/** Returns the number that stands for 1 of a feature. */
+/** Returns 1000 for a feature in thousandths, and 1 for all others. */
 export const unitOf = (name: string): number => (isShare(name) || TOWN_RATIOS.includes(name) ? SHARE_UNIT : 1);
 
-/** Tells whether a feature is one of the package, which the command line knows; others are a search's own. */
-export const isOurs = (name: string): boolean => FEATURES.includes(name) || (TOWN_NAMES as readonly string[]).includes(name);
+/** Returns whether the package has a feature. All other features are kernels of a user. */
+export const isOurs = (name: string): boolean =>
+  FEATURES.includes(name) || (TOWN_NAMES as readonly string[]).includes(name);
 
-const COUNT_PLACE = Object.fromEntries(COUNT_NAMES.map((name, place) => [name, place])) as Record<CountName, number>;
+const COUNT_INDEX = Object.fromEntries(COUNT_NAMES.map((name, index) => [name, index])) as Record<CountName, number>;
 
-/** Returns a feature of the metrics that start at a place of a vector, a whole number. */
-export function feature(name: string, counts: ArrayLike<number>, start = 0): number {
+/** Returns a feature as a whole number, computed from the metrics that begin at index `start`. */
+export function feature(name: string, metrics: ArrayLike<number>, start = 0): number {
   const share = SHARES[name];
-  if (!share) return counts[start + COUNT_PLACE[name as CountName]];
-  const total = share[1].reduce((sum, part) => sum + counts[start + COUNT_PLACE[part]], 0);
-  return Math.floor((SHARE_UNIT * counts[start + COUNT_PLACE[share[0]]]) / Math.max(total, 1));
+  if (!share) return metrics[start + COUNT_INDEX[name as CountName]];
+  const total = share[1].reduce((sum, part) => sum + metrics[start + COUNT_INDEX[part]], 0);
+  return Math.floor((SHARE_UNIT * metrics[start + COUNT_INDEX[share[0]]]) / Math.max(total, 1));
 }
 
-/** One axis of the descriptor space: bins of equal width, the first and the last one open. */
+/** One axis of the descriptor space: bins of equal width, of which the first and the last are open. */
 export interface Axis {
   readonly metric: string;
   readonly bins: number;
@@ -46,32 +47,33 @@ export function binOf(axis: Axis, value: number): number {
   return Math.min(Math.max(Math.floor((value - axis.start) / axis.width), 0), axis.bins - 1);
 }
 
-/** Returns the index of the niche of a map with such features: the last axis runs fastest. */
+/** Returns the index of the niche that features select. The last axis runs fastest. */
 export function nicheOf(axes: readonly Axis[], value: (name: string) => number): number {
   return axes.reduce((niche, axis) => niche * axis.bins + binOf(axis, value(axis.metric)), 0);
 }
 
-/** Returns the bins on the axes of a niche. */
+/** Returns a niche's bin on each axis. */
 export function binsOf(axes: readonly Axis[], niche: number): number[] {
   const bins = axes.map(() => 0);
-  for (let place = axes.length - 1; place >= 0; place--) {
-    bins[place] = niche % axes[place].bins;
-    niche = Math.floor(niche / axes[place].bins);
+  for (let index = axes.length - 1; index >= 0; index--) {
+    bins[index] = niche % axes[index].bins;
+    niche = Math.floor(niche / axes[index].bins);
   }
   return bins;
 }
 
 export function nicheAt(axes: readonly Axis[], bins: readonly number[]): number {
-  return axes.reduce((niche, axis, place) => niche * axis.bins + bins[place], 0);
+  return axes.reduce((niche, axis, index) => niche * axis.bins + bins[index], 0);
 }
 
-/** Names the values in a bin, shares in per cent. */
+/** Writes the range of a bin. Shares are in per cent. */
 export function binName(axis: Axis, bin: number): string {
   const first = axis.start + bin * axis.width;
   const last = first + axis.width - 1;
   const open = bin === axis.bins - 1;
   if (unitOf(axis.metric) > 1 && !isShare(axis.metric)) return `${+(first / SHARE_UNIT).toFixed(2)}${open ? "+" : ""}`;
-  if (isShare(axis.metric)) return `${+((100 * first) / SHARE_UNIT).toFixed(1)}%${open && last < SHARE_UNIT - 1 ? "+" : ""}`;
+  if (isShare(axis.metric))
+    return `${+((100 * first) / SHARE_UNIT).toFixed(1)}%${open && last < SHARE_UNIT - 1 ? "+" : ""}`;
   if (open) return `${first}+`;
   return first === last ? `${first}` : `${first}–${last}`;
 }

@@ -1,4 +1,4 @@
-/** Files of maps: `map.json`, rows for `--fix`, and Duckietown's YAML. */
+/** Map files: `map.json`, rows for `--fix`, and Duckietown's YAML. */
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
 
 export class FileError extends Error {}
@@ -28,7 +28,7 @@ for (const kind of ["curve_left", "3way_left"]) {
   for (const side of Object.keys(TURNS)) TILE.set(CODE.get(`${kind}/${side}`)!, `${kind}/${side}`);
 }
 
-/** Returns the places of tiles that Duckietown has no kind for: those with one connection. */
+/** Counts the tiles with one connection, for which Duckietown has no kind. */
 export function stubs(grid: Grid): number {
   return grid.codes.reduce((count, code) => count + +(CONNECTIONS[code] === 1), 0);
 }
@@ -38,30 +38,36 @@ export function toDuckietown(grid: Grid): string {
   if (stubs(grid)) throw new FileError("Duckietown has no tile for a dead end; mend the map first");
   const kinds = rowsOf(grid).map((row) => row.map((code) => TILE.get(code) ?? "grass"));
   const width = Math.max(...kinds.flat().map((kind) => kind.length)) + 1;
-  const rows = kinds.map((row) => row.map((kind) => `${kind},`.padEnd(width + 1)).join("").replace(/[, ]+$/, ""));
+  const rows = kinds.map((row) =>
+    row
+      .map((kind) => `${kind},`.padEnd(width + 1))
+      .join("")
+      .replace(/[, ]+$/, ""),
+  );
   return `tile_size: ${TILE_SIZE}\ntiles:\n${rows.map((row) => `- [${row}]\n`).join("")}`;
 }
 
-/** Writes rows of codes as JSON, a row a line. */
+/** Writes rows as JSON, one row per line. */
 function table(rows: readonly (readonly unknown[])[], indent: string): string {
   return `[\n${rows.map((row) => `${indent}  [${row.map((cell) => JSON.stringify(cell)).join(", ")}]`).join(",\n")}\n${indent}]`;
 }
 
-/** Writes a map file as the package reads it: codes, metrics, fitness. */
+/** Writes a map file that the package reads. `more` has the fields beside the codes. */
 export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = {}): string {
   const lines = [
     `"format": "elitelanes map, version 1"`,
     `"shape": [${grid.height}, ${grid.width}]`,
     `"codes": ${table(rowsOf(grid), "  ")}`,
     ...Object.entries(more).map(([key, value]) => {
-      const rows = Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
+      const rows =
+        Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
       return `${JSON.stringify(key)}: ${rows}`;
     }),
   ];
   return `{\n  ${lines.join(",\n  ")}\n}\n`;
 }
 
-/** Writes what `--fix` takes: a code for each given cell, null for the others. */
+/** Writes rows for `--fix`: the code of each given cell, null for all others. */
 export function toFix(grid: Grid, given: ArrayLike<number>): string {
   return `${table(
     rowsOf(grid).map((row, y) => row.map((code, x) => (given[y * grid.width + x] ? code : null))),
@@ -83,7 +89,10 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   const listed = rows as unknown[][];
   checkSides(listed, name);
   for (const cell of listed.flat()) {
-    check(cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15), `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`);
+    check(
+      cell === null || (Number.isInteger(cell) && (cell as number) >= 0 && (cell as number) <= 15),
+      `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`,
+    );
   }
   const given = listed.flat().some((cell) => cell === null)
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
@@ -91,19 +100,24 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
   return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), given };
 }
 
-/** Reads Duckietown's YAML: its table of tiles, in brackets or as lists within a list. Messages begin with the file's name. */
+/** Reads the tiles of Duckietown's YAML, in brackets or as nested lists. Messages begin with `file`. */
 export function fromDuckietown(text: string, file = ""): Grid {
   const lines = text.split(/\r?\n/).map((line) => line.replace(/(^|\s)#.*$/, ""));
   const start = lines.findIndex((line) => /^tiles\s*:/.test(line));
   check(start >= 0, `${file}expected a Duckietown map, got no "tiles"`);
   const body = [lines[start].replace(/^tiles\s*:/, "")];
   for (const line of lines.slice(start + 1)) {
-    if (/^[^\s-]/.test(line) && !/^\]/.test(line)) break;
+    if (/^[^\s-]/.test(line) && !line.startsWith("]")) break;
     body.push(line);
   }
   const joined = body.join("\n");
   const rows = joined.includes("[")
-    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) => found[1].split(",").map((kind) => kind.trim()).filter(Boolean))
+    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) =>
+        found[1]
+          .split(",")
+          .map((kind) => kind.trim())
+          .filter(Boolean),
+      )
     : blockRows(body);
   check(rows.length > 0 && rows[0].length > 0, `${file}tiles: expected rows of kinds of tiles`);
   checkSides(rows, `${file}tiles`);
@@ -112,7 +126,10 @@ export function fromDuckietown(text: string, file = ""): Grid {
       row.map((kind, x) => {
         const plain = kind.replace(/^(["'])(.*)\1$/, "$2").replace(/\s*\/\s*/, "/");
         const code = CODE.get(plain);
-        if (code === undefined) throw new FileError(`${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`);
+        if (code === undefined)
+          throw new FileError(
+            `${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`,
+          );
         return code;
       }),
     ),

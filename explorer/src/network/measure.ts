@@ -1,8 +1,8 @@
-/** The metrics of one grid, equal to those of the Python package's `measure`. */
+/** The metrics and the fitness of one grid. */
 import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { countFaces } from "./faces";
 
-/** The whole metrics, in the order of the Python package's `COUNT_NAMES`. */
+/** The metrics that are whole numbers, in the order of Python's `COUNT_NAMES`. */
 export const COUNT_NAMES = [
   "components",
   "cyclomatic",
@@ -26,46 +26,65 @@ export const COUNT_NAMES = [
 ] as const;
 export type CountName = (typeof COUNT_NAMES)[number];
 
-/** All codes, as a mask of `measure`. */
+/** The mask of all codes. */
 export const ANY_CODE = 0xffff;
 
-/** Makes the mask of an alphabet: a bit for each code. */
+/** Returns the mask of an alphabet: a bit for each code. */
 export function alphabetMask(codes: readonly number[] | null): number {
   return codes === null ? ANY_CODE : codes.reduce((mask, code) => mask | (1 << code), 0);
 }
 
-/** Of each column, the length of the run of upright straights that has reached the row. */
+/** For each column, the length of the run of vertical straights that ends in the current row. */
 let upright = new Int32Array(64);
 
 /**
- * Measures one grid.
+ * Returns the metrics of one grid.
  *
- * @param alphabet the codes that `off_alphabet` lets pass, a bit for each
- * @param into where to write the metrics
- * @param start of them
+ * @param alphabet the mask of the codes that `off_alphabet` does not count
+ * @param into the array to write to
+ * @param start the index of the first metric
  */
-export function measure(grid: Grid, alphabet = ANY_CODE, into: Int32Array = new Int32Array(COUNT_NAMES.length), start = 0): Int32Array {
+export function measure(
+  grid: Grid,
+  alphabet = ANY_CODE,
+  into: Int32Array = new Int32Array(COUNT_NAMES.length),
+  start = 0,
+): Int32Array {
   const { height, width, codes } = grid;
-  let tiles = 0, edges = 0, deadEnds = 0, violations = 0, crossings = 0, crossingPairs = 0, crossingScore = 0;
-  let turnPairs = 0, crowded = 0, neighbours = 0, straights = 0, turns = 0, mismatches = 0, offAlphabet = 0, score = 0;
+  let tiles = 0;
+  let edges = 0;
+  let deadEnds = 0;
+  let violations = 0;
+  let crossings = 0;
+  let crossingPairs = 0;
+  let crossingScore = 0;
+  let turnPairs = 0;
+  let crowded = 0;
+  let neighbours = 0;
+  let straights = 0;
+  let turns = 0;
+  let mismatches = 0;
+  let offAlphabet = 0;
+  let score = 0;
   if (upright.length < width) upright = new Int32Array(width);
   upright.fill(0, 0, width);
-  for (let row = 0, place = 0; row < height; row++) {
+  for (let row = 0, cell = 0; row < height; row++) {
     let along = 0;
-    for (let column = 0; column < width; column++, place++) {
-      const code = codes[place];
+    for (let column = 0; column < width; column++, cell++) {
+      const code = codes[cell];
       const own = CONNECTIONS[code];
-      const east = column < width - 1 ? codes[place + 1] : -1;
-      const south = row < height - 1 ? codes[place + width] : -1;
+      const east = column < width - 1 ? codes[cell + 1] : -1;
+      const south = row < height - 1 ? codes[cell + width] : -1;
       offAlphabet += ~(alphabet >> code) & 1;
-      let returned = 0, outward = 0;
+      let returned = 0;
+      let outward = 0;
       if (code & NORTH) {
         if (row === 0) outward++;
-        else if (codes[place - width] & SOUTH) returned++;
+        else if (codes[cell - width] & SOUTH) returned++;
       }
       if (code & WEST) {
         if (column === 0) outward++;
-        else if (codes[place - 1] & EAST) returned++;
+        else if (codes[cell - 1] & EAST) returned++;
       }
       const crossing = own >= 3;
       const turn = IS_TURN[code] === 1;
@@ -142,16 +161,20 @@ export function measure(grid: Grid, alphabet = ANY_CODE, into: Int32Array = new 
   return into;
 }
 
-/** The amount that one unit of each metric adds to the fitness; of components, each beyond the first. */
+/** The amount that one unit of each metric adds to the fitness. The first component adds nothing. */
 export type Weights = Readonly<Record<string, number>>;
 
-/** Sums the metrics, and features beside them, by weight; lower is better. */
-export function fitness(counts: ArrayLike<number>, weights: Weights, extras: Readonly<Record<string, number>> = {}): number {
+/** Returns the weighted sum of metrics and features. Lower is better. */
+export function fitness(
+  metrics: ArrayLike<number>,
+  weights: Weights,
+  features: Readonly<Record<string, number>> = {},
+): number {
   let sum = weights.constant ?? 0;
-  COUNT_NAMES.forEach((name, place) => {
-    const units = name === "components" ? Math.max(counts[place] - 1, 0) : counts[place];
+  COUNT_NAMES.forEach((name, index) => {
+    const units = name === "components" ? Math.max(metrics[index] - 1, 0) : metrics[index];
     sum += (weights[name] ?? 0) * units;
   });
-  for (const [name, value] of Object.entries(extras)) sum += (weights[name] ?? 0) * value;
+  for (const [name, value] of Object.entries(features)) sum += (weights[name] ?? 0) * value;
   return sum;
 }

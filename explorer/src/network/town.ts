@@ -1,47 +1,86 @@
-/** The features of a town, equal to those of the Python package's `measure_town`: parts and ratios in thousandths. */
+/** The features of a town. Shares and ratios are in thousandths. */
 import { EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { findFaces } from "./faces";
 
-/** In the order of the Python package's `TownFeatures`. */
+/** The names, in the order of Python's `TownFeatures`. */
 export const TOWN_NAMES = [
-  "largest_block", "smallest_block", "mean_block", "block_spread", "small_blocks", "loops_per_tile", "longest_street",
-  "shortest_street", "mean_street", "border_share", "box_fill", "box_share", "box_length", "symmetry", "repetition",
-  "adjacent_turns_per_tile", "mean_detour",
+  "largest_block",
+  "smallest_block",
+  "mean_block",
+  "block_spread",
+  "small_blocks",
+  "loops_per_tile",
+  "longest_street",
+  "shortest_street",
+  "mean_street",
+  "border_share",
+  "box_fill",
+  "box_share",
+  "box_length",
+  "symmetry",
+  "repetition",
+  "adjacent_turns_per_tile",
+  "mean_detour",
 ] as const;
 export type TownName = (typeof TOWN_NAMES)[number];
 
-/** Those that are parts of 1, and those that are other ratios. */
-export const TOWN_PARTS: readonly string[] = ["small_blocks", "border_share", "box_fill", "box_share", "symmetry", "repetition"];
+/** The features that are shares, and the features that are ratios. */
+export const TOWN_PARTS: readonly string[] = [
+  "small_blocks",
+  "border_share",
+  "box_fill",
+  "box_share",
+  "symmetry",
+  "repetition",
+];
 export const TOWN_RATIOS: readonly string[] = [
-  "mean_block", "block_spread", "loops_per_tile", "mean_street", "box_length", "adjacent_turns_per_tile", "mean_detour",
+  "mean_block",
+  "block_spread",
+  "loops_per_tile",
+  "mean_street",
+  "box_length",
+  "adjacent_turns_per_tile",
+  "mean_detour",
 ];
 
-/** The longest sides of grids that Python measures, the latter with the mean detour. */
-const LONGEST = 128, LONGEST_DETOUR = 32;
+/** The longest sides that Python measures, without and with the mean detour. */
+const LONGEST = 128;
+const LONGEST_DETOUR = 32;
 
 const sum = (numbers: readonly number[]): number => numbers.reduce((total, one) => total + one, 0);
 const least = (numbers: readonly number[]): number => (numbers.length ? Math.min(...numbers) : 0);
 const thousandths = (part: number, whole: number): number => Math.floor((1000 * part) / Math.max(whole, 1));
 
-/** Measures a town; features that are not measured on maps of its size are missing. */
+/** Returns the features of a town, without features that are not defined for its size. */
 export function measureTown(grid: Grid): Partial<Record<TownName, number>> {
   const { height, width, codes } = grid;
   if (Math.max(height, width) > LONGEST) return {};
-  const areas = blockAreas(grid), area = sum(areas), blocks = areas.length;
+  const areas = blockAreas(grid);
+  const area = sum(areas);
+  const blocks = areas.length;
   const streets = streetLengths(grid);
   const tiles = codes.reduce((count, code) => count + +(code > 0), 0);
   const rows = range(height, (row) => codes.subarray(row * width, (row + 1) * width).some((code) => code > 0));
   const columns = range(width, (column) => range(height, (row) => codes[row * width + column] > 0).includes(true));
-  const north = rows.indexOf(true), south = rows.lastIndexOf(true), west = columns.indexOf(true), east = columns.lastIndexOf(true);
-  const high = tiles ? south - north + 1 : 0, wide = tiles ? east - west + 1 : 0;
-  let border = 0, turnPairs = 0;
+  const north = rows.indexOf(true);
+  const south = rows.lastIndexOf(true);
+  const west = columns.indexOf(true);
+  const east = columns.lastIndexOf(true);
+  const high = tiles ? south - north + 1 : 0;
+  const wide = tiles ? east - west + 1 : 0;
+  let border = 0;
+  let turnPairs = 0;
   const alike = [0, 0, 0];
-  codes.forEach((code, place) => {
-    const row = Math.floor(place / width), column = place % width;
+  codes.forEach((code, cell) => {
+    const row = Math.floor(cell / width);
+    const column = cell % width;
     if (code && (row === north || row === south || column === west || column === east)) border++;
-    if (IS_TURN[code]) turnPairs += +(column + 1 < width && IS_TURN[codes[place + 1]]) + +(row + 1 < height && IS_TURN[codes[place + width]]);
+    if (IS_TURN[code])
+      turnPairs +=
+        +(column + 1 < width && IS_TURN[codes[cell + 1]]) + +(row + 1 < height && IS_TURN[codes[cell + width]]);
     if (row < north || row > south || column < west || column > east) return;
-    const back = north + south - row, across = west + east - column;
+    const back = north + south - row;
+    const across = west + east - column;
     [back * width + column, row * width + across, back * width + across].forEach((image, kind) => {
       if (!codes[image] === !code) alike[kind]++;
     });
@@ -67,90 +106,102 @@ export function measureTown(grid: Grid): Partial<Record<TownName, number>> {
   };
 }
 
-function range<T>(count: number, make: (place: number) => T): T[] {
-  return Array.from({ length: count }, (_, place) => make(place));
+function range<T>(count: number, make: (index: number) => T): T[] {
+  return Array.from({ length: count }, (_, index) => make(index));
 }
 
-/** Returns how often each label is there; those below 0 are none. */
+/** Returns the number of times that each label occurs. Negative labels do not count. */
 function sizes(labels: Iterable<number>): number[] {
   const counts = new Map<number, number>();
   for (const label of labels) if (label >= 0) counts.set(label, (counts.get(label) ?? 0) + 1);
   return [...counts.values()];
 }
 
-/** Returns the area of each inner face: its corners between tiles. */
+/** Returns the area of each inner face: its number of corners. */
 function blockAreas(grid: Grid): number[] {
   return sizes(findFaces(grid).root.map((face) => face || -1));
 }
 
-/** Returns the places that each tile has a link to. */
+/** Returns the linked neighbours of each cell. */
 function neighboursOf({ height, width, codes }: Grid): number[][] {
   const found: number[][] = range(codes.length, () => []);
-  codes.forEach((code, place) => {
+  codes.forEach((code, cell) => {
     const pairs = [
-      [place % width < width - 1 && code & EAST && codes[place + 1] & WEST, place + 1],
-      [place < (height - 1) * width && code & SOUTH && codes[place + width] & NORTH, place + width],
+      [cell % width < width - 1 && code & EAST && codes[cell + 1] & WEST, cell + 1],
+      [cell < (height - 1) * width && code & SOUTH && codes[cell + width] & NORTH, cell + width],
     ] as const;
-    for (const [linked, other] of pairs) if (linked) found[place].push(other), found[other].push(place);
+    for (const [linked, other] of pairs) {
+      if (!linked) continue;
+      found[cell].push(other);
+      found[other].push(cell);
+    }
   });
   return found;
 }
 
-/** Returns the links of each street: links that tiles with two of them join. */
+/** Returns the number of links of each street. A street ends at a crossing or a dead end. */
 function streetLengths(grid: Grid): number[] {
   const neighbours = neighboursOf(grid);
   const seen = new Set<number>();
   const key = (one: number, other: number): number => Math.min(one, other) * grid.codes.length + Math.max(one, other);
   const lengths: number[] = [];
-  neighbours.forEach((others, start) => others.forEach((first) => {
-    if (seen.has(key(start, first))) return;
-    let length = 0;
-    const waiting: [number, number][] = [[start, first]];
-    while (waiting.length) {
-      const [one, other] = waiting.pop()!;
-      if (seen.has(key(one, other))) continue;
-      seen.add(key(one, other));
-      length++;
-      for (const end of [one, other]) if (neighbours[end].length === 2) waiting.push(...neighbours[end].map((next) => [end, next] as [number, number]));
-    }
-    lengths.push(length);
-  }));
+  neighbours.forEach((others, start) =>
+    others.forEach((first) => {
+      if (seen.has(key(start, first))) return;
+      let length = 0;
+      const waiting: [number, number][] = [[start, first]];
+      while (waiting.length) {
+        const [one, other] = waiting.pop()!;
+        if (seen.has(key(one, other))) continue;
+        seen.add(key(one, other));
+        length++;
+        for (const end of [one, other])
+          if (neighbours[end].length === 2)
+            waiting.push(...neighbours[end].map((next) => [end, next] as [number, number]));
+      }
+      lengths.push(length);
+    }),
+  );
   return lengths;
 }
 
-/** Counts the tiles whose neighbourhood of 3 x 3 cells some other tile has too; beyond the grid cells are empty. */
+/** Counts the tiles whose 3 x 3 cells equal another tile's. Cells outside the grid are empty. */
 function repeated({ height, width, codes }: Grid): number {
   const keys: number[] = [];
-  codes.forEach((code, place) => {
+  codes.forEach((code, cell) => {
     if (!code) return;
-    const row = Math.floor(place / width), column = place % width;
+    const row = Math.floor(cell / width);
+    const column = cell % width;
     let key = 0;
     for (let y = row - 1; y <= row + 1; y++) {
-      for (let x = column - 1; x <= column + 1; x++) key = key * 16 + (y >= 0 && y < height && x >= 0 && x < width ? codes[y * width + x] : 0);
+      for (let x = column - 1; x <= column + 1; x++)
+        key = key * 16 + (y >= 0 && y < height && x >= 0 && x < width ? codes[y * width + x] : 0);
     }
     keys.push(key);
   });
   return sum(sizes(keys).filter((count) => count > 1));
 }
 
-/** Sums the ways by road over all pairs of linked tiles, and divides by those on a full grid of streets. */
+/** Divides the lengths of all shortest ways by their lengths on a full grid of streets. */
 function meanDetour(grid: Grid): number {
   const { width, codes } = grid;
   const neighbours = neighboursOf(grid);
   const length = new Int32Array(codes.length);
   const queue = new Int32Array(codes.length);
-  let ways = 0, straight = 0;
+  let ways = 0;
+  let straight = 0;
   for (let start = 0; start < codes.length; start++) {
     length.fill(-1);
     length[start] = 0;
     queue[0] = start;
     for (let head = 0, tail = 1; head < tail; head++) {
-      const place = queue[head];
-      ways += length[place];
-      straight += Math.abs(Math.floor(place / width) - Math.floor(start / width)) + Math.abs((place % width) - (start % width));
-      for (const next of neighbours[place]) {
+      const cell = queue[head];
+      ways += length[cell];
+      straight +=
+        Math.abs(Math.floor(cell / width) - Math.floor(start / width)) + Math.abs((cell % width) - (start % width));
+      for (const next of neighbours[cell]) {
         if (length[next] >= 0) continue;
-        length[next] = length[place] + 1;
+        length[next] = length[cell] + 1;
         queue[tail++] = next;
       }
     }

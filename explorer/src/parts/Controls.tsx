@@ -9,7 +9,7 @@ interface ChoiceProps<T extends string> {
   readonly onChange: (value: T) => void;
 }
 
-/** A list to choose from. */
+/** A drop-down list. */
 export function Choice<T extends string>({ label, value, options, onChange }: ChoiceProps<T>) {
   return (
     <label class="choice">
@@ -26,11 +26,11 @@ export function Choice<T extends string>({ label, value, options, onChange }: Ch
 }
 
 interface SegmentsProps<T extends string> extends ChoiceProps<T> {
-  /** Whether the label is seen. */
+  /** Whether the label is visible. */
   readonly titled?: boolean;
 }
 
-/** A switch between a few. */
+/** A row of buttons, of which one is pressed. */
 export function Segments<T extends string>({ label, value, options, onChange, titled }: SegmentsProps<T>) {
   const buttons = (
     <div class="segments" role="group" aria-label={label}>
@@ -41,7 +41,14 @@ export function Segments<T extends string>({ label, value, options, onChange, ti
       ))}
     </div>
   );
-  return titled ? <div class="choice"><span aria-hidden="true">{label}</span>{buttons}</div> : buttons;
+  return titled ? (
+    <div class="choice">
+      <span aria-hidden="true">{label}</span>
+      {buttons}
+    </div>
+  ) : (
+    buttons
+  );
 }
 
 interface SwitchProps {
@@ -53,7 +60,7 @@ interface SwitchProps {
   readonly children: ComponentChildren;
 }
 
-/** A switch that stays as it is pressed. */
+/** A button that is on or off. */
 export function Switch({ on, onChange, colour, count, title, children }: SwitchProps) {
   return (
     <button type="button" class="switch" aria-pressed={on} title={title} onClick={() => onChange(!on)}>
@@ -68,7 +75,7 @@ export function toggled<T>(list: readonly T[], item: T, on: boolean): readonly T
   return on ? [...list.filter((other) => other !== item), item] : list.filter((other) => other !== item);
 }
 
-/** Brings what was opened to where it is seen: on narrow screens it stands elsewhere. */
+/** Scrolls to an element that is not visible, as on narrow screens. */
 export function reveal(part: RefObject<HTMLElement | null>): void {
   const { top, bottom } = part.current!.getBoundingClientRect();
   if (bottom < 60 || top > innerHeight - 60) part.current!.scrollIntoView({ block: "start" });

@@ -17,7 +17,14 @@ export function Gallery({ elites, open, onOpen, caption }: Props) {
     const buttons = [...list.querySelectorAll("button")];
     const now = buttons.indexOf(document.activeElement as HTMLButtonElement);
     const columns = buttons.filter((button) => button.offsetTop === buttons[0].offsetTop).length;
-    const by = { ArrowLeft: -1, ArrowRight: 1, ArrowUp: -columns, ArrowDown: columns, Home: -now, End: buttons.length - 1 - now }[event.key];
+    const by = {
+      ArrowLeft: -1,
+      ArrowRight: 1,
+      ArrowUp: -columns,
+      ArrowDown: columns,
+      Home: -now,
+      End: buttons.length - 1 - now,
+    }[event.key];
     if (by === undefined) return;
     event.preventDefault();
     buttons[now + by]?.focus();
@@ -26,7 +33,12 @@ export function Gallery({ elites, open, onOpen, caption }: Props) {
     <ul class="gallery" onKeyDown={keys}>
       {elites.map((elite) => (
         <li key={elite}>
-          <button type="button" aria-pressed={elite === open} tabIndex={elite === entry ? 0 : -1} onClick={() => onOpen(elite)}>
+          <button
+            type="button"
+            aria-pressed={elite === open}
+            tabIndex={elite === entry ? 0 : -1}
+            onClick={() => onOpen(elite)}
+          >
             <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
             <span>{caption(elite)}</span>
           </button>

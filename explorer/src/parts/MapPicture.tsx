@@ -1,4 +1,4 @@
-/** A map as vectors, or with tile pictures and their layers, with what is laid over it. */
+/** A map as lines or with tile pictures, and overlays. */
 import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
 import { mapShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
@@ -13,14 +13,22 @@ interface Props {
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
-  /** What else lies over the map. */
+  /** More shapes over the map. */
   readonly above?: readonly Shape[];
 }
 
 const NO_OVERLAYS: readonly Overlay[] = [];
 
-/** Draws a map as wide as its place. */
-export function MapPicture({ grid, label, pictures = null, look = "lines", blend, overlays = NO_OVERLAYS, above }: Props) {
+/** Draws a map as wide as the element around it. */
+export function MapPicture({
+  grid,
+  label,
+  pictures = null,
+  look = "lines",
+  blend,
+  overlays = NO_OVERLAYS,
+  above,
+}: Props) {
   const { data, tiles } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
   useEffect(() => {
@@ -28,13 +36,19 @@ export function MapPicture({ grid, label, pictures = null, look = "lines", blend
     const { context, scale } = clear(grid);
     if (look === "tiles" && tiles) {
       context.imageSmoothingQuality = "high";
-      context.drawImage(paintTiles(grid, data, tiles, pictures, blend ?? { image: 1 }), 0, 0, canvas.current!.width, canvas.current!.height);
+      context.drawImage(
+        paintTiles(grid, data, tiles, pictures, blend ?? { image: 1 }),
+        0,
+        0,
+        canvas.current!.width,
+        canvas.current!.height,
+      );
     } else {
       paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
     if (above) paint(context, { shapes: above, texts: [] }, scale);
-  }, [grid, width, look, tiles, pictures, JSON.stringify(blend), overlays.join(), above]);
+  }, [grid, width, look, tiles, pictures, blend, overlays, above, data, canvas, clear]);
   return (
     <canvas
       ref={canvas}

@@ -1,4 +1,4 @@
-/** The metrics of a map beside the quantiles of a run. */
+/** The metrics of a map, each next to the quantiles of its run. */
 import { quantile, quantileOf, type Run } from "../data";
 import { useMemo, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
@@ -7,10 +7,17 @@ import { feature, FEATURES } from "../network/features";
 import { measureTown, TOWN_NAMES } from "../network/town";
 import { nameOf, valueText, WORDS } from "../words";
 
-/** The metrics that are shown at first; the rest is folded away. */
+/** The metrics that are not folded away. */
 const FIRST = [
-  "cyclomatic", "components", "dead_ends", "bridges", "crossings", "adjacent_crossings", "adjacent_turns",
-  "straight_score", "coverage",
+  "cyclomatic",
+  "components",
+  "dead_ends",
+  "bridges",
+  "crossings",
+  "adjacent_crossings",
+  "adjacent_turns",
+  "straight_score",
+  "coverage",
 ];
 
 const NONE = new Float64Array(0);
@@ -18,25 +25,27 @@ const NONE = new Float64Array(0);
 interface Props {
   readonly run: Run;
   readonly grid: Grid;
-  readonly counts: ArrayLike<number>;
+  readonly metrics: ArrayLike<number>;
   readonly fitness: number;
   readonly above?: number;
-  /** Features beside the metrics; not a number where a search alone can measure one. */
-  readonly extras?: Readonly<Record<string, number>>;
+  /** Features beside the metrics, NaN if the page cannot measure one. */
+  readonly features?: Readonly<Record<string, number>>;
 }
 
-export function Metrics({ run, grid, counts, fitness, above, extras = {} }: Props) {
+export function Metrics({ run, grid, metrics, fitness, above, features = {} }: Props) {
   const value = (name: string): number =>
-    name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : (extras[name] ?? feature(name, counts));
-  const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST, ...Object.keys(extras)];
+    name === "fitness" ? fitness : name === "above_floor" ? (above ?? NaN) : (features[name] ?? feature(name, metrics));
+  const first = ["fitness", ...(above === undefined ? [] : ["above_floor"]), ...FIRST, ...Object.keys(features)];
   const rest = FEATURES.filter((name) => !FIRST.includes(name));
   const shown = useShown();
-  const rows = (names: readonly string[]) => names.map((name) => <Row key={name} run={run} name={name} value={value(name)} beside={shown} />);
+  const rows = (names: readonly string[]) =>
+    names.map((name) => <Row key={name} run={run} name={name} value={value(name)} beside={shown} />);
   return (
     <div class="metrics">
       {run.count > 1 && (
         <p class="note">
-          Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run, its dark part the middle half; the dot is this map.
+          Each bar spans 90 % of the {run.count.toLocaleString("en")} maps of this run. Its dark part spans the middle
+          half. The dot is this map.
         </p>
       )}
       <table>
@@ -48,12 +57,12 @@ export function Metrics({ run, grid, counts, fitness, above, extras = {} }: Prop
           <tbody>{rows(rest)}</tbody>
         </table>
       </details>
-      <Town run={run} grid={grid} shown={Object.keys(extras)} />
+      <Town run={run} grid={grid} shown={Object.keys(features)} />
     </div>
   );
 }
 
-/** The features of a town that are not shown yet; measured once they are looked at. */
+/** The features of a town that are not shown above. They are measured when they are opened. */
 function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; readonly shown: readonly string[] }) {
   const [open, setOpen] = useState(false);
   const town = useMemo(() => (open ? measureTown(grid) : {}), [grid, open]);
@@ -62,7 +71,15 @@ function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; re
   return (
     <details onToggle={(event) => setOpen(event.currentTarget.open)}>
       <summary>As a town</summary>
-      {open && <table><tbody>{names.map((name) => <Row key={name} run={run} name={name} value={town[name] ?? NaN} beside />)}</tbody></table>}
+      {open && (
+        <table>
+          <tbody>
+            {names.map((name) => (
+              <Row key={name} run={run} name={name} value={town[name] ?? NaN} beside />
+            ))}
+          </tbody>
+        </table>
+      )}
     </details>
   );
 }
@@ -71,7 +88,7 @@ interface RowProps {
   readonly run: Run;
   readonly name: string;
   readonly value: number;
-  /** Whether the run's quantiles stand beside it. */
+  /** Whether the run's quantiles are shown. */
   readonly beside: boolean;
 }
 
@@ -82,14 +99,25 @@ function Row({ run, name, value, beside }: RowProps) {
     <tr title={WORDS[name]?.meaning}>
       <th scope="row">{nameOf(name)}</th>
       <td class="value">{valueText(name, value)}</td>
-      <td class="strip">{sorted.length > 1 && <Strip sorted={sorted} value={value} label={`more than ${share} % of the maps`} />}</td>
+      <td class="strip">
+        {sorted.length > 1 && <Strip sorted={sorted} value={value} label={`more than ${share} % of the maps`} />}
+      </td>
     </tr>
   );
 }
 
-/** A strip from the least to the most, with quantiles and the value's dot. */
-function Strip({ sorted, value, label }: { readonly sorted: Float64Array; readonly value: number; readonly label: string }) {
-  const low = Math.min(sorted[0], value), high = Math.max(sorted[sorted.length - 1], value);
+/** A strip from the lowest to the highest value, with quantiles and a dot for one value. */
+function Strip({
+  sorted,
+  value,
+  label,
+}: {
+  readonly sorted: Float64Array;
+  readonly value: number;
+  readonly label: string;
+}) {
+  const low = Math.min(sorted[0], value);
+  const high = Math.max(sorted[sorted.length - 1], value);
   const x = (number: number) => 4 + (high > low ? (92 * (number - low)) / (high - low) : 46);
   const [least, quarter, middle, three, most] = [0.05, 0.25, 0.5, 0.75, 0.95].map((part) => x(quantile(sorted, part)));
   return (

@@ -1,17 +1,17 @@
-/** How wide a place is, and a canvas as wide as its place, with the pixels of the screen. */
+/** The width of an element, and a canvas that fills its width at the resolution of the screen. */
 import type { RefObject } from "preact";
-import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { useCallback, useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
 
 interface Fitted {
   readonly canvas: RefObject<HTMLCanvasElement | null>;
-  /** In pixels of the page, 0 until it is laid out. */
+  /** The width in pixels of the page, 0 before layout. */
   readonly width: number;
-  /** Clears the canvas for a map, and returns what to draw with: pixels of the screen a cell, and one of the page. */
+  /** Clears the canvas for a map. `scale` is screen pixels per cell, `ratio` screen pixels per page pixel. */
   readonly clear: (grid: Grid) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
 }
 
-/** Tells whether a part has been on the screen: what it can do without at first may come then. */
+/** Returns false for the first frame, so that slow parts appear after it. */
 export function useShown(): boolean {
   const [shown, setShown] = useState(false);
   useEffect(() => {
@@ -21,7 +21,7 @@ export function useShown(): boolean {
   return shown;
 }
 
-/** Returns the width of an element in pixels of the page, 0 until it is laid out. */
+/** Returns the width of an element in pixels of the page, 0 before layout. */
 export function useWidth(element: RefObject<HTMLElement | null>): number {
   const [width, setWidth] = useState(0);
   useLayoutEffect(() => {
@@ -30,19 +30,22 @@ export function useWidth(element: RefObject<HTMLElement | null>): number {
     observer.observe(element.current!);
     measure();
     return () => observer.disconnect();
-  }, []);
+  }, [element]);
   return width;
 }
 
 export function useFittedCanvas(): Fitted {
   const canvas = useRef<HTMLCanvasElement>(null);
   const width = useWidth(canvas);
-  const clear = (grid: Grid) => {
-    const ratio = window.devicePixelRatio || 1;
-    const scale = (width * ratio) / grid.width;
-    canvas.current!.width = Math.round(grid.width * scale);
-    canvas.current!.height = Math.round(grid.height * scale);
-    return { context: canvas.current!.getContext("2d")!, scale, ratio };
-  };
+  const clear = useCallback(
+    (grid: Grid) => {
+      const ratio = window.devicePixelRatio || 1;
+      const scale = (width * ratio) / grid.width;
+      canvas.current!.width = Math.round(grid.width * scale);
+      canvas.current!.height = Math.round(grid.height * scale);
+      return { context: canvas.current!.getContext("2d")!, scale, ratio };
+    },
+    [width],
+  );
   return { canvas, width, clear };
 }

@@ -1,4 +1,4 @@
-/** All maps of a run: filtered by ranges of any quantity, sorted, opened, saved as a selection. */
+/** All maps of a run, filtered by ranges and sorted. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import type { Run } from "../data";
@@ -11,11 +11,20 @@ import { listOf } from "../record";
 import { whereText, type Ranges } from "../state";
 import { nameOf, number, valueText } from "../words";
 
-const FIRST = ["cyclomatic", "crossings", "bridges", "adjacent_crossings", "adjacent_turns", "dead_ends", "components", "straight_share"];
+const FIRST = [
+  "cyclomatic",
+  "crossings",
+  "bridges",
+  "adjacent_crossings",
+  "adjacent_turns",
+  "dead_ends",
+  "components",
+  "straight_share",
+];
 const PAGE = 48;
 const BARS = 32;
 
-/** Returns the elites whose quantities are all in their ranges. */
+/** Returns the elites that are in all ranges. */
 export function within(run: Run, ranges: Ranges): Int32Array {
   const columns = Object.entries(ranges)
     .filter(([name]) => run.quantities.includes(name))
@@ -36,18 +45,17 @@ export function Maps() {
   const among = useMemo(() => within(run, view.where), [run, view.where]);
   const kept = useMemo(() => {
     const column = run.column(sort);
-    const written = new Set(run.maps.map((map) => map.place));
+    const written = new Set(run.maps.map((map) => map.elite));
     const sign = view.descending ? -1 : 1;
     const value = (elite: number) => (Number.isNaN(column[elite]) ? Infinity : sign * column[elite]);
-    return [...among].filter((elite) => !chosen || written.has(elite)).sort((one, other) => value(one) - value(other) || one - other);
+    return [...among]
+      .filter((elite) => !chosen || written.has(elite))
+      .sort((one, other) => value(one) - value(other) || one - other);
   }, [run, among, chosen, sort, view.descending]);
   const open = view.map !== null && view.map < run.count ? view.map : (kept[0] ?? -1);
-  const first = [...new Set([...run.axes.map((axis) => axis.metric), ...run.extras.keys(), ...FIRST])];
+  const first = [...new Set([...run.axes.map((axis) => axis.metric), ...run.features.keys(), ...FIRST])];
   const rest = run.quantities.filter((name) => !first.includes(name));
-  const where = whereText(
-    Object.fromEntries(Object.entries(view.where).filter(([name]) => isOurs(name))),
-    unitOf,
-  );
+  const where = whereText(Object.fromEntries(Object.entries(view.where).filter(([name]) => isOurs(name))), unitOf);
   const unsaid = Object.keys(view.where).filter((name) => run.quantities.includes(name) && !isOurs(name));
   const copy = async () => {
     try {
@@ -58,11 +66,18 @@ export function Maps() {
     }
   };
   const range = (name: string) => (
-    <Range key={name} run={run} name={name} among={among} value={view.where[name]} onChange={(value) => {
-      const { [name]: _, ...others } = view.where;
-      show({ where: value ? { ...others, [name]: value } : others });
-      setShown(PAGE);
-    }} />
+    <Range
+      key={name}
+      run={run}
+      name={name}
+      among={among}
+      value={view.where[name]}
+      onChange={(value) => {
+        const others = Object.entries(view.where).filter(([other]) => other !== name);
+        show({ where: Object.fromEntries(value ? [...others, [name, value]] : others) });
+        setShown(PAGE);
+      }}
+    />
   );
   return (
     <div class="split three">
@@ -76,30 +91,72 @@ export function Maps() {
       </section>
       <section class="panel" aria-label="Maps">
         <div class="bar">
-          <p class="count" aria-live="polite"><b>{number(kept.length)}</b> of {number(run.count)} maps</p>
-          <Choice label="Sort by" value={sort} options={quantityOptions(run.quantities)} onChange={(sort) => show({ sort })} />
-          <Switch on={view.descending} onChange={(descending) => show({ descending })}>Descending</Switch>
+          <p class="count" aria-live="polite">
+            <b>{number(kept.length)}</b> of {number(run.count)} maps
+          </p>
+          <Choice
+            label="Sort by"
+            value={sort}
+            options={quantityOptions(run.quantities)}
+            onChange={(sort) => show({ sort })}
+          />
+          <Switch on={view.descending} onChange={(descending) => show({ descending })}>
+            Descending
+          </Switch>
           {run.maps.length > 0 && run.maps.length < run.count && (
-            <Switch on={chosen} count={run.maps.length} onChange={setChosen} title="the maps that the run chose and wrote">Chosen</Switch>
+            <Switch
+              on={chosen}
+              count={run.maps.length}
+              onChange={setChosen}
+              title="only maps that the run wrote to its folder"
+            >
+              Chosen
+            </Switch>
           )}
         </div>
         <div class="bar">
           <code class="where">{where ? `--where ${where}` : "no ranges: all maps"}</code>
-          <button type="button" disabled={!where} onClick={() => void copy()}>Copy</button>
-          <button type="button" disabled={!Object.keys(view.where).length} onClick={() => show({ where: {} })}>Clear</button>
-          <button type="button" disabled={!kept.length} onClick={() => save("selection.json", listOf(run, kept), "application/json")}>Save the list</button>
+          <button type="button" disabled={!where} onClick={() => void copy()}>
+            Copy
+          </button>
+          <button type="button" disabled={!Object.keys(view.where).length} onClick={() => show({ where: {} })}>
+            Clear
+          </button>
+          <button
+            type="button"
+            disabled={!kept.length}
+            onClick={() => save("selection.json", listOf(run, kept), "application/json")}
+          >
+            Save the list
+          </button>
         </div>
-        {unsaid.length > 0 && <p class="note">{unsaid.map(nameOf).join(", ")}: not in the text, as --where does not take {unsaid.length > 1 ? "them" : "it"}.</p>}
+        {unsaid.length > 0 && (
+          <p class="note">
+            {unsaid.map(nameOf).join(", ")}: not in the text, as --where does not take{" "}
+            {unsaid.length > 1 ? "them" : "it"}.
+          </p>
+        )}
         <Gallery
           elites={kept.slice(0, shown)}
           open={open}
           onOpen={(map) => (show({ map, niche: null }), reveal(detail))}
-          caption={(elite) => run.labels?.[elite].split("/").slice(-2).join("/") ?? `${nameOf(sort)} ${valueText(sort, run.column(sort)[elite])}`}
+          caption={(elite) =>
+            run.labels?.[elite].split("/").slice(-2).join("/") ??
+            `${nameOf(sort)} ${valueText(sort, run.column(sort)[elite])}`
+          }
         />
-        {kept.length > shown && <button type="button" onClick={() => setShown(shown + 2 * PAGE)}>Show more</button>}
+        {kept.length > shown && (
+          <button type="button" onClick={() => setShown(shown + 2 * PAGE)}>
+            Show more
+          </button>
+        )}
         {!kept.length && <p class="note">No map is in all ranges.</p>}
       </section>
-      {open >= 0 && <div class="panel side" ref={detail}><Detail elite={open} /></div>}
+      {open >= 0 && (
+        <div class="panel side" ref={detail}>
+          <Detail elite={open} />
+        </div>
+      )}
     </div>
   );
 }
@@ -112,27 +169,40 @@ interface RangeProps {
   readonly onChange: (value: readonly [number, number] | null) => void;
 }
 
-/** A slider with two handles below the counts of all maps and of those in all ranges. */
+/** A slider with two handles. Bars above it count all maps, and the maps in all ranges. */
 function Range({ run, name, among, value, onChange }: RangeProps) {
   const sorted = run.sorted(name);
-  const least = sorted[0] ?? 0, most = sorted[sorted.length - 1] ?? 0;
-  // Each bar counts as many values as all others, so that none is high for its width.
+  const least = sorted[0] ?? 0;
+  const most = sorted[sorted.length - 1] ?? 0;
+  // Each bar covers the same number of values: otherwise a wider bar would be higher.
   const step = Math.ceil((most - least + 1) / BARS);
   const wide = Math.min(step, (most - least) / 12);
-  const bars = useMemo(() => histogram(sorted, least, most, step), [run, name]);
+  const bars = useMemo(() => histogram(sorted, least, most, step), [sorted, least, most, step]);
   const kept = useMemo(() => {
     const column = run.column(name);
-    return histogram(Float64Array.from(among, (elite) => column[elite]), least, most, step);
-  }, [run, name, among]);
-  const low = Math.max(value?.[0] ?? least, least), high = Math.min(value?.[1] ?? most, most);
+    return histogram(
+      Float64Array.from(among, (elite) => column[elite]),
+      least,
+      most,
+      step,
+    );
+  }, [run, name, among, least, most, step]);
+  const low = Math.max(value?.[0] ?? least, least);
+  const high = Math.min(value?.[1] ?? most, most);
   const tallest = Math.max(...bars);
-  const set = (from: number, to: number) => onChange(from <= least && to >= most ? null : [from <= least ? -Infinity : from, to >= most ? Infinity : to]);
+  const set = (from: number, to: number) =>
+    onChange(from <= least && to >= most ? null : [from <= least ? -Infinity : from, to >= most ? Infinity : to]);
   const single = least === most;
-  const columns = (kind: string, counts: readonly number[]) => counts.map((count, place) => {
-    const high = 10 * Math.sqrt(count / tallest); // few maps remain to be seen beside many
-    const middle = Math.min(place * step + (step - 1) / 2, most - least);
-    return count > 0 && <rect key={place} class={kind} x={middle - 0.42 * wide} width={0.84 * wide} y={10 - high} height={high} />;
-  });
+  const columns = (kind: string, counts: readonly number[]) =>
+    counts.map((count, bar) => {
+      const high = 10 * Math.sqrt(count / tallest); // a bar of few maps stays visible
+      const middle = Math.min(bar * step + (step - 1) / 2, most - least);
+      return (
+        count > 0 && (
+          <rect key={bar} class={kind} x={middle - 0.42 * wide} width={0.84 * wide} y={10 - high} height={high} />
+        )
+      );
+    });
   return (
     <div class="range">
       <div class="words">
@@ -145,9 +215,30 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
             {columns("all", bars)}
             {columns("kept", kept)}
           </svg>
-          <div class="two" style={{ "--low": `${(100 * (low - least)) / (most - least)}%`, "--high": `${(100 * (high - least)) / (most - least)}%` }}>
-            <input type="range" class={low > (least + most) / 2 ? "front" : ""} min={least} max={most} value={low} aria-label={`least ${nameOf(name)}`} onInput={(event) => set(Math.min(Number(event.currentTarget.value), high), high)} />
-            <input type="range" min={least} max={most} value={high} aria-label={`most ${nameOf(name)}`} onInput={(event) => set(low, Math.max(Number(event.currentTarget.value), low))} />
+          <div
+            class="two"
+            style={{
+              "--low": `${(100 * (low - least)) / (most - least)}%`,
+              "--high": `${(100 * (high - least)) / (most - least)}%`,
+            }}
+          >
+            <input
+              type="range"
+              class={low > (least + most) / 2 ? "front" : ""}
+              min={least}
+              max={most}
+              value={low}
+              aria-label={`least ${nameOf(name)}`}
+              onInput={(event) => set(Math.min(Number(event.currentTarget.value), high), high)}
+            />
+            <input
+              type="range"
+              min={least}
+              max={most}
+              value={high}
+              aria-label={`most ${nameOf(name)}`}
+              onInput={(event) => set(low, Math.max(Number(event.currentTarget.value), low))}
+            />
           </div>
         </>
       )}
@@ -160,4 +251,3 @@ function histogram(values: Float64Array, least: number, most: number, step: numb
   for (const value of values) if (!Number.isNaN(value)) bars[Math.floor((value - least) / step)]++;
   return bars;
 }
-

@@ -1,0 +1,116 @@
+"""Files that are read up to a size limit, and written whole or not at all."""
+
+import errno
+import json
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NoReturn
+
+from elitelanes_jax._util.checks import check_unique
+from elitelanes_jax._util.errors import InputError, reason
+from elitelanes_jax._util.types import Plain
+
+KIB, MIB = 2**10, 2**20
+"""Bytes in a kibibyte and in a mebibyte."""
+
+
+def read_bytes(file: str | Path, limit: int) -> bytes:
+    """Reads a file of at most `limit` bytes, so that no file takes more memory.
+
+    Raises:
+      InputError: if the file is larger; the message names the file.
+      OSError: if it cannot be read.
+    """
+    with Path(file).open("rb") as stream:
+        content = stream.read(limit + 1)
+    if len(content) > limit:
+        size = f"{limit / MIB:g} MiB" if limit >= MIB else f"{limit / KIB:g} KiB"
+        raise InputError(f"{file}: expected a file of at most {size}, got a larger one")
+    return content
+
+
+def read_text(file: str | Path, limit: int) -> str:
+    """Reads a file as UTF-8, without a byte order mark; see `read_bytes`.
+
+    Raises:
+      UnicodeDecodeError: if it is not UTF-8.
+    """
+    return read_bytes(file, limit).decode("utf-8-sig")
+
+
+def read_json(file: str | Path, limit: int = 32 * MIB) -> Plain:
+    """Reads a file of JSON; see `read_text` and `parse_json` for the limits and errors."""
+    return parse_json(read_text(file, limit))
+
+
+def parse_json(text: str) -> Plain:
+    """Parses JSON, strictly.
+
+    Raises:
+      InputError: if an object has a key twice, or a number is NaN or infinite, which JSON has not.
+      ValueError: if the text is not JSON.
+      RecursionError: if it is nested too deeply.
+    """
+    return json.loads(text, object_pairs_hook=_object, parse_constant=_refuse)
+
+
+def _object(pairs: Sequence[tuple[str, Plain]]) -> dict[str, Plain]:
+    check_unique("JSON", "key", [key for key, _ in pairs])
+    return dict(pairs)
+
+
+def _refuse(number: str) -> NoReturn:
+    raise InputError(f"JSON: expected numbers, got {number}")
+
+
+@contextmanager
+def new_file(file: Path) -> Iterator[Path]:
+    """Provides a path next to a file for the block to write to; at the end it is renamed to the file.
+
+    A reader finds the whole file or none, even after a kill. Two processes may write the same file at once.
+
+    Args:
+      file: missing folders are made; an existing file is replaced.
+
+    Raises:
+      OSError: that names `file`, if it cannot be written; no part of it is left.
+    """
+    part = file.with_name(f".{file.stem}-{os.urandom(4).hex()}.part{file.suffix}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        yield part
+        part.replace(file)
+    except OSError as error:
+        if error.filename not in (None, str(part)) and not file.is_relative_to(error.filename):
+            raise  # the block wrote another file
+        if isinstance(error, FileExistsError):  # a parent folder's name is a file's
+            error = NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
+        raise OSError(error.errno, error.strerror, str(file)) from None
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def write_atomic(file: Path, content: bytes | Iterable[bytes]) -> None:
+    """Writes bytes, or an iterable of them, as `new_file` does."""
+    with new_file(file) as part, part.open("wb") as stream:
+        stream.writelines([content] if isinstance(content, bytes) else content)
+
+
+def write_json(file: Path, values: Plain) -> None:
+    """Writes values as JSON, as `new_file` does."""
+    write_atomic(file, json.dumps(values, indent=2).encode() + b"\n")
+
+
+def check_new(file: Path) -> None:
+    """Raises `InputError` if a file of this name exists."""
+    if file.exists():
+        raise InputError(f"{file}: expected a new file, got an existing one")
+
+
+def unwritable_error(path: str | Path, error: OSError) -> InputError:
+    """Returns the error that says why nothing can be written to a path."""
+    got = f" {error.filename}" if error.filename else ""
+    return InputError(f"{path}: expected a path that can be written to, got{got}: {reason(error)}")

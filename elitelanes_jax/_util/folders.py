@@ -1,0 +1,332 @@
+"""Output folders that are complete or not there, made by work that can be killed at any moment and resumed.
+
+Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``:
+
+- ``lock`` is held by the process that works. The system releases it when the process ends.
+- ``settings.json`` says what the work depends on.
+- ``kept`` is what the next run resumes from.
+- ``files`` are the files so far. At the end the folder is renamed to the output folder.
+
+An output folder that exists may be a mount or the folder of a shell, so it is not replaced by another one. Instead,
+``files`` is renamed to ``ready``, the old entries are moved out of the output folder, and the new entries are moved in.
+If the process is killed in between, the next run does the rest.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import read_json, unwritable_error, write_json
+from elitelanes_jax._util.types import Plain
+
+_LOCK, _SETTINGS, _KEPT, _FILES = "lock", "settings.json", "kept", "files"
+_READY, _REPLACED, _MOVING = "ready", "replaced", "moving"
+_INSIDE = ".unfinished"  # the name of the hidden folder where it has to be in the output folder
+
+
+class Unfinished(NamedTuple):
+    """The folders of unfinished work.
+
+    Attributes:
+      files: a folder for the files; it becomes the output folder.
+      kept: a folder for what the next run resumes from; it is deleted when the output folder is complete.
+    """
+
+    files: Path
+    kept: Path
+
+
+@contextmanager
+def output_folder(
+    out: str | Path,
+    settings: Mapping[str, Plain],
+    *,
+    inputs: Iterable[str | Path] = (),
+    foreign: Callable[[Path], str | None] | None = None,
+    force: bool = False,
+    resume_files: bool = False,
+) -> Iterator[Unfinished]:
+    """Provides folders to work in. When the block ends, its files are the output folder.
+
+    If the block raises an error, the output folder stays as it was. The work stays for the next run if there is
+    anything in `kept`, and after a kill. Only one process at a time works for an output folder.
+
+    Args:
+      out: the output folder, new or empty.
+      settings: what the work depends on, plain values for JSON. Work is resumed only with equal settings.
+      inputs: paths that the work reads. A folder that contains one of them is not replaced.
+      foreign: returns the first file in a folder that no earlier run wrote, or another reason not to replace the
+        folder, and None if it may be replaced.
+      force: whether a folder is replaced if `foreign` returns None, and unfinished work with other settings deleted.
+      resume_files: whether the work resumes with the files of an earlier run; by default it starts without files.
+
+    Raises:
+      InputError: if the folder is a file, is not empty and may not be replaced, or cannot be written to; if there is
+        unfinished work with other settings, or another process works for the folder.
+      OSError: of the block. It names a file as if it were in the output folder already.
+    """
+    asked, out = out, Path(os.path.realpath(out))
+    hidden = _hidden(out)
+    work = Unfinished(hidden / _FILES, hidden / _KEPT)
+    missing, done = [parent for parent in out.parents if not parent.exists()], False
+    try:
+        with locked(hidden, asked):
+            _settle(hidden, out)
+            _check_replaceable(asked, out, hidden, inputs, foreign, force)
+            _resume(asked, hidden, settings, force, resume_files)
+            try:
+                yield work
+                _check_replaceable(asked, out, hidden, inputs, foreign, force)
+                _move(hidden, out)
+                done = True
+            finally:
+                if done or not _has_work(hidden):
+                    _clear(hidden, _LOCK)
+                elif not resume_files:
+                    _clear(work.files)
+    except OSError as error:
+        if error.errno is None:  # not of the system
+            raise
+        file = str(error.filename or asked).replace(str(work.files), str(asked))
+        raise OSError(error.errno, error.strerror, file) from None
+    finally:
+        for folder in (hidden, *([] if done else missing)):  # the deepest first
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+
+
+def has_unfinished(out: str | Path) -> bool:
+    """Returns whether there is unfinished work for a folder that the next run resumes."""
+    return _has_work(_hidden(Path(os.path.realpath(out))))
+
+
+def settle(out: str | Path) -> None:
+    """Moves the rest of the files of an output folder if a run was killed while it moved them."""
+    out = Path(os.path.realpath(out))
+    hidden = _hidden(out)
+    if hidden.is_dir():
+        with suppress(InputError), locked(hidden, out):  # another process that holds it does the rest
+            _settle(hidden, out)
+        with suppress(OSError):  # there is other work
+            hidden.rmdir()
+
+
+@contextmanager
+def locked(folder: Path, asked: str | Path) -> Iterator[None]:
+    """Locks a folder, so that one process at a time works in it.
+
+    A folder that was made for this is removed at the end if it is empty.
+
+    Args:
+      folder: made if it does not exist.
+      asked: the path that the user named, for messages.
+
+    Raises:
+      InputError: if another process works in the folder, or it cannot be written to.
+    """
+    from filelock import FileLock, Timeout  # it takes 50 ms to load
+
+    new, lock = not folder.exists(), FileLock(folder / _LOCK)
+    try:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            lock.acquire(blocking=False)
+        except Timeout:
+            raise InputError(f"{asked}: expected no other run at work in it, got one") from None
+        except OSError as error:
+            raise unwritable_error(asked, error) from None
+        yield
+    finally:
+        with suppress(OSError, Timeout):
+            if folder.is_dir():
+                lock.acquire(blocking=False)  # an interruption may have come between the file and its lock
+                with suppress(OSError):  # Windows deletes no open file; there the release deletes it
+                    (folder / _LOCK).unlink()
+                lock.release(force=True)
+        if new:
+            with suppress(OSError):  # it is not empty
+                folder.rmdir()
+
+
+def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plain], hint: str) -> None:
+    """Compares settings with those in a file.
+
+    Args:
+      folder: whose settings they are, for messages.
+      file: JSON, the earlier settings.
+      settings: those of now, plain values for JSON.
+      hint: what to do if they differ, the end of the message.
+
+    Raises:
+      InputError: that names the first setting that differs.
+    """
+    try:
+        earlier = read_json(file)
+    except (OSError, ValueError, RecursionError):
+        earlier = None
+    if not isinstance(earlier, dict):
+        raise InputError(f"{folder}: expected settings of an earlier run in {file}, got none; {hint}")
+    earlier = {name: earlier.get(name) for name in settings}
+    if (difference := first_difference(json.loads(json.dumps(settings)), earlier)) is not None:
+        name, mine, found = difference
+        raise InputError(f"{folder}: expected results with {name} {mine!r}, got results with {found!r}; {hint}")
+
+
+def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tuple[str, Plain, Plain] | None:
+    """Returns the name and both values of the first difference between tables, or between tables in them."""
+    for name in {**one, **other}:
+        mine, found = one.get(name), other.get(name)
+        if isinstance(mine, Mapping) and isinstance(found, Mapping):
+            if (within := first_difference(mine, found)) is not None:
+                return within
+        elif mine != found:
+            return name, mine, found
+    return None
+
+
+def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
+    """Checks that no input is in a folder that is to be replaced, with symbolic links followed.
+
+    Raises:
+      InputError: that names the first input in the folder.
+    """
+    for path in inputs:
+        if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            raise InputError(f"{folder}: expected a folder to replace that contains no input, got one with {path}")
+
+
+def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
+    """Returns the first file below a folder that is not an own file, in the order of names; None without one.
+
+    Args:
+      folder: to look through; a symbolic link in it is not an own file.
+      own: takes a path relative to the folder, with slashes, and returns whether the file is an own file.
+    """
+    for place, names, files in os.walk(folder):
+        names[:] = sorted(name for name in names if name != _INSIDE)
+        links = [name for name in names if (Path(place) / name).is_symlink()]
+        for name in sorted([*files, *links]):
+            path = Path(place, name)
+            relative = path.relative_to(folder).as_posix()
+            if path.is_symlink() or not own(relative):
+                return relative
+    return None
+
+
+def remove(path: Path) -> None:
+    """Removes a file, or a folder with everything in it, if it exists."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _hidden(out: Path) -> Path:
+    """Returns the hidden folder: next to the output folder, or in it if nothing can be moved in from next to it."""
+    inside = out.is_dir() and (os.path.ismount(out) or not os.access(out.parent, os.W_OK))
+    return out / _INSIDE if inside else out.with_name(f".{out.name}-unfinished")
+
+
+def _check_replaceable(
+    asked: str | Path,
+    out: Path,
+    hidden: Path,
+    inputs: Iterable[str | Path],
+    foreign: Callable[[Path], str | None] | None,
+    force: bool,
+) -> None:
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{asked}: expected a folder that is new or empty, got a file")
+    if not out.exists() or all(entry == hidden for entry in out.iterdir()):
+        return
+    found = foreign and foreign(out)
+    if force and found:
+        raise InputError(f"{asked}: expected a folder with files of an earlier run alone, got one with {found}")
+    if not force or foreign is None:
+        hint = "; --force replaces it" if foreign and not found else ""
+        raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
+    check_apart(asked, inputs)
+
+
+def _has_work(hidden: Path) -> bool:
+    kept = (path for path in (hidden / _KEPT).rglob("*") if path.is_file() and path.name != _LOCK)
+    return (hidden / _FILES).is_dir() and any(True for _ in kept)
+
+
+def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool) -> None:
+    """Makes the folders of the work, with what an earlier run with equal settings left."""
+    files, kept = hidden / _FILES, hidden / _KEPT
+    same = _has_work(hidden)
+    if same:
+        try:
+            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden} to start anew")
+        except InputError:
+            if not force:
+                raise
+            same = False
+    if not same:
+        _clear(hidden, _LOCK)
+    write_json(hidden / _SETTINGS, settings)
+    for folder in (files, kept):
+        folder.mkdir(exist_ok=True)
+    if not resume_files:
+        _clear(files)
+    for part in files.rglob(".*.part*"):  # a kill left it
+        part.unlink()
+
+
+def _move(hidden: Path, out: Path) -> None:
+    """Moves the files to the output folder, or leaves everything as it was and raises an error."""
+    if not out.exists():
+        (hidden / _FILES).rename(out)
+        return
+    done: list[tuple[Path, Path]] = []
+    try:
+        for source, target in _moves(hidden, out):
+            source.rename(target)
+            done.append((source, target))
+    except BaseException:
+        for source, target in reversed(done):
+            target.rename(source)
+        raise
+
+
+def _moves(hidden: Path, out: Path) -> Iterator[tuple[Path, Path]]:
+    """Yields what is left to rename, one after the other, until the files are in an output folder that exists.
+
+    The names of the folders say which step is next, so that this works after a kill too.
+    """
+    files, ready, replaced, moving = (hidden / name for name in (_FILES, _READY, _REPLACED, _MOVING))
+    if files.exists():
+        yield files, ready
+    if ready.exists():
+        replaced.mkdir(exist_ok=True)
+        for entry in sorted(out.iterdir()):
+            if entry != hidden:
+                yield entry, replaced / entry.name
+        yield ready, moving
+    if moving.exists():
+        for entry in sorted(moving.iterdir()):
+            yield entry, out / entry.name
+
+
+def _settle(hidden: Path, out: Path) -> None:
+    """Does the rest of a run that was killed after its files were complete."""
+    if not (hidden / _FILES).exists():
+        if (hidden / _READY).exists() or (hidden / _MOVING).exists():
+            out.mkdir(parents=True, exist_ok=True)
+        for source, target in _moves(hidden, out):
+            source.rename(target)
+        _clear(hidden, _LOCK)
+
+
+def _clear(folder: Path, but: str = "") -> None:
+    """Removes everything in a folder except an entry with a name."""
+    for entry in folder.iterdir():
+        if entry.name != but:
+            remove(entry)

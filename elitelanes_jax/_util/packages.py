@@ -1,0 +1,44 @@
+"""The versions of this package and of others, and imports of packages that may not be installed."""
+
+import platform
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from types import ModuleType
+
+from elitelanes_jax._util.errors import MissingPackageError
+
+__version__ = "0.1.0"
+
+# The names of packages with OpenCV; the first one that is installed counts.
+_OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python-headless", "opencv-contrib-python")
+
+
+def installed_versions() -> dict[str, str]:
+    """Returns the versions that results depend on, by name."""
+    found = {"elitelanes_jax": __version__, "python": platform.python_version()}
+    found |= {name: version(name) for name in ("jax", "jaxlib", "numpy")}
+    return found | {"opencv": next(filter(None, map(_version, _OPENCV)), "unknown")}
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
+    """Imports a module that may not be installed.
+
+    Args:
+      module: its name.
+      need: says what needs the module; it ends with the package's name.
+      package: what to install; by default the module's name.
+
+    Raises:
+      MissingPackageError: if it is not installed; the message says how to install it.
+    """
+    try:
+        return import_module(module)
+    except ImportError:
+        raise MissingPackageError(f"{need}: pip install {package or module}") from None

@@ -1,0 +1,98 @@
+"""Calls in threads, and the number of the processor's cores to work on."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from queue import SimpleQueue
+from threading import Thread
+from typing import TypeVar
+
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.types import Untyped
+
+T = TypeVar("T")
+
+_limit: int | None = None
+
+
+def use_cores(count: int) -> None:
+    """Limits searches and drawing in this process to a number of the processor's cores, from the next call on.
+
+    Results are the same. JAX's own settings stay as they are.
+
+    Raises:
+      InputError: for a number under 1.
+    """
+    global _limit
+    _limit = check_named("cores", whole(1), count)
+
+
+def count_cores() -> int:
+    """Returns the number of cores to work on: those that this process may use, up to the limit of `use_cores`."""
+    known = hasattr(os, "sched_getaffinity")  # not on macOS and Windows
+    cores = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
+    return min(cores, _limit or cores)
+
+
+def side_by_side(
+    calls: Iterable[Callable[[], T]],
+    *,
+    workers: int | None = None,
+    ended: Callable[[T], object] | None = None,
+    wait: bool = True,
+) -> list[T]:
+    """Calls functions in threads. Returns what they return, in order.
+
+    A call starts as soon as the iterable yields it and a thread is free. An error or an interruption is raised when
+    the running calls have ended; the others are not started.
+
+    This thread waits at a `SimpleQueue`, because an interruption leaves that intact. A lock written in Python, as in
+    `concurrent.futures`, may stay locked if the interruption comes between acquire and release.
+
+    Args:
+      calls: the functions.
+      workers: the number of threads; by default one for each call.
+      ended: called in this thread with each value as soon as it is there.
+      wait: whether an interruption waits for the running calls.
+    """
+    if wait and ended is None and isinstance(calls, Sequence) and len(calls) == 1:
+        return [calls[0]()]
+    jobs: SimpleQueue[tuple[int, Callable[[], T]] | None] = SimpleQueue()
+    outcomes: SimpleQueue[tuple[int, Untyped, BaseException | None]] = SimpleQueue()
+    stopped = False
+
+    def work() -> None:
+        while (job := jobs.get()) is not None and not stopped:
+            index, call = job
+            try:
+                outcomes.put((index, call(), None))
+            except BaseException as error:
+                outcomes.put((index, None, error))
+
+    threads: list[Thread] = []
+    values: dict[int, T] = {}
+    count, joins = 0, True
+    try:
+        for count, call in enumerate(calls, start=1):
+            if workers is None or len(threads) < workers:
+                # The interpreter crashes if it ends while a daemon thread compiles.
+                threads.append(Thread(target=work, daemon=wait))
+                threads[-1].start()
+            jobs.put((count - 1, call))
+        for _ in range(count):
+            index, value, error = outcomes.get()
+            if error is not None:
+                raise error
+            values[index] = value
+            if ended is not None:
+                ended(value)
+    except KeyboardInterrupt:
+        joins = wait
+        raise
+    finally:
+        stopped = True
+        for _ in threads:
+            jobs.put(None)
+        for thread in threads if joins else ():
+            if thread.is_alive():  # a thread whose start was interrupted is not
+                thread.join()
+    return [values[index] for index in range(count)]

@@ -1,0 +1,44 @@
+"""Digests of functions of the user: of their jaxprs, with all constants."""
+
+import re
+import sys
+from collections.abc import Callable, Iterator
+from hashlib import sha256
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.extend import core
+
+from elitelanes_jax._util.types import Pytree
+
+
+def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
+    """Returns 16 hexadecimal digits, the same in every process for functions with the same jaxpr and constants.
+
+    Calls outside of JAX, such as callbacks, are not seen.
+
+    Args:
+      function: a pure function that JAX can trace.
+      *arguments: for the function, or their shapes and dtypes.
+    """
+    closed = jax.make_jaxpr(function)(*arguments)
+    with np.printoptions(threshold=sys.maxsize):
+        text = re.sub(r"\bat 0x[0-9a-f]+", "", str(closed))
+    parts = sha256(text.encode())
+    for constant in _constants(closed):
+        parts.update(constant)
+    return parts.hexdigest()[:16]
+
+
+def _constants(closed: core.ClosedJaxpr) -> Iterator[bytes]:
+    """Yields the constants of a jaxpr and of those in it, of which its text has only the shapes."""
+    for constant in closed.consts:
+        is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
+        yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()
+    for equation in closed.jaxpr.eqns:
+        for inner in jax.tree.leaves(equation.params):
+            if isinstance(inner, core.ClosedJaxpr):
+                yield from _constants(inner)
+            elif isinstance(inner, core.Jaxpr):
+                yield from _constants(core.ClosedJaxpr(inner, ()))

@@ -1,0 +1,1 @@
+"""Driving: what drivers learn from maps."""

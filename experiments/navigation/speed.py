@@ -1,0 +1,200 @@
+"""The speed of the environments and of the camera on one core, beside others that are installed.
+
+python -m experiments.navigation.speed [--quick] [--duckietown PYTHON]
+
+A thousand environments step at once and start anew, on one of 10,000 maps of 12 x 12 tiles, where an episode ends.
+Seconds are those of the one core that this process is pinned to; those of compiling and of OpenGL, by the clock.
+Peers do the same with their own episodes in the same process, if they can be imported (pip install gymnax jaxued):
+Gymnax' CartPole, and JaxUED's maze with a reset as JaxUED's wrapper has it. PYTHON is an interpreter that imports
+gym_duckietown, which draws frame after frame with OpenGL, without a display. It needs an environment of its own:
+
+pip install duckietown-gym-daffy "numpy<1.24" "pyglet<2"
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib import import_module
+from typing import Any
+
+if __name__ == "__main__":  # before JAX starts its threads
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.cli.arguments import Parser
+from elitelanes_jax.cli.program import guarded, leave, say
+from elitelanes_jax.drive import (
+    Camera,
+    Environment,
+    LaneDrive,
+    LaneDriveParams,
+    Pose,
+    RoadNav,
+    RoadNavParams,
+    Sight,
+    auto_reset,
+    look_around,
+    make_levels,
+    make_sight,
+)
+from elitelanes_jax.tiles import load_tiles, scale_tiles
+
+__all__ = ["main"]
+
+SHAPE, TILE_PX = (12, 12), 64
+ROWS, COLUMNS = 48, 64
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser(prog="driving_speed.py", description="Measures how fast environments and the camera are.")
+    parser.add_argument("--quick", action="store_true", help="few environments, maps and steps, to see that it runs")
+    parser.add_argument("--duckietown", metavar="PYTHON", help="an interpreter that imports gym_duckietown")
+    options = parser.parse_args(arguments)
+    return guarded("driving_speed", lambda: _measure(options), interrupted="no more was measured")
+
+
+def _measure(options: argparse.Namespace) -> int:
+    count, batch, steps = (32, 16, 8) if options.quick else (10_000, 1024, 200)
+    grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
+    levels = make_levels(jax.random.key(1), grids)
+    say("| | steps or frames a second | compiled in |\n|---|---:|---:|")
+    road, lane = RoadNavParams(levels, window=5), LaneDriveParams(levels)
+    _row("RoadNav, window 5 x 5", batch, steps, *_of_ours(RoadNav, road, _turn))
+    _row("LaneDrive, lane poses", batch, steps, *_of_ours(LaneDrive, lane, _steer))
+    _row("LaneDrive, lane poses, without resets", batch, steps, *_of_ours(LaneDrive, lane, _steer, resets=False))
+    tiles = load_tiles()
+    scaled = scale_tiles(tiles, TILE_PX)
+    sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, Camera(rows=ROWS, columns=COLUMNS))
+    _row("camera 64 x 48 with labels", batch, max(steps // 20, 2), *_of_the_camera(grids[:batch], sight))
+    for name, peer in (("Gymnax CartPole", _cart_pole), ("JaxUED maze", _maze)):
+        try:
+            made = peer()
+        except ImportError as error:
+            say(f"| {name} | {error} | |")
+            continue
+        _row(name, batch, steps, *made)
+    if options.duckietown:
+        say(f"| gym-duckietown, 64 x 48 | {_gym_duckietown(options.duckietown, steps)} | |")
+    return 0
+
+
+Program = tuple[Callable[..., Any], Callable[..., Any]]
+"""From keys to a batch of states, and from these, with keys, to the next states and what a learner reads of them."""
+
+
+def _row(name: str, batch: int, steps: int, begin: Callable[..., Any], step: Callable[..., Any]) -> None:
+    state = jax.jit(begin)(jax.random.split(jax.random.key(2), batch))
+
+    @jax.jit
+    def run(key: Any, state: Any) -> Any:
+        def go(carry: Any, key: Any) -> Any:
+            state, total = carry
+            state, seen = step(jax.random.split(key, batch), state)
+            # All that is seen is read, so that none of it is left out.
+            return (state, total + sum(part.astype(jnp.float32).sum() for part in jax.tree.leaves(seen))), None
+
+        return jax.lax.scan(go, (state, jnp.float32(0)), jax.random.split(key, steps))[0]
+
+    began = time.perf_counter()
+    compiled = run.lower(jax.random.key(0), state).compile()
+    compiling, spent = time.perf_counter() - began, []
+    for number in range(7):
+        began = time.process_time()
+        state, _ = jax.block_until_ready(compiled(jax.random.key(number), state))
+        spent.append(time.process_time() - began)
+    say(f"| {name} | {batch * steps / np.median(spent[1:]):,.0f} | {compiling:.1f} s |")
+
+
+def _turn(keys: Any, state: Any) -> Any:
+    return (jax.random.key_data(keys)[:, 0] % 3).astype(jnp.int32)
+
+
+def _steer(keys: Any, state: Any) -> Any:
+    return jnp.stack([0.4 - 2 * state.d, 0.4 + 2 * state.d], axis=-1)
+
+
+def _of_ours(environment: Environment, params: Any, act: Callable[..., Any], *, resets: bool = True) -> Program:
+    stepping = auto_reset(environment) if resets else environment
+
+    def step(keys: Any, state: Any) -> Any:
+        done = jax.vmap(stepping.step, in_axes=(0, 0, 0, None))(keys, state, act(keys, state), params)
+        return done.state, (done.observation, done.reward, done.terminated, done.truncated)
+
+    return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
+
+
+def _of_the_camera(grids: Any, sight: Sight) -> Program:
+    def begin(keys: Any) -> Any:
+        return jax.vmap(partial(jax.random.uniform, shape=(3,)))(keys) * jnp.array([*SHAPE, 6.0])
+
+    def step(keys: Any, poses: Any) -> Any:
+        views = jax.vmap(lambda pose, grid: look_around(Pose(*pose), grid, sight))(poses, grids)
+        return (poses + 0.013) % 12, views
+
+    return begin, step
+
+
+def _cart_pole() -> Program:
+    environment, params = import_module("gymnax").make("CartPole-v1")
+
+    def step(keys: Any, state: Any) -> Any:
+        action = (jax.random.key_data(keys)[:, 0] % 2).astype(jnp.int32)
+        seen, state, *rest, _ = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
+        return state, (seen, *rest)
+
+    return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
+
+
+def _maze() -> Program:
+    module = import_module("jaxued.environments.maze")
+    environment = module.Maze(max_height=13, max_width=13, agent_view_size=5, normalize_obs=True)
+    draw, params = module.make_level_generator(13, 13, 50), environment.default_params
+
+    def begin_one(key: Any) -> Any:
+        return environment.reset_to_level(jax.random.fold_in(key, 1), draw(jax.random.fold_in(key, 2)), params)
+
+    def step_one(key: Any, state: Any, action: Any) -> Any:
+        first = begin_one(key)
+        seen, after, reward, done, _ = environment.step(key, state, action, params)
+        seen, after = jax.tree.map(lambda new, old: jnp.where(done, new, old), first, (seen, after))
+        return after, (seen, reward, done)
+
+    def step(keys: Any, state: Any) -> Any:
+        return jax.vmap(step_one)(keys, state, (jax.random.key_data(keys)[:, 0] % 3).astype(jnp.int32))
+
+    return lambda keys: jax.vmap(lambda key: begin_one(key)[1])(keys), step
+
+
+_DUCKIETOWN = """
+import logging, time, pyglet
+pyglet.options["headless"] = True
+logging.disable(logging.CRITICAL)
+from gym_duckietown.simulator import Simulator
+environment = Simulator("loop_empty", domain_rand=False, camera_width={columns}, camera_height={rows}, max_steps=10**9)
+environment.reset()
+began = time.perf_counter()
+for _ in range({steps}):
+    environment.step([0.1, 0.1])
+print("frames a second:", round({steps} / (time.perf_counter() - began)))
+"""
+
+
+def _gym_duckietown(python: str, steps: int) -> str:
+    code = _DUCKIETOWN.format(rows=ROWS, columns=COLUMNS, steps=steps)
+    ran = subprocess.run([python, "-c", code], capture_output=True, text=True)
+    found = re.findall(r"frames a second: (\d+)", ran.stdout)
+    return found[0] if found else (ran.stderr.strip().splitlines() or ["nothing was said"])[-1]
+
+
+if __name__ == "__main__":
+    leave(lambda: main(sys.argv[1:]))

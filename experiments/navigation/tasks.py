@@ -1,0 +1,217 @@
+"""The study's tasks and conditions, the training of one driver, and its tests."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.drive import Environment, LaneDrive, LaneDriveParams, Level, RoadNav, RoadNavParams
+from experiments.navigation.drivers import LaneNetwork, MapNetwork, WindowNetwork, at_choices, in_lane
+from experiments.navigation.maps import SIDE, draw_levels
+from experiments.navigation.ppo import Ppo, drive_levels, train
+
+__all__ = [
+    "CONDITIONS",
+    "TASKS",
+    "Condition",
+    "Task",
+    "TrainBudget",
+    "judge",
+    "test_driver",
+    "train_driver",
+    "worst_tenth",
+]
+
+
+class Condition(NamedTuple):
+    """Maps that a driver is trained on.
+
+    Attributes:
+      words: their description in tables.
+      source: the name of the maps (see `make_maps`).
+      maps: how many, the first ones; 0 for no training.
+    """
+
+    words: str
+    source: str
+    maps: int
+
+
+CONDITIONS = {
+    "untrained": Condition("not trained: turns at random", "map-elites", 0),
+    "maps-1": Condition("1 map of MAP-Elites", "map-elites", 1),
+    "maps-3": Condition("3 maps", "map-elites", 3),
+    "maps-10": Condition("10 maps", "map-elites", 10),
+    "maps-30": Condition("30 maps", "map-elites", 30),
+    "maps-100": Condition("100 maps", "map-elites", 100),
+    "maps-1000": Condition("1000 maps", "map-elites", 1000),
+    "ea": Condition("100 maps, EA", "ea", 100),
+    "wfc": Condition("100 maps, WFC", "wfc", 100),
+    "random": Condition("100 maps, random", "random", 100),
+}
+"""The conditions by name."""
+
+
+class TrainBudget(NamedTuple):
+    """The amount of training and testing.
+
+    Attributes:
+      updates: of PPO, each of 256 environments.
+      levels: to train on, on however many maps.
+      each: levels of each map in a test.
+    """
+
+    updates: int = 60
+    levels: int = 8192
+    each: int = 14
+
+
+class Task(NamedTuple):
+    """A task.
+
+    Attributes:
+      words: its description.
+      environment: that the driver learns in, and is tested in.
+      network: of the driver.
+      params: from levels to the environment's settings.
+      ppo: settings of the training.
+      steps: the most that a test drives.
+      likeliest: whether tests take the likeliest action; else actions are drawn.
+      succeeds: whether an episode was a success, from its info.
+      conditions: names of those that are run.
+      few: names of those that the first `FEW` seeds alone run.
+    """
+
+    words: str
+    environment: Environment
+    network: Any
+    params: Callable[[Level], Any]
+    ppo: Ppo
+    steps: int
+    likeliest: bool
+    succeeds: Callable[[Any], Any]
+    conditions: tuple[str, ...]
+    few: tuple[str, ...] = ()
+
+
+FEW = 3
+"""The number of seeds that run what no hypothesis asks for, or what was never in doubt."""
+
+_TOGETHER = 512  # levels of a test that are driven side by side
+_LIMIT = 64  # tiles; the furthest goal is 12 away
+_LEAST = 8  # tiles in 500 steps: what the expert drives. Who stands still keeps to the lane as well.
+
+TASKS = {
+    "lane": Task(
+        "keep to the lane for 500 steps, 8 tiles or more",
+        in_lane(LaneDrive),
+        LaneNetwork(),
+        partial(LaneDriveParams, limit=500, task="lane", action="twist"),
+        Ppo(60, steps=64, discount=0.99, rate=5e-4, entropy=0.0),
+        500,
+        True,
+        lambda info: info.own_lane & (info.tiles >= _LEAST),
+        ("untrained", "maps-1", "maps-100", "ea", "wfc", "random"),
+        few=("untrained", "maps-1", "maps-100", "ea", "wfc", "random"),
+    ),
+    "map": Task(
+        "reach the goal, the map seen",
+        at_choices(RoadNav),
+        MapNetwork(),
+        partial(RoadNavParams, limit=_LIMIT, tile_cost=0.02, window=2 * SIDE - 1, goal="both", whole_map=True),
+        Ppo(60, epochs=3, rate=2e-3),
+        _LIMIT,
+        False,
+        lambda info: info.success,
+        tuple(CONDITIONS),
+        few=("maps-3", "maps-10", "maps-30"),
+    ),
+    "window": Task(
+        "reach the goal by a 5 x 5 window, the compass and memory",
+        at_choices(RoadNav),
+        WindowNetwork(),
+        partial(RoadNavParams, limit=_LIMIT, tile_cost=0.02, window=5, goal="compass"),
+        Ppo(60, epochs=3, rate=2e-3),
+        _LIMIT,
+        False,
+        lambda info: info.success,
+        ("untrained", "maps-1", "maps-10", "maps-100", "maps-1000"),
+        few=("maps-100",),
+    ),
+}
+"""The tasks by name."""
+
+
+def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.int8], budget: TrainBudget) -> Any:
+    """Trains a driver on the first maps of a condition, int8 ``[M, 8, 8]``; returns its weights."""
+    count = max(1, condition.maps)
+    params = task.params(draw_levels(seed, grids[:count], budget.levels))
+    ppo = task.ppo._replace(updates=budget.updates)
+    if condition.maps == 0:
+        seen, _ = task.environment.reset(jax.random.key(0), params)
+        row = jax.tree.map(lambda part: part[None, None], seen)
+        return task.network.init(jax.random.key(seed), jnp.zeros((1, task.network.memory)), row, jnp.ones((1, 1), bool))
+    *_, (weights, _) = train(jax.random.key(seed), task.environment, params, task.network, ppo)
+    return weights
+
+
+def test_driver(task: Task, weights: Any, tests: dict[str, NDArray[np.int8]], budget: TrainBudget) -> dict[str, Any]:
+    """Drives on all maps of all tests, with the same levels for all drivers; returns what `judge` says of each test."""
+    parts = [draw_levels(1000 + number, grids, len(grids) * budget.each) for number, grids in enumerate(tests.values())]
+    levels = jax.tree.map(lambda *of: np.concatenate(of), *parts)
+    count, outcomes = len(levels.grid), []
+    for first in range(0, count, _TOGETHER):
+        # All parts have one size, which is compiled once, and each ends with its own longest episode.
+        part = jax.tree.map(lambda of, first=first: of[np.arange(first, first + _TOGETHER) % count], levels)
+        info, _ = drive_levels(
+            jax.random.fold_in(jax.random.key(7), first),
+            weights,
+            part,
+            task.params(part),
+            task.environment,
+            task.network,
+            steps=task.steps,
+            likeliest=task.likeliest,
+        )
+        outcomes.append((task.succeeds(info), info.spl, info.tiles))
+    success, spl, tiles = (np.concatenate(of).astype(float)[:count] for of in zip(*outcomes, strict=True))
+    ends = np.cumsum([len(grids) * budget.each for grids in tests.values()])[:-1]
+    split = zip(*(np.split(part, ends) for part in (success, spl, tiles)), strict=True)
+    return {
+        name: judge(*(part.reshape(budget.each, -1) for part in outcome))
+        for name, outcome in zip(tests, split, strict=True)
+    }
+
+
+def judge(success: NDArray[Any], spl: NDArray[Any], tiles: NDArray[Any]) -> dict[str, Any]:
+    """Sums up the episodes of a test, each ``[levels of a map, maps]``.
+
+    Returns:
+      Means of `success`, `spl` and `tiles`, the success on the worst tenth of maps, and the success on each map.
+    """
+    return {
+        "success": success.mean(),
+        "spl": spl.mean(),
+        "tiles": tiles.mean(),
+        "worst": worst_tenth(success),
+        "by_map": success.mean(axis=0).round(3).tolist(),
+    }
+
+
+def worst_tenth(success: NDArray[Any]) -> float:
+    """Returns the mean success on the worst tenth of maps, of success ``[levels of a map, maps]``.
+
+    Half of each map's levels choose the maps, of equals the first, and the other half measures, both ways round: else
+    chance alone would make some maps bad.
+    """
+    count = max(1, success.shape[1] // 10)
+    halves = success[::2], success[1::2]
+    means = []
+    for choosing, measuring in (halves, halves[::-1]):
+        worst = np.argsort(choosing.mean(axis=0), kind="stable")[:count]
+        means.append(measuring[:, worst].mean())
+    return float(np.mean(means))

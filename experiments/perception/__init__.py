@@ -1,0 +1,1 @@
+"""Pictures: what a network learns from them, and how they are drawn."""

@@ -1,0 +1,174 @@
+"""Maps for training and tests, and the datasets drawn from them."""
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax import InputError, SearchSpec, evolve
+from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample, make_dataset, tiles_by_split
+from elitelanes_jax.formats import RoadMap
+from elitelanes_jax.network import rotate
+from elitelanes_jax.network.wfc import generate_batch
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.tiles import TileSet, default_tiles, load_tiles, read_picture
+
+__all__ = [
+    "CONDITIONS",
+    "SOURCES",
+    "Condition",
+    "Pictures",
+    "draw_maps",
+    "make_maps",
+    "patterns",
+    "split_tiles",
+    "training_set",
+]
+
+SOURCES = ("map-elites", "ea", "wfc")
+"""The sources of maps."""
+
+SIDE, TILE_PX = 8, 32
+
+
+class Condition(NamedTuple):
+    """A dataset that a network is trained on.
+
+    Attributes:
+      words: its description in tables.
+      source: of the maps, one of `SOURCES`.
+      maps: number of maps.
+      drawings: number of pictures. All maps are drawn equally often.
+      transforms: the variation of views.
+      one_picture: whether each kind of tile has one picture only.
+    """
+
+    words: str
+    source: str
+    maps: int
+    drawings: int
+    transforms: Transforms = STANDARD
+    one_picture: bool = False
+
+
+CONDITIONS = {
+    "maps-1": Condition("1 map, again and again", "map-elites", 1, 1000),
+    "maps-10": Condition("10 maps", "map-elites", 10, 1000),
+    "maps-100": Condition("100 maps", "map-elites", 100, 1000),
+    "maps-1000": Condition("1000 maps", "map-elites", 1000, 1000),
+    "ea": Condition("100 maps, EA", "ea", 100, 1000),
+    "wfc": Condition("100 maps, WFC", "wfc", 100, 1000),
+    "drawings-1": Condition("1 map", "map-elites", 1, 1),
+    "drawings-10": Condition("10 maps", "map-elites", 10, 10),
+    "drawings-100": Condition("100 maps", "map-elites", 100, 100),
+    "one-picture": Condition("1000 maps, one picture a kind", "map-elites", 1000, 1000, one_picture=True),
+    "no-views": Condition("1000 maps, plain views", "map-elites", 1000, 1000, Transforms()),
+}
+"""The conditions by name. Maps are of MAP-Elites unless the words name another source."""
+
+
+class Pictures(NamedTuple):
+    """Pictures and their labels.
+
+    Attributes:
+      image: uint8 ``[N, H, W, 3]``, RGB.
+      labels: uint8 ``[N, H, W]``.
+    """
+
+    image: NDArray[np.uint8]
+    labels: NDArray[np.uint8]
+
+
+def make_maps(source: str, count: int, seed: int, alphabet: Iterable[int], evaluations: int) -> NDArray[np.int8]:
+    """Makes maps of 8 x 8 tiles without empty cells, int8 ``[count, 8, 8]``, in random order.
+
+    Args:
+      source: "map-elites", elites of many runs, spread over the niches, no two equal when rotated or mirrored; "ea",
+        the best map of each of `count` runs; "wfc", by Wave Function Collapse with closed borders.
+      count: number of maps.
+      seed: of everything random.
+      alphabet: the tile codes to use.
+      evaluations: of each run.
+
+    Raises:
+      InputError: if MAP-Elites finds too few.
+    """
+    shape, rng = (SIDE, SIDE), np.random.default_rng(seed)
+    if source == "wfc":
+        return np.asarray(generate_batch(rng, count, shape, border="closed", alphabet=alphabet).grid)
+    spec = SearchSpec(method="ea" if source == "ea" else "map-elites", preset="tuned", fill=True)
+    search = partial(evolve, shape=shape, spec=spec, alphabet=alphabet, progress=False)
+    if source == "ea":
+        return np.asarray(search(seed_keys(seed, count), evaluations=evaluations).best())
+    keys = seed_keys(seed, max(4, count // 25))
+    chosen = search(keys, evaluations=evaluations // 2).choose(count, seed).maps
+    if len(chosen) < count:
+        raise InputError(f"maps: expected {count} different maps of {len(keys)} runs, got {len(chosen)}")
+    return rng.permutation(np.stack([road_map.codes for road_map in chosen]))
+
+
+def split_tiles(seed: int) -> tuple[TileSet, TileSet]:
+    """Splits the drawn tiles into those for training and those held out: one of every kind that has several."""
+    seen, _, held_out = tiles_by_split(load_tiles(), _spec(seed))
+    return seen, held_out
+
+
+def training_set(condition: Condition, grids: NDArray[np.int8], seed: int) -> Pictures:
+    """Makes the dataset of a condition with `make_dataset`, and reads it.
+
+    Args:
+      condition: the condition.
+      grids: codes ``[N, H, W]``. The first ones are used.
+      seed: of the drawings, and of the held-out tiles.
+    """
+    maps = [RoadMap(grids[index % condition.maps]) for index in range(condition.drawings)]
+    spec = replace(_spec(seed), maps=condition.drawings, transforms=condition.transforms)
+    with TemporaryDirectory() as folder:
+        if condition.one_picture:
+            spec = replace(spec, tiles=_one_of_each(split_tiles(seed)[0], Path(folder)), hold_out_tiles=False)
+        make_dataset(spec, Path(folder) / "dataset", maps=maps)
+        return Pictures(*(_read_all(Path(folder) / "dataset" / "train" / name) for name in Pictures._fields))
+
+
+def draw_maps(grids: NDArray[np.int8], tiles: TileSet, seed: int) -> Pictures:
+    """Draws each map once with a set of tiles, each in its own view."""
+    samples = [
+        draw_sample(RoadMap(grid), tiles, index, seed=seed, tile_px=TILE_PX, transforms=STANDARD, layers=()).layers
+        for index, grid in enumerate(grids)
+    ]
+    return Pictures(*(np.stack([layers[name] for layers in samples]) for name in Pictures._fields))
+
+
+def patterns(grids: ArrayLike) -> set[bytes]:
+    """Returns the neighbourhoods of 2 x 2 tiles in maps ``[N, H, W]``, each with its rotations as one."""
+    windows = np.lib.stride_tricks.sliding_window_view(np.asarray(grids, np.int8), (2, 2), axis=(1, 2)).reshape(
+        -1, 2, 2
+    )
+    return {min(rotate(window, turns).tobytes() for turns in range(4)) for window in np.unique(windows, axis=0)}
+
+
+def _spec(seed: int) -> DatasetSpec:
+    return DatasetSpec(size=((SIDE, SIDE),), tile_px=TILE_PX, split=(1.0, 0.0, 0.0), seed=seed, hold_out_tiles=True)
+
+
+def _one_of_each(tiles: TileSet, folder: Path) -> Path:
+    """Makes a folder of tiles with the first of each kind."""
+    for tile in {tile.name.rpartition("_")[0]: tile for tile in reversed(tiles.tiles)}.values():
+        shutil.copytree(default_tiles() / tile.name, folder / "tiles" / tile.name)
+    shutil.copy(default_tiles() / "tileset.toml", folder / "tiles")
+    return folder / "tiles"
+
+
+def _read_all(folder: Path) -> NDArray[np.uint8]:
+    """Reads all pictures of a folder, in the order of their names."""
+    problems: list[str] = []
+    pictures = [read_picture(file, problems) for file in sorted(folder.iterdir())]
+    if problems:
+        raise InputError(problems[0])
+    return np.stack([picture for picture in pictures if picture is not None])

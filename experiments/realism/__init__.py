@@ -1,0 +1,1 @@
+"""Generated towns compared with maps that people made."""

@@ -1,0 +1,1 @@
+"""Searches: their speed, proven optima, and other libraries' searches."""

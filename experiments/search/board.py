@@ -1,0 +1,254 @@
+"""The board of the benchmark: searches of this package and of other libraries, each in its own loop.
+
+    python -m experiments.search.board ROW ... [--tasks 6x6B-10000 ...] [--runs N] [--out DIR]
+    python -m experiments.search.board ROW ... --tune
+    python -m experiments.search.board --table [--out DIR]
+
+A row runs on each task. The program writes its raw archive, which `elitelanes score` measures, and its scores. `--tune`
+tries settings on 6 x 6 alone, with other seeds: eight for every row, drawn at random from its choices. Finished trials
+are kept in the folder `tuning`; the same command continues. `--table` makes the table and the curves of all rows in the
+folder. QDax, evosax and pyribs come with the extra `interop`.
+
+All grids that a search evaluates are offered to a record of the best network of each niche, which the search does not
+see. The record of the tuned EA has the grids that its chains move to.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import TypedDict
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax import InputError
+from elitelanes_jax.benchmark import (
+    BUDGETS,
+    Scores,
+    Submission,
+    Task,
+    compute_scores,
+    confidence_interval,
+    find_task,
+    score_submission,
+    write_submission,
+)
+from elitelanes_jax.search import use_compile_cache
+from experiments.common import Parser, leave, run, save, table, whole, write
+from experiments.search.board_rows import ROWS, Found, Setting
+
+__all__ = ["TASKS", "TRIALS", "TUNED_ON", "Trial", "best_of", "drawn_settings", "main", "mean_reliability"]
+
+TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
+TUNED_ON = [f"{size}-100000" for size in ("6x6A", "6x6B")]
+TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 8, 4, 1000
+
+# The evaluations at which scores are kept: 1, 2 and 5 times the powers of ten.
+_STEPS = [factor * 10**power for power in range(3, 6) for factor in (1, 2, 5)] + [10**6]
+
+_COLOURS = (*mpl.color_sequences["tab10"], "black")
+
+
+class Trial(TypedDict):
+    """A trial of settings: the mean reliability of each task at every budget, and the seconds of the processor."""
+
+    settings: dict[str, Setting]
+    reliability: dict[str, list[float]]
+    seconds: float
+
+
+Record = dict[str, str | float | list[int] | list[list[float]]]
+"""The scores of a row on a task: `row`, `task`, `evaluations`, `seconds`, and each of `Scores` by run and step."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("board", __doc__)
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}")
+    parser.add_argument("--tasks", nargs="+", default=TASKS, metavar="TASK", help=f"default {' '.join(TASKS)}")
+    parser.add_argument("--runs", type=whole(1), default=10, metavar="N", help="of each task; default 10")
+    parser.add_argument("--out", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
+    parser.add_argument("--tune", action="store_true", help="try settings of the rows")
+    parser.add_argument("--table", action="store_true", help="write the table of all rows in the folder")
+    options = parser.parse_args(arguments)
+    return run("board", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    unknown = [name for name in options.rows if name not in ROWS]
+    if unknown or not (options.rows or options.table):
+        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, got {unknown[0] if unknown else 'none'}")
+    tasks = [find_task(name) for name in options.tasks]
+    use_compile_cache()
+    for name in options.rows:
+        if options.tune:
+            _tune(name, options.out)
+            continue
+        for task in tasks:
+            _measure_row(name, task, options.runs, options.out)
+    if options.table:
+        _write_table(options.out)
+
+
+def best_of(task: Task, found: Found) -> NDArray[np.float64]:
+    """Returns the fitness ``[R, T, F]`` in each feasible niche, infinite where it is vacant."""
+    present = np.asarray((found.grids > 0).any(axis=(-1, -2)))[..., None]
+    in_niche = present & (found.cyclomatic[..., None] == task.cyclomatic)
+    return np.where(in_niche, found.fitness[..., None], np.inf).min(axis=2)
+
+
+def _measure_row(name: str, task: Task, runs: int, out: Path) -> None:
+    """Runs a row on a task; writes its raw archive and its scores."""
+    budgets = [budget for budget in _STEPS if budget <= task.evaluations]
+    began = time.process_time()
+    found = ROWS[name].play(task, 0, runs, budgets, ROWS[name].settings)
+    seconds = time.process_time() - began
+    at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
+    submission = Submission(task, *(array[:, at] for array in found))
+    _, again = score_submission(submission)
+    scores = compute_scores(task, best_of(task, found))
+    for field, values in again._asdict().items():
+        np.testing.assert_array_equal(values, getattr(scores, field)[:, at])
+    write_submission(out / f"{name}-{task.name}.npz", submission)
+    record: Record = {"row": name, "task": task.name, "evaluations": budgets, "seconds": round(seconds, 1)}
+    record |= {field: np.round(values, 6).tolist() for field, values in scores._asdict().items()}
+    write(out / f"{name}-{task.name}.json", json.dumps(record) + "\n")
+    last = {field: values[:, -1] for field, values in scores._asdict().items()}
+    means = [f"{field} {np.nanmean(values):.3f}" for field, values in last.items() if not np.isnan(values).all()]
+    print(f"{name}, {task.name}, {runs} runs: {', '.join(means)} ({seconds:.0f} s)", flush=True)
+
+
+def _tune(name: str, out: Path) -> None:
+    """Tries settings of a row; writes their reliability, and prints the best."""
+    file = out / "tuning" / f"{name}.json"
+    known: list[Trial] = _read(file)["trials"] if file.exists() else []
+    trials = [
+        next(
+            (trial for trial in known if trial["settings"] == settings),
+            Trial(settings=settings, reliability={}, seconds=0.0),
+        )
+        for settings in drawn_settings(name)
+    ]
+    for trial, task in product(trials, map(find_task, TUNED_ON)):
+        if task.name not in trial["reliability"]:
+            budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
+            began = time.process_time()
+            found = ROWS[name].play(task, _FIRST_TUNING_SEED, _TUNING_SEEDS, budgets, trial["settings"])
+            reliability = compute_scores(task, best_of(task, found)).reliability.mean(axis=0)
+            trial["reliability"][task.name] = np.round(reliability, 6).tolist()
+            trial["seconds"] = round(trial["seconds"] + time.process_time() - began, 1)
+            write(file, json.dumps({"row": name, "seeds": _TUNING_SEEDS, "trials": trials}, indent=1) + "\n")
+    for trial in trials:
+        print(f"{name}, {trial['settings']}: reliability {mean_reliability(trial):.3f}")
+    best = max(trials, key=mean_reliability)["settings"]
+    same = "as" if best == ROWS[name].settings else "not as"
+    print(f"{name}, the best of {len(trials)}: {best}; {same} in board_rows.py")
+
+
+def drawn_settings(name: str) -> list[dict[str, Setting]]:
+    """Draws the settings of a row that are tried, the same each time: every choice comes equally often, or nearly."""
+    choices, draws = ROWS[name].choices, np.random.default_rng(0)
+    if not choices:
+        raise InputError(f"{name}: expected a row with settings to tune, got one without")
+    while True:
+        orders = [draws.permutation(np.arange(TRIALS) % len(values)) for values in choices.values()]
+        drawn = list(zip(*orders, strict=True))
+        if len(set(drawn)) == TRIALS:
+            return [{key: values[at] for (key, values), at in zip(choices.items(), one, strict=True)} for one in drawn]
+
+
+def mean_reliability(trial: Trial) -> float:
+    """Returns the mean reliability of a trial over tasks and budgets."""
+    return float(np.mean(list(trial["reliability"].values())))
+
+
+def _write_table(out: Path) -> None:
+    """Writes the table and the curves of all results: of each row and size, the longest runs."""
+    records = {
+        (record["row"], record["task"].split("-")[0]): record
+        for record in sorted(map(_read, out.glob("*.json")), key=lambda record: record["evaluations"][-1])
+    }
+    if not records:
+        raise InputError(f"{out}: expected scores of rows, got none")
+    sizes = sorted({size for _, size in records})
+    about = "Means of the runs, with bootstrap intervals of 95 %. [The searches](../../../docs/benchmark.md#board)."
+    parts = ["# The board", about]
+    for size, budget in product(sizes, BUDGETS):
+        lines = []
+        for name, row in ROWS.items():
+            record = records.get((name, size))
+            if record and budget in record["evaluations"]:
+                at = record["evaluations"].index(budget)
+                values = [np.array(record[field], float)[:, at] for field in Scores._fields]
+                lines.append([row.title, *map(_cell, values)])
+        if lines:
+            parts += [f"{size}-{budget}", table(["search", *Scores._fields], lines)]
+    parts += _tuning_table(out / "tuning")
+    write(out / "board.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
+    _draw(records, sizes, out / "board.png")
+    print(f"written to {out}")
+
+
+def _cell(values: NDArray[np.float64]) -> str:
+    if np.isnan(values).all():
+        return ""
+    low, high = confidence_interval(values)
+    return f"{np.nanmean(values):.2f} ({low:.2f} to {high:.2f})"
+
+
+def _tuning_table(folder: Path) -> list[str]:
+    """Makes the table of what was tried for each row: means of reliability over tasks and budgets."""
+    records = {record["row"]: record["trials"] for record in map(_read, folder.glob("*.json"))}
+    lines = []
+    for name, row in ROWS.items():
+        if trials := records.get(name):
+            means = [mean_reliability(trial) for trial in trials]
+            figures = [f"{value:.2f}" for value in (max(means), np.median(means), min(means))]
+            best = trials[int(np.argmax(means))]["settings"]
+            lines.append(
+                [row.title, str(len(trials)), *figures, ", ".join(f"{key} {value}" for key, value in best.items())]
+            )
+    head = ["search", "trials", "best", "median", "worst", "settings of the best"]
+    return ["Tuning", table(head, lines)] if lines else []
+
+
+def _draw(records: Mapping[tuple[str, str], dict], sizes: Sequence[str], file: Path) -> None:
+    """Plots reliability and the share of niches at the optimum against evaluations, by size."""
+    size = (max(8, 3.1 * len(sizes)), 6.5)
+    figure, axes = plt.subplots(
+        2, len(sizes), figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
+    )
+    lines = {}
+    for column, name_of_size in zip(axes.T, sizes, strict=True):
+        column[0].set_title(name_of_size)
+        for axis, field in zip(column, ("reliability", "optimal"), strict=True):
+            for colour, (name, row) in zip(_COLOURS, ROWS.items(), strict=True):
+                if record := records.get((name, name_of_size)):
+                    values = np.array(record[field], float)
+                    ends = np.array([confidence_interval(at) for at in values.T])
+                    (lines[row.title.replace("`", "")],) = axis.plot(
+                        record["evaluations"], values.mean(axis=0), color=colour
+                    )
+                    axis.fill_between(record["evaluations"], *ends.T, color=colour, alpha=0.15, linewidth=0)
+            axis.set(xscale="log", ylim=(0, 1.02))
+            axis.grid(alpha=0.3)
+        column[1].set_xlabel("evaluations of a run")
+    axes[0, 0].set_ylabel("reliability")
+    axes[1, 0].set_ylabel("share of niches at the optimum")
+    figure.legend(lines.values(), lines.keys(), loc="outside lower center", ncols=2, fontsize=9)
+    save(figure, file)
+
+
+def _read(file: Path) -> dict:
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,65 @@
+import { feature } from "../network/features";
+import { COUNT_NAMES, type Weights } from "../network/measure";
+import { nameOf, number } from "../words";
+
+interface WeightProps {
+  readonly weights: Weights;
+  readonly usual: Weights;
+  readonly metrics: ArrayLike<number>;
+  /** Features beside the metrics that have a weight or may have one. */
+  readonly town: Readonly<Record<string, number>>;
+  readonly onWeights: (weights: Weights | null) => void;
+}
+
+/** The weights of the fitness as sliders, with what each adds. */
+export function WeightSliders({ weights, usual, metrics, town, onWeights }: WeightProps) {
+  const names = [...COUNT_NAMES, ...Object.keys(usual).filter((name) => name in town)].sort(
+    (one, other) => +(usual[other] !== 0) - +(usual[one] !== 0),
+  );
+  const used = names.filter((name) => usual[name] || weights[name]);
+  const others = names.filter((name) => !used.includes(name));
+  const changed = names.filter((name) => weights[name] !== usual[name]);
+  const sliders = (list: readonly string[]) =>
+    list.map((name) => {
+      const units =
+        name in town
+          ? town[name]
+          : name === "components"
+            ? Math.max(feature(name, metrics) - 1, 0)
+            : feature(name, metrics);
+      return (
+        <label key={name} class="weight">
+          <span>{nameOf(name)}</span>
+          <input
+            type="range"
+            min="-100"
+            max="1000"
+            step="1"
+            value={weights[name]}
+            onInput={(event) => onWeights({ ...weights, [name]: Number(event.currentTarget.value) })}
+          />
+          <output>
+            {number(weights[name])} × {number(units)}
+          </output>
+        </label>
+      );
+    });
+  return (
+    <details class="weights">
+      <summary>Weights{changed.length > 0 && `, ${changed.length} changed`}</summary>
+      {sliders(used)}
+      <details>
+        <summary>Weights of 0</summary>
+        {sliders(others)}
+      </details>
+      {changed.length > 0 && (
+        <div class="bar">
+          <code class="where">--weights {changed.map((name) => `${name}=${weights[name]}`).join(" ")}</code>
+          <button type="button" onClick={() => onWeights(null)}>
+            Reset
+          </button>
+        </div>
+      )}
+    </details>
+  );
+}

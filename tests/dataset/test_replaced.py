@@ -1,0 +1,104 @@
+"""--force replaces a dataset of an earlier run, and no folder with anything else in it."""
+
+import importlib.util
+import shutil
+from pathlib import Path
+
+import pytest
+from given_maps import files, random_maps, small
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.folders import output_folder
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset.make import make_dataset
+
+OTHERS = random_maps(seed=1)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    out = tmp_path_factory.mktemp("written") / "out"
+    make_dataset(small(), out, maps=random_maps())
+    return out
+
+
+@pytest.fixture
+def folder(written, tmp_path):
+    return Path(shutil.copytree(written, tmp_path / "out"))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_path):
+    if FORMATS[name].needs and not importlib.util.find_spec(FORMATS[name].needs):
+        pytest.skip(f"{FORMATS[name].needs} is not installed")
+    with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or --force"):
+        make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
+    make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["out"]
+    make_dataset(small(format=name, seed=1), tmp_path / "new", maps=OTHERS)
+    assert files(folder) == files(tmp_path / "new")
+
+
+def test_the_one_before_stays_until_the_new_one_is_complete(folder, tmp_path, monkeypatch):
+    before, spec = files(folder), small(seed=1)
+    make_dataset(spec, tmp_path / "expected", maps=OTHERS)
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(spec, folder, maps=OTHERS, force=True)
+    assert files(folder) == before
+    hidden = tmp_path / ".out-unfinished" / "files"
+    drawn = min(hidden.rglob("*000000.png"))
+    when = drawn.stat().st_mtime_ns
+    make_dataset(spec, folder, maps=OTHERS, force=True)
+    assert files(folder) == files(tmp_path / "expected")
+    assert (folder / drawn.relative_to(hidden)).stat().st_mtime_ns == when, "it was not drawn again"
+    assert {entry.name for entry in tmp_path.iterdir()} == {"out", "expected"}
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+def test_unfinished_work_is_deleted_if_that_is_asked_for(tmp_path, monkeypatch):
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            make_dataset(small(seed=1), out, maps=OTHERS)
+    with pytest.raises(InputError, match=r"expected results with seed 0, got results with 1; delete .*out-unfinished"):
+        make_dataset(small(), out, maps=random_maps())
+    make_dataset(small(), out, maps=random_maps(), force=True)
+    make_dataset(small(), tmp_path / "expected", maps=random_maps())
+    assert files(out) == files(tmp_path / "expected")
+
+
+@pytest.mark.parametrize(
+    ("add", "found"),
+    [
+        (lambda folder: (folder / "notes.txt").write_text("mine"), "notes.txt"),
+        (lambda folder: (folder / "train" / "notes.png").write_text("mine"), "train/notes.png"),
+        (lambda folder: (folder / "train" / "image" / "12.png").write_text("mine"), "train/image/12.png"),
+        (lambda folder: (folder / ".git").mkdir() or (folder / ".git" / "HEAD").write_text("mine"), ".git/HEAD"),
+        (lambda folder: (folder / "link").symlink_to(folder.parent), "link"),
+        (lambda folder: (folder / "dataset.json").unlink(), "no dataset.json"),
+        (lambda folder: (folder / "dataset.json").write_text("{}"), "dataset.json of another program"),
+    ],
+)
+def test_a_folder_with_anything_else_is_never_removed(add, found, folder, capsys):
+    add(folder)
+    before = files(folder)
+    assert main(["dataset", "--maps", "12", "--size", "5", "--seed", "1", "--force", "--out", str(folder)]) == 2
+    assert f"expected a folder with files of an earlier run alone, got one with {found}" in capsys.readouterr().err
+    assert files(folder) == before
+
+
+def test_a_folder_that_another_run_works_for_stays(folder):
+    before = files(folder)
+    with (
+        output_folder(folder.with_name("other"), {}),
+        pytest.raises(InputError, match="expected no other run at work in it, got one"),
+    ):
+        make_dataset(small(seed=1), folder.with_name("other"), maps=OTHERS, force=True)
+    assert files(folder) == before

@@ -1,0 +1,69 @@
+"""Cases for the explorer's kernel in TypeScript: grids, and what Python makes of them.
+
+`python tests/explorer/kernel_cases.py` writes explorer/tests/cases.json, which Vitest reads.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from elitelanes_jax import InputError, Weights, fitness, repair
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.network import METRIC_NAMES, Metrics, measure_town, plain_measure
+from elitelanes_jax.problem import SHARE_UNIT, SHARES, niche_bins, paper_axes
+
+__all__ = ["ALPHABET", "CASES", "WEIGHTS", "kernel_cases"]
+
+CASES = Path(__file__).parents[2] / "explorer" / "tests" / "cases.json"
+
+ALPHABET = (0, 3, 5, 6, 7, 9, 10, 11, 12)
+WEIGHTS = Weights(turns=7, off_alphabet=-13, components=31, constant=5)
+CODES = [range(16), [0, 3, 6, 9, 12, 5, 10], [0, 0, *range(16)], [5, 7, 10, 11, 13, 14, 15]]
+SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (3, 7), (9, 8)]
+
+
+def kernel_cases():
+    """The text of the file: a case a line."""
+    random = np.random.default_rng(0)
+    cases = [_case(random.choice(codes, shape), random) for shape in SHAPES for codes in CODES]
+    lines = ",\n".join(json.dumps(case) for case in cases)
+    return (
+        f'{{\n"alphabet": {list(ALPHABET)},\n"weights": {json.dumps(WEIGHTS._asdict())},\n"cases": [\n{lines}\n]\n}}\n'
+    )
+
+
+def _case(grid, random):
+    grid = grid.astype(np.int8)
+    dirty, fixed = random.random((2, *grid.shape)) < np.array([0.3, 0.1])[:, None, None]
+    measured = plain_measure(grid, ALPHABET)
+    shares = {
+        name: SHARE_UNIT * measured[part] // max(1, sum(measured[other] for other in of))
+        for name, (part, of) in SHARES.items()
+    }
+    axes = paper_axes(grid.shape)
+    fills = (False, True) if min(grid.shape) > 1 else (False,)
+    return {
+        "rows": grid.tolist(),
+        "dirty": dirty.ravel().astype(int).tolist(),
+        "fixed": fixed.ravel().astype(int).tolist(),
+        "repaired": [np.asarray(repair(grid, dirty, fixed=fixed, fill=fill)).ravel().tolist() for fill in fills],
+        "metrics": [measured[name] for name in METRIC_NAMES],
+        "fitness": int(fitness(Metrics(**measured), WEIGHTS)),
+        "shares": shares,
+        "axes": [axis._asdict() for axis in axes],
+        "bins": niche_bins(np.array([measured[axis.metric] for axis in axes]), axes).tolist(),
+        "town": {name: int(value) for name, value in measure_town(grid)._asdict().items()},
+        "duckietown": _duckietown(grid),
+    }
+
+
+def _duckietown(grid):
+    try:
+        return to_duckietown(grid)
+    except InputError:
+        return None
+
+
+if __name__ == "__main__":
+    CASES.write_text(kernel_cases(), encoding="utf-8")

@@ -1,0 +1,52 @@
+"""Files that are read up to a limit, and written whole or not at all."""
+
+from contextlib import ExitStack
+
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import check_new, new_file, write_atomic
+
+
+def names(folder):
+    return [entry.name for entry in folder.iterdir()]
+
+
+def test_the_message_names_the_file_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    for file, why in ((tmp_path / "file" / "out", "Not a directory"), (tmp_path / ("a" * 250), "File name too long")):
+        with pytest.raises(OSError, match=f"{why}: '{file}'$"):
+            write_atomic(file, b"text")
+    assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt(), InputError("bad")])
+def test_a_file_stays_as_it_was_if_another_cannot_be_written(error, tmp_path):
+    (tmp_path / "file.png").write_text("mine")
+
+    def fails():
+        with new_file(tmp_path / "file.png") as part:
+            assert part.suffix == ".png"
+            part.write_text("half")
+            raise error
+
+    with pytest.raises(type(error)):
+        fails()
+    assert names(tmp_path) == ["file.png"]
+    assert (tmp_path / "file.png").read_text() == "mine"
+
+
+def test_two_at_once_may_write_one_file(tmp_path):
+    with ExitStack() as stack:
+        parts = [stack.enter_context(new_file(tmp_path / "deep" / "file")) for _ in range(2)]
+        for number, part in enumerate(parts):
+            part.write_text(str(number))
+    assert (tmp_path / "deep" / "file").read_text() in ("0", "1")
+    assert names(tmp_path / "deep") == ["file"]
+
+
+def test_files_that_exist_are_named(tmp_path):
+    check_new(tmp_path / "file")
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(InputError, match="file: expected a new file, got an existing one"):
+        check_new(tmp_path / "file")

@@ -1,0 +1,292 @@
+"""Output folders: complete or not there, whenever their run is killed."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from itertools import count
+from pathlib import Path
+
+import pytest
+from filelock import FileLock
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.folders import foreign_file, has_unfinished, locked, output_folder, settle
+
+SETTINGS = {"command": "test"}
+MINE = {"one", "sub", "sub/two", "three"}
+
+
+def everything(folder):
+    return {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
+
+
+def contents(folder):
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()}
+
+
+def write(out, text="new", names=("one", "sub/two"), **options):
+    with output_folder(out, SETTINGS, **options) as work:
+        for name in names:
+            file = work.files / name
+            file.parent.mkdir(exist_ok=True)
+            file.write_text(text)
+
+
+def foreign(folder):
+    return foreign_file(folder, lambda path: path in MINE)
+
+
+@pytest.fixture(params=["next to it", "in it"])
+def place(request, monkeypatch):
+    """The place of the hidden folder: in an output folder that is a mount, or whose parent cannot be written to."""
+    if request.param == "in it":
+        monkeypatch.setattr(os, "access", lambda *_: False)
+
+
+@pytest.mark.parametrize("out", ["out", "deep/down/out", "empty", "link", "."])
+def test_a_folder_is_there_when_it_is_complete(tmp_path, out, place, monkeypatch):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "there").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "there")
+    monkeypatch.chdir(tmp_path / "empty")
+    out = Path(out) if out == "." else tmp_path / out
+    with output_folder(out, SETTINGS) as work:
+        (work.files / "file").write_text("text")
+        (work.kept / "file").write_text("text")
+        assert not list(out.glob("[!.]*"))
+    assert contents(out.resolve()) == {"file": "text"}
+    assert (tmp_path / "link").is_symlink()
+    assert not [path for path in everything(tmp_path) if "unfinished" in path]
+
+
+@pytest.mark.parametrize("out", ["out", "deep/down/out", "empty"])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_nothing_remains_of_what_went_wrong(tmp_path, out, error, place):
+    (tmp_path / "empty").mkdir()
+
+    def fails():
+        with output_folder(tmp_path / out, SETTINGS) as work:
+            (work.files / "sub").mkdir()
+            (work.files / "sub" / "file").write_text("text")
+            raise error
+
+    with pytest.raises(type(error)):
+        fails()
+    assert everything(tmp_path) == {"empty"}
+
+
+def refused(out, message, settings=SETTINGS, **options):
+    with pytest.raises(InputError, match=message), output_folder(out, settings, **options):
+        raise AssertionError("not reached")
+
+
+def test_folders_that_cannot_be_made_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    refused(tmp_path / "file", "file: expected a folder that is new or empty, got a file")
+    refused(tmp_path, "expected a folder that is new or empty, got one with files in it$")
+    refused(tmp_path / "file" / "out", "out: expected a path that can be written to, got .*file/.out-unfinished: ")
+    assert everything(tmp_path) == {"file"}
+
+    def fail(path, *_, **__):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "mkdir", fail)
+    refused(tmp_path / "out", "out: expected a path that can be written to, got .*: permission denied")
+
+
+def test_one_process_at_a_time_works_for_a_folder(tmp_path, place):
+    (tmp_path / "out").mkdir()
+    with output_folder(tmp_path / "out", SETTINGS) as work:
+        (work.files / "file").write_text("text")
+        refused(tmp_path / "out", "out: expected no other run at work in it, got one")
+    assert contents(tmp_path) == {"out/file": "text"}
+
+
+def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, place):
+    out = tmp_path / "out"
+    write(out, "old", ("one", "three"))
+    before = out.stat().st_ino
+    refused(out, "got one with files in it; --force replaces it", foreign=foreign)
+    refused(out, "got one with files in it$", force=True)
+    refused(
+        out,
+        r"expected a folder to replace that contains no input, got one with .*link",
+        **{
+            "foreign": foreign,
+            "force": True,
+            "inputs": [tmp_path / "other", link(tmp_path, out / "three")],
+        },
+    )
+    write(out, foreign=foreign, force=True)
+    assert contents(out) == {"one": "new", "sub/two": "new"}
+    assert out.stat().st_ino == before
+
+
+def link(folder, target):
+    (folder / "link").symlink_to(target)
+    return folder / "link"
+
+
+@pytest.mark.parametrize("when", ["before", "meanwhile"])
+@pytest.mark.parametrize("name", ["notes.txt", "sub/notes.txt", ".git/HEAD", "sub/link"])
+def test_a_folder_with_anything_else_is_never_replaced(when, name, tmp_path, place):
+    out = tmp_path / "out"
+    write(out, "old")
+
+    def add():
+        (out / name).parent.mkdir(exist_ok=True)
+        (out / name).symlink_to(tmp_path) if name.endswith("link") else (out / name).write_text("mine")
+
+    def replace():
+        with output_folder(out, SETTINGS, foreign=foreign, force=True) as work:
+            (work.files / "one").write_text("new")
+            add()
+
+    if when == "before":
+        add()
+    with pytest.raises(InputError, match=f"with files of an earlier run alone, got one with {name}"):
+        replace()
+    assert (out / "one").read_text() == "old"
+    assert name in everything(out) and not [path for path in everything(tmp_path) if "unfinished" in path]
+
+
+class Killed(BaseException):
+    pass
+
+
+def kill_at(patch, step):
+    """Ends the process, as it were, at a step: nothing is renamed or removed from then on."""
+    steps, killed = count(1), []
+
+    def ends(usual):
+        def function(*arguments, **options):
+            if killed or next(steps) == step:
+                killed.append(True)
+                raise Killed
+            return usual(*arguments, **options)
+
+        return function
+
+    for owner, name in ((Path, "rename"), (Path, "rmdir"), (Path, "unlink"), (shutil, "rmtree")):
+        patch.setattr(owner, name, ends(getattr(owner, name)))
+    return killed
+
+
+@pytest.mark.parametrize("there", ["nothing", "empty", "old"])
+def test_killed_at_any_step_of_the_end_the_next_run_does_the_rest(there, tmp_path, monkeypatch, place):
+    """The folder has all its old files or all its new files, in whole or, while they are moved, in part."""
+    for step in count(1):
+        out = tmp_path / str(step) / "out"
+        if there == "old":
+            write(out, "old", ("one", "three"))
+        elif there == "empty" or not os.access(tmp_path, os.W_OK):
+            out.mkdir(parents=True)
+        options = {"foreign": foreign, "force": True, "resume_files": True}
+        with monkeypatch.context() as patch, suppress(Killed), output_folder(out, SETTINGS, **options) as work:
+            (work.kept / "search").write_text("found")
+            (work.files / "one").write_text("new")
+            (work.files / "two").write_text("new")
+            killed = kill_at(patch, step)
+        found = {text for name, text in contents(out).items() if "unfinished" not in name} if out.exists() else set()
+        assert len(found) <= 1
+        settle(out)
+        if has_unfinished(out):
+            with output_folder(out, SETTINGS, **options) as work:
+                assert contents(work.kept) == {"search": "found"}
+                assert contents(work.files) == {"one": "new", "two": "new"}
+        assert contents(out) == {"one": "new", "two": "new"}
+        assert everything(out.parent) == {"out", "out/one", "out/two"}
+        if not killed:
+            break
+    assert step > 5
+
+
+@pytest.mark.parametrize("step", range(1, 7))
+def test_everything_stays_as_it_was_if_the_last_step_goes_wrong(step, tmp_path, monkeypatch, place):
+    out = tmp_path / "out"
+    write(out, "old", ("one", "three"))
+    usual, steps = Path.rename, count(1)
+
+    def rename(path, target):
+        if next(steps) == step:
+            raise OSError(28, "No space left on device", str(path))
+        return usual(path, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "rename", rename)
+        with pytest.raises(OSError, match="No space"):
+            write(out, foreign=foreign, force=True)
+    assert contents(tmp_path) == {"out/one": "old", "out/three": "old"}
+
+
+def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
+    out = tmp_path / "out"
+
+    def interrupted():
+        with output_folder(out, {"seed": 1, "more": {"x": (2,)}}) as work:
+            assert not list(work.files.iterdir())
+            (work.files / "file").write_text("text")
+            (work.kept / "search").write_text("found")
+            raise KeyboardInterrupt
+
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
+        assert has_unfinished(out) and not out.exists()
+    message = r"out: expected results with x \[3\], got results with \[2\]; delete .*\.out-unfinished to start anew"
+    refused(out, message, {"seed": 1, "more": {"x": [3]}})
+    assert has_unfinished(out)
+    with output_folder(out, {"seed": 2}, force=True) as work:
+        assert not list(work.kept.iterdir())
+    assert everything(tmp_path) == {"out"}
+
+
+KILLED = """
+import os, signal, sys
+from elitelanes_jax._util.folders import output_folder
+with output_folder(sys.argv[1], {"command": "killed"}) as work:
+    (work.files / "maps").mkdir()
+    (work.files / "maps" / ".file-0123abcd.part.png").write_text("half")
+    (work.kept / "search").mkdir()
+    (work.kept / "search" / "lock").write_text("")
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+@pytest.mark.parametrize("resume_files", [True, False])
+@pytest.mark.parametrize("there", [True, False])
+def test_what_a_killed_process_left_is_removed(there, resume_files, tmp_path):
+    """Work of which nothing is kept is none: another command may use the folder."""
+    out = tmp_path / "e[1]"
+    if there:
+        out.mkdir()
+    killed = subprocess.run([sys.executable, "-c", KILLED, str(out)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert (tmp_path / ".e[1]-unfinished" / "lock").exists() and not has_unfinished(out)
+    write(out, names=("file",), resume_files=resume_files)
+    assert contents(tmp_path) == {"e[1]/file": "new"}
+
+
+def test_an_interruption_while_the_lock_is_taken_leaves_no_folder(tmp_path, monkeypatch):
+    class Interrupted(FileLock):
+        tries = 0
+
+        def _acquire(self):
+            self.tries += 1
+            if self.tries == 1:  # the file exists, the lock does not
+                os.close(os.open(self.lock_file, os.O_CREAT))
+                raise KeyboardInterrupt
+            super()._acquire()
+
+    folder = tmp_path / "folder"
+    with monkeypatch.context() as patch:
+        patch.setattr("filelock.FileLock", Interrupted)
+        with pytest.raises(KeyboardInterrupt), locked(folder, folder):
+            raise AssertionError("not reached")
+    assert not folder.exists()
+    with locked(folder, folder):
+        assert (folder / "lock").exists()
+    assert not folder.exists()
