@@ -22,12 +22,12 @@ PAPER = {"method": "map-elites", "preset": "paper"}
 def roughness(metrics, grid):
     """Neither whole numbers nor of one sign, and NaN for some grids."""
     value = metrics.turns / 3 - metrics.straights + 300.5 * metrics.dead_ends
-    return jnp.where(grid[0, 0] == 14, jnp.nan, value)
+    return jnp.where(grid[1, 1] == 14, jnp.nan, value)
 
 
 def slow_roughness(grid):
     metrics = oracle(grid)
-    return np.nan if grid[0, 0] == 14 else metrics["turns"] / 3 - metrics["straights"] + 300.5 * metrics["dead_ends"]
+    return np.nan if grid[1, 1] == 14 else metrics["turns"] / 3 - metrics["straights"] + 300.5 * metrics["dead_ends"]
 
 
 def elites(result):
@@ -49,7 +49,7 @@ def test_a_float_fitness_is_that_of_the_kernel_in_every_method(rough, which):
     grids, fitness = elites(result)
     assert fitness.dtype == np.float32 and len(grids)
     np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6)
-    assert (grids[:, 0, 0] != 14).all(), "NaN wins nothing"
+    assert (grids[:, 1, 1] != 14).all(), "NaN wins nothing"
     assert np.isposinf(np.asarray(result.elites.fitness)[~np.asarray(result.elites.valid)]).all()
     assert result.history.best_fitness[-1] == fitness.min()
     assert result.history.best_fitness.dtype == np.float32
@@ -76,11 +76,11 @@ def test_whole_numbers_give_the_same_search_as_floats(which):
 
 def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
     def fitness(usual, features, metrics, grid):
-        both = features["corner"] == grid[0, 0], features["turns"] == metrics.turns
+        both = features["corner"] == grid[1, 1], features["turns"] == metrics.turns
         share = features["turn_share"] == 1000 * metrics.turns // metrics.tiles
         return usual + 1000 * features["symmetry"] + jnp.where(both[0] & both[1] & share, 0, 10**6)
 
-    options = {"features": {"corner": lambda grid: grid[0, 0]}, "axes": "symmetry:4", "where": "turns=4..", **PAPER}
+    options = {"features": {"corner": lambda grid: grid[1, 1]}, "axes": "symmetry:4", "where": "turns=4..", **PAPER}
     result = evolve(jax.random.key(2), SHAPE, fitness=fitness, generations=5, weights={"tiles": 3}, **options)
     usual = evolve(jax.random.key(2), SHAPE, generations=0, weights={"tiles": 3}, **options | {"method": "ea"})
     known = dict(zip(map(bytes, elites(usual)[0]), elites(usual)[1].tolist(), strict=True))
@@ -96,21 +96,20 @@ def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
 
 
 def test_values_out_of_range_are_refused():
-    large = {"large": lambda grid: jnp.where(grid[0, 0] == 6, 2**30, 7)}
-    weighed = {"weighed": lambda grid: jnp.where(grid[0, 0] == 6, -(10**6), 3)}
-    unsigned = {"unsigned": lambda grid: jnp.where(grid[0, 0] == 6, jnp.uint32(2**32 - 1), jnp.uint32(1))}
+    large = {"large": lambda grid: jnp.where(grid[1, 1] == 6, 2**30, 7)}
+    weighed = {"weighed": lambda grid: jnp.where(grid[1, 1] == 6, -(10**6), 3)}
+    unsigned = {"unsigned": lambda grid: jnp.where(grid[1, 1] == 6, jnp.uint32(2**32 - 1), jnp.uint32(1))}
     for options in (
         {"features": large},
         {"features": unsigned},
         {"features": weighed, "weights": {"weighed": -1000}},
-        {"fitness": lambda metrics, grid: jnp.where(grid[0, 0] == 6, -(2**29) - 1, metrics.turns)},
-        {"fitness": lambda metrics, grid: jnp.where(grid[0, 0] == 6, -jnp.inf, 1.0 * metrics.turns)},
+        {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)},
+        {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)},
     ):
         result = evolve(jax.random.key(3), SHAPE, generations=5, **options, **PAPER)
         grids, _ = elites(result)
-        assert len(grids) and (grids[:, 0, 0] != 6).all()
+        assert len(grids) and (grids[:, 1, 1] != 6).all()
         assert result.history.refused.sum() > 0
-    assert np.isin(result.elites.grids[:, 0, 0], (0, 2, 4)).sum() < len(result.elites.grids)
 
 
 def test_a_search_may_refuse_all_grids():
@@ -145,7 +144,7 @@ def test_another_function_of_the_same_name_does_not_continue_a_run(tmp_path):
     def made(factor):
         return {
             "fitness": lambda metrics: factor * metrics.turns,
-            "features": {"mine": lambda grid: factor * grid[0, 0].astype(jnp.int32)},
+            "features": {"mine": lambda grid: factor * grid[1, 1].astype(jnp.int32)},
             "moves": {"mine": (1, Move(1, lambda bits, grid, mate=None: (grid * factor // factor, grid > factor)))},
         }
 
@@ -164,9 +163,7 @@ def test_chosen_maps_have_a_float_fitness(rough):
 
 
 def test_islands_take_all_of_it():
-    result = evolve_islands(
-        0, SHAPE, islands=2, every=5, generations=10, fitness=roughness, moves={"mirror": 0}, evaluations=0
-    )
+    result = evolve_islands(0, SHAPE, islands=2, every=5, generations=10, fitness=roughness, moves={"mirror": 0})
     grids, fitness = elites(result)
     np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6)
     assert result.history.refused.sum() > 0
@@ -182,12 +179,12 @@ def test_islands_take_all_of_it():
         ),
         (
             {"fitness": lambda grid: grid},
-            "fitness: expected it to return an integer or float scalar, got int8 of shape (4, 4)",
+            "fitness: expected it to return an integer or float scalar, got int32 of shape (4, 4)",
         ),
-        ({"fitness": lambda grid: grid[0, 0] > 1}, "integer or float scalar, got bool of shape ()"),
+        ({"fitness": lambda grid: grid[1, 1] > 1}, "integer or float scalar, got bool of shape ()"),
         ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
         ({"moves": 3}, "moves: expected weights and moves by name, got 3"),
-        ({"moves": {"miror": 0}}, "got 'miror' (is it mirror?)"),
+        ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
         ({"moves": {"mirror": -1}}, "mirror: expected a whole number, 0 or more, got -1"),
         ({"moves": {"mine": (1, lambda bits: bits)}}, "mine: expected a weight and a Move"),
         ({"moves": {"mine": (-1, Move(1, None))}}, "expected a whole number, 0 or more, got -1"),
@@ -216,7 +213,8 @@ def mark(code):
 
 def test_moves_of_the_user_are_made_in_proportion_to_their_weights():
     grid, bits = jnp.full(SHAPE, 15, jnp.int8), random_bits(jax.random.key(0), (20_000, 10))
-    weights = MoveWeights(**dict.fromkeys(KNOWN_MOVES, 0), clear=0).with_moves({"a": (1, mark(1)), "b": (3, mark(2))})
+    weights = MoveWeights(**dict.fromkeys(KNOWN_MOVES, 0) | {"clear": 1})
+    weights = weights.with_moves({"clear": 0, "a": (1, mark(1)), "b": (3, mark(2))})
     varied = jax.vmap(lambda bits: random_move(weights, fill=True).apply(bits, grid).grid)(bits)
     assert float((varied == 1).any(axis=(1, 2)).mean()) == pytest.approx(0.25, abs=0.02)
     assert float((varied == 2).any(axis=(1, 2)).mean()) == pytest.approx(0.75, abs=0.02)
@@ -243,7 +241,7 @@ def test_a_search_makes_the_moves_of_the_user():
         result = evolve(
             jax.random.key(0),
             SHAPE,
-            fitness=lambda grid: -(grid[0, 0] == 3).astype(jnp.int32),
+            fitness=lambda grid: -(grid[1, 1] == 3).astype(jnp.int32),
             moves=moves,
             alphabet=[15],
             fill=False,

@@ -23,7 +23,7 @@ from elitelanes_jax.network.plain_town import plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.search.evolution import evolve, prepare
+from elitelanes_jax.search.evolution import Users, evolve, prepare
 from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import STYLES
@@ -175,7 +175,7 @@ def test_all_ways_in_agree(drawn):
         assert dataset.evaluations == (expected.evaluations if "evaluations" in given else 100_000)
     assert resolved(dataset.on((5, 5)), evaluations=0) == resolved(expected.on((5, 5)), evaluations=0)
     for shape in ((5, 5), (12, 13)):
-        searched = outcome(lambda shape=shape: prepare(spec, shape, None, None, None, then)[0])
+        searched = outcome(lambda shape=shape: prepare(spec, shape, None, None, Users(), then)[0])
         assert isinstance(searched, str) or searched == expected.on(shape) == plain(expected).on(shape)
 
 

@@ -126,7 +126,9 @@ def apply_fitness(
             "usual": usual,
         }
         total = jnp.asarray(fitness(**{name: known[name] for name in arguments}))
-        return total.astype(jnp.float32) if jnp.issubdtype(total.dtype, jnp.floating) else _clipped(total)
+        if jnp.issubdtype(total.dtype, jnp.floating):
+            return total.astype(jnp.float32)
+        return _clipped(total) if jnp.issubdtype(total.dtype, jnp.integer) else total  # `check_fitness` refuses others
 
     return jax.vmap(one)(grids, features, usual)
 

@@ -52,6 +52,7 @@ from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
 
+Digests: TypeAlias = tuple[tuple[str, str], ...]
 _KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
 
 # Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
@@ -133,7 +134,8 @@ def evolve(
         chosen = chosen[:1]
     spec, config, static, traced = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
     static = static._replace(impl=impl)
-    digests = _digests(static, traced)
+    numbers, structure = jax.tree.flatten(traced)
+    digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
     fingerprint = _fingerprint(static, traced, keys, digests)
     search = _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen)
     done, inner = (0, None) if state is None else _restore(state, search)
@@ -281,7 +283,7 @@ class _Search(NamedTuple):
     single: bool
     spec: SearchSpec
     config: Config | None
-    digests: dict[str, str]  # of the user's functions, by name
+    digests: Digests  # of the user's functions, by name
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
 
@@ -355,11 +357,11 @@ def prepare(
     if factory is not None:
         spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
     elif config is not None:
+        if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
+            raise InputError(f"config: expected plain numbers, got an array in {config}")
         method, preset, exact = find_preset(config)
         if "method" in options and method != spec.method:
             raise InputError(f"config: expected one of {spec.method}, got {type(config).__name__}")
-        if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
-            raise InputError(f"config: expected plain numbers, got an array in {config}")
         spec = spec.replace(method=method, preset=preset)
     spec.check_on(shape, "shape")
     config = None if factory is not None else config or PRESETS[spec.method, spec.preset]
@@ -421,8 +423,16 @@ def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool,
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
 
 
-def _digests(static: Static, traced: Traced) -> dict[str, str]:
-    """Returns what the functions of the user compute, see `digest`: an edited function keeps its name."""
+@lru_cache(maxsize=128)
+def _digests(static: Static, structure: jax.tree_util.PyTreeDef, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> Digests:
+    """Returns what the functions of the user compute, see `digest`: an edited function keeps its name.
+
+    Args:
+      static: with the functions.
+      structure: of the other arguments of the program.
+      numbers: their shapes and dtypes.
+    """
+    traced = jax.tree.unflatten(structure, numbers)
     grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
     found = {name: digest(kernel, grid) for name, kernel in static.kernels}
     if static.fitness is not None:
@@ -431,12 +441,12 @@ def _digests(static: Static, traced: Traced) -> dict[str, str]:
         arguments = [jax.ShapeDtypeStruct((1, *shape), dtype) for shape, dtype in kinds]
         found["fitness"] = digest(partial(apply_fitness, static.fitness, names), *arguments)
     if static.factory is not None:
-        key = jax.ShapeDtypeStruct((), jax.random.key(0).dtype)
+        key = jax.eval_shape(partial(jax.random.key, impl=static.impl), 0)
         found["optimizer"] = digest(partial(_call_all, static), traced, key)
     elif moves := user_moves(jax.tree.unflatten(static.config, traced.config)):
         for name, move in moves.items():
             found[name] = digest(move.apply, jax.ShapeDtypeStruct((move.bits,), jnp.uint32), grid, grid)
-    return found
+    return tuple(found.items())
 
 
 def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
@@ -447,7 +457,7 @@ def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
 
 
 def _fingerprint(
-    static: Static, traced: Traced, keys: UInt32[np.ndarray, "S B"], digests: dict[str, str]
+    static: Static, traced: Traced, keys: UInt32[np.ndarray, "S B"], digests: Digests
 ) -> UInt32[np.ndarray, ""]:
     numbers = [leaf.tolist() for leaf in jax.tree.leaves(traced)]
     said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, numbers))
@@ -462,7 +472,7 @@ def _identity(search: _Search, first: int) -> dict[str, Plain]:
         "search": options,
         "size": search.static.shape,
         "config": None if search.config is None else config_to_plain(search.config),
-        "functions": search.digests,
+        "functions": dict(search.digests),
         "seeds": len(search.keys),
         "keys": sha256(search.keys.tobytes()).hexdigest()[:16],
         "fingerprint": int(search.fingerprint),
@@ -482,7 +492,7 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
         rows, columns = search.static.shape
         raise InputError(
             f"state: expected one of this run ({rows} x {columns}, seeds: {len(search.keys)}), "
-            "got one of a run with another key or other options"
+            "got one of a run with another key, other options or functions"
         )
     return int(state.generation), jax.tree.unflatten(structure, arrays)
 

@@ -66,7 +66,7 @@ def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():
     isolated = CHAINS // 2
     expected = np.full((groups, 400), VACANT)
     for state in states:  # a chain's grid is one of those evaluated; rejected ones may have entered the archive too
-        niche = problem.niche(state.chains.features)
+        niche = problem.niche(jnp.asarray(state.chains.features))
         for chain in range(isolated):
             group = chain * groups // isolated
             expected[group, niche[chain]] = min(expected[group, niche[chain]], state.chains.fitness[chain])
@@ -114,7 +114,7 @@ def test_directions_go_to_the_ends_and_count_penalties_alone():
         goes_on = directed & (before.cooling.step > 0)
         pursued = []
         for features in (before.chains.features, after.chains.features):
-            cyclomatic = problem.descriptor(features)[:, 0].clip(0, 24)
+            cyclomatic = np.asarray(problem.descriptor(jnp.asarray(features)))[:, 0].clip(0, 24)
             distance = abs(cyclomatic - after.cycles.goal[:, 0])
             pursued.append(np.asarray(problem.penalties(jnp.asarray(features))) + 200 * distance)
         # At 5 x 5 temperatures start at 50 x 5 / 12; the largest step up is 8.4 temperatures.

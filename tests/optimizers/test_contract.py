@@ -299,8 +299,9 @@ def test_parents_from_the_archive_come_from_every_filled_niche_alike():
     state = jax.jit(map_elites(PROBLEMS[False], config).init)(jax.random.key(3))
     grids = np.asarray(state.archive.grids)[np.asarray(state.archive.valid)]
     drawn = []
-    spy = PROBLEMS[False]._replace(
-        evaluate=lambda grids: jax.debug.callback(drawn.append, grids) or PROBLEMS[False].evaluate(grids)
+    spy = replace(
+        PROBLEMS[False],
+        evaluate=lambda grids: jax.debug.callback(drawn.append, grids) or PROBLEMS[False].evaluate(grids),
     )
     jax.block_until_ready(jax.jit(map_elites(spy, config).step)(jax.random.key(4), state))
     jax.effects_barrier()
