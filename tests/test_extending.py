@@ -80,11 +80,12 @@ def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
         share = features["turn_share"] == 1000 * metrics.turns // metrics.tiles
         return usual + 1000 * features["symmetry"] + jnp.where(both[0] & both[1] & share, 0, 10**6)
 
+    keys = jax.random.split(jax.random.key(2), 4)
     options = {"features": {"corner": lambda grid: grid[1, 1]}, "axes": "symmetry:4", "where": "turns=4..", **PAPER}
-    result = evolve(jax.random.key(2), SHAPE, fitness=fitness, generations=5, weights={"tiles": 3}, **options)
-    usual = evolve(jax.random.key(2), SHAPE, generations=0, weights={"tiles": 3}, **options | {"method": "ea"})
+    result = evolve(keys, SHAPE, fitness=fitness, generations=5, weights={"tiles": 3}, **options)
+    usual = evolve(keys, SHAPE, generations=0, weights={"tiles": 3}, **options | {"method": "ea"})
     known = dict(zip(map(bytes, elites(usual)[0]), elites(usual)[1].tolist(), strict=True))
-    first = evolve(jax.random.key(2), SHAPE, fitness=fitness, generations=0, weights={"tiles": 3}, **options)
+    first = evolve(keys, SHAPE, fitness=fitness, generations=0, weights={"tiles": 3}, **options)
     compared = 0
     for one in (first, result):
         symmetry = np.asarray(one.elites.features["symmetry"])[np.asarray(one.elites.valid)]

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real
+from jaxtyping import Array, ArrayLike, Bool, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST
@@ -19,7 +19,7 @@ from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, LARGEST_FITNESS, TOWN_FEATURES, columns_for, with_shares
 
-Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Int[ArrayLike, ""]]
+Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Integer[ArrayLike, ""]]
 """A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
 
 Its size is less than 2**30; a grid with a larger value is refused, see `road_problem`.
@@ -216,7 +216,7 @@ def _measure(grids: Int8[Array, "P H W"], names: tuple[str, ...]) -> Int32[Array
     return measure_features(grids, names, {})
 
 
-def _clipped(value: Int[Array, ""]) -> Int32[Array, ""]:
+def _clipped(value: Integer[Array, ""]) -> Int32[Array, ""]:
     kind = jnp.iinfo(value.dtype)
     return jnp.clip(value, max(kind.min, -LARGEST), min(kind.max, LARGEST)).astype(jnp.int32)
 
