@@ -65,7 +65,7 @@ def test_rides_in_a_file_are_read_and_shown_on_their_map(rides, tmp_path):
     for sources in (["ride.json"], ["city.json", "ride.json"]):
         (run,) = collect([tmp_path / name for name in sources]).values["runs"]
         assert len(run["labels"]) == 1
-        assert [(shown["place"], shown["success"]) for shown in run["rides"]] == [(0, True)]
+        assert [(shown["elite"], shown["success"]) for shown in run["rides"]] == [(0, True)]
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_the_command_writes_a_film_and_refuses_what_is_there(tmp_path, capsys):
     frames = cv2.imreadanimation(str(tmp_path / "ride.gif"))[1].frames
     assert [frame.shape[:2] for frame in frames] == [(240, 680)] * 2
     assert main([*command, str(tmp_path / "ride.mp4")]) == 2
-    assert "expected a file that is new" in capsys.readouterr().err
+    assert "expected a new file, got an existing one" in capsys.readouterr().err
     (tmp_path / "park.json").write_text('{"codes": [[0, 0], [0, 0]]}')
     command[1] = str(tmp_path / "park.json")
     assert main([*command, str(tmp_path / "none.png")]) == 2

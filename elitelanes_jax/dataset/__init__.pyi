@@ -1,4 +1,3 @@
-from ._formats import FORMATS as FORMATS
 from ._samples import draw_sample as draw_sample
 from ._tile_splits import tiles_by_split as tiles_by_split
 from ._transforms import STANDARD as STANDARD

@@ -2,7 +2,6 @@ from .archive import Population as Population
 from .archive import insert as insert
 from .archive import vacant_fitness as vacant_fitness
 from .descriptor import Axis as Axis
-from .descriptor import compute_descriptor as compute_descriptor
 from .descriptor import niche_bins as niche_bins
 from .descriptor import niche_index as niche_index
 from .descriptor import paper_axes as paper_axes

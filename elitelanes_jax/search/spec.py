@@ -54,6 +54,15 @@ _NOT_OF_STYLES = ("style", "like", "features")
 _NOT_OF_LARGE = (*_NOT_OF_STYLES, "large")
 
 
+def check_method(method: UserValue) -> str:
+    """Checks the name of a method: one of `METHODS`, or `CUSTOM`, which `SearchSpec.check_on` refuses for a search.
+
+    Raises:
+      InputError: for anything else.
+    """
+    return method if isinstance(method, str) and method == CUSTOM else one_of(*METHODS)(method)
+
+
 def check_features(features: UserValue) -> tuple[str, ...]:
     """Checks the names of the user's own features.
 
@@ -185,7 +194,7 @@ class SearchSpec(Record):
 
     style: str | None = option(None, none_or(read_style), "NAME")
     like: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
-    method: str = option("map-elites", one_of(*METHODS, CUSTOM), "NAME")
+    method: str = option("map-elites", check_method, "NAME")
     preset: str = option("tuned", name, "NAME")
     evaluations: int = option(200_000, whole(0), "N")
     generations: int | None = option(None, none_or(whole(0)), "N")

@@ -239,7 +239,7 @@ def test_maps_that_a_set_cannot_draw_at_all_end_in_one_line(folder, tmp_path, ca
     assert main(["generate", "--size", "3", "3", *few, "--out", str(out)]) == 2
     assert (
         capsys.readouterr().err
-        == "elitelanes: no map of 3 x 3 tiles is as asked for: none of all 11 grids without dead ends\n"
+        == "elitelanes: no map of 3 x 3 tiles satisfies all constraints: none of the 11 grids without dead ends does\n"
     )
     assert main(["generate", "--size", "5", "6", *few, "--out", str(out)]) == 1
     said = capsys.readouterr().err

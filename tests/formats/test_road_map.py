@@ -40,7 +40,7 @@ def test_a_map_file_gives_the_map_back(road_map, tmp_path):
         ({"codes": None}, "grid: expected two dimensions"),
         ({"metrics": {"turns": float("nan")}}, "metrics: expected numbers by name, got .*NaN"),
         ({"metrics": {"turns": "two"}}, "metrics: expected numbers by name, got .*two"),
-        ({"fitness": 0.5}, "fitness: expected a whole number, got 0.5"),
+        ({"fitness": float("nan")}, "fitness: expected a number, got NaN"),
         ({"descriptor": [3]}, "descriptor: expected numbers by name"),
         ({"niche": 3}, "niche: expected whole numbers, got 3"),
         ({"seed": (1, 2, 3)}, "seed: expected two whole numbers"),
@@ -56,12 +56,12 @@ def test_no_map_is_made_that_no_file_could_hold(values, message):
 
 
 def test_a_map_of_numpy_s_numbers_is_written_like_one_of_python_s(tmp_path):
-    numbers = {"metrics": {"turns": np.int32(4), "coverage": np.float32(0.5)}, "fitness": np.int64(3)}
+    numbers = {"metrics": {"turns": np.int32(4), "coverage": np.float32(0.5)}, "fitness": np.float32(2.5)}
     numbers |= {"niche": [np.int32(1)], "seed": [np.int64(7), 2]}
     file = tmp_path / "map.json"
     file.write_text(map_to_json(RoadMap(CODES.tolist(), **numbers)))
     back = read_map(file)
-    assert (back.metrics, back.fitness, back.niche, back.seed) == ({"turns": 4, "coverage": 0.5}, 3, [1], (7, 2))
+    assert (back.metrics, back.fitness, back.niche, back.seed) == ({"turns": 4, "coverage": 0.5}, 2.5, [1], (7, 2))
     np.testing.assert_array_equal(back.codes, CODES)
 
 
@@ -119,7 +119,7 @@ def drawn(tiles, turns):
         (with_("drawn", drawn('[["a", "b"], ["c"]]', "[[0, 1], [2, 3]]")), "drawn: expected tables of 2 x 2"),
         (with_("seed", "5"), "seed: expected two whole numbers, got 5"),
         (with_("seed", "[1, 2, 3]"), "seed: expected two whole numbers"),
-        (with_("fitness", '"low"'), 'fitness: expected a whole number, got "low"'),
+        (with_("fitness", '"low"'), 'fitness: expected a number, got "low"'),
         (with_("metrics", '{"components": "one"}'), "metrics: expected numbers by name"),
         (with_("descriptor", "[1]"), "descriptor: expected numbers by name"),
         (with_("niche", "[0.5]"), "niche: expected whole numbers"),
