@@ -8,8 +8,12 @@ READY := .venv/.ready
 DEMO := demo-maps
 SITE := site
 BUILT := explorer/node_modules/.built
+# The extras that the tests need, and the Pythons of make newest and make lowest.
+TESTED := dev,docs,experiments,training
+NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
+OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo towns lint docs benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -41,47 +45,60 @@ explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
 	cd explorer && npm ci --silent
 	touch $@
 
-# The tests that need large or old packages have an environment each: SUMO,
+# Tests that need large or old packages have an environment each. It is made again when its packages change.
+# SUMO.
 sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
 	  tests/experiments/test_references.py -k 'sumo or references'
 
-.venv-sumo/.ready: pyproject.toml constraints.txt
-	rm -rf .venv-sumo
-	$(PYTHON) -m venv .venv-sumo
-	.venv-sumo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,plots,sumo]'
-	touch $@
-
-# marimo,
+# marimo.
 marimo: .venv-marimo/.ready explorer/node_modules/.ready
 	.venv-marimo/bin/python -m pytest -m slow tests/explorer/test_explorer_widget.py
 
-.venv-marimo/.ready: pyproject.toml constraints.txt
-	rm -rf .venv-marimo
-	$(PYTHON) -m venv .venv-marimo
-	.venv-marimo/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,marimo]'
-	touch $@
-
-# QDax, evosax and pyribs,
+# QDax, evosax and pyribs.
 interop: .venv-interop/.ready
 	.venv-interop/bin/python -m pytest tests/test_interop.py
 
-.venv-interop/.ready: pyproject.toml constraints.txt
-	rm -rf .venv-interop
-	$(PYTHON) -m venv .venv-interop
-	.venv-interop/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  -e '.[dev,interop,plots]'
-	touch $@
-
-# Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED,
+# Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED.
 rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
-.venv-rl/.ready: pyproject.toml constraints.txt
-	rm -rf .venv-rl
-	$(PYTHON) -m venv .venv-rl
-	.venv-rl/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,rl]'
+EXTRAS-sumo := dev,plots,sumo
+EXTRAS-marimo := dev,marimo
+EXTRAS-interop := dev,interop,plots
+EXTRAS-rl := dev,rl
+
+$(patsubst %,.venv-%/.ready,sumo marimo interop rl): .venv-%/.ready: pyproject.toml constraints.txt
+	rm -rf .venv-$*
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS-$*)]'
 	touch $@
+
+# The newest Python on the PATH, with the newest versions that pip finds today.
+newest:
+	@test -n "$(NEWEST)" || { echo "elitelanes_jax: expected a Python after 3.11 on the PATH, such as python3.13, or as" \
+	  "NEWEST=, got none"; exit 2; }
+	rm -rf .venv-newest
+	$(NEWEST) -m venv .venv-newest
+	.venv-newest/bin/python -m pip install --quiet --disable-pip-version-check -e '.[$(TESTED)]'
+	.venv-newest/bin/python -m pytest -n auto --dist loadfile
+
+# Python 3.11 with the lowest versions that pyproject.toml allows. Warnings of old packages are no errors.
+lowest: .venv-lowest/.ready
+	.venv-lowest/bin/python -m pytest -n auto --dist loadfile -W default
+
+.venv-lowest/.ready: pyproject.toml
+	@$(OLDEST) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))' \
+	  || { echo "elitelanes_jax: expected Python 3.11 as OLDEST=$(OLDEST), got $$($(OLDEST) --version 2>&1)"; exit 2; }
+	rm -rf .venv-lowest
+	$(OLDEST) -m venv .venv-lowest
+	.venv-lowest/bin/python -m pip install --quiet --disable-pip-version-check uv
+	.venv-lowest/bin/uv pip install --quiet --python .venv-lowest --resolution lowest-direct -e '.[$(TESTED)]'
+	touch $@
+
+# The tests in all environments, one after another, with a row for each in docs/tested.md. ENVIRONMENTS selects some.
+everything: $(READY)
+	$(BIN)/python tests/everything.py $(ENVIRONMENTS)
 
 # duckietown-world, called from ours as a program.
 duckietown: $(READY) .venv-duckietown/.ready
@@ -146,7 +163,7 @@ driving-speed: $(READY)
 	$(BIN)/python -m experiments.navigation.speed
 
 clean:
-	rm -rf explorer/node_modules .venv .venv-duckietown .venv-interop .venv-marimo .venv-rl .venv-sumo $(DEMO) $(SITE)
+	rm -rf explorer/node_modules .venv .venv-* $(DEMO) $(SITE)
 
 $(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -159,5 +176,5 @@ $(PROGRAM): pyproject.toml constraints.txt
 $(READY): $(PROGRAM)
 	@echo "installing what the tests need"
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
-	  -e '.[dev,docs,experiments,training]'
+	  -e '.[$(TESTED)]'
 	touch $@

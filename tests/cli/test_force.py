@@ -14,6 +14,7 @@ from elitelanes_jax.maps.generation import merge
 from elitelanes_jax.maps.picking import pick
 from elitelanes_jax.maps.spec import PickSpec
 
+DRAWN = Path(__file__).parents[2] / "tiles"
 SMALL = ["generate", "--size", "5", "6", "--seeds", "3", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]
 
@@ -124,6 +125,15 @@ def test_what_is_read_is_not_replaced_through_a_link_either(through, folder, cap
     with pytest.raises(InputError, match=re.escape(words)):
         pick(PickSpec(maps=2), [source], out, force=True, force_archive=True)
     assert files(folder) == before
+
+
+def test_a_tile_of_the_set_is_not_replaced(folder, tmp_path, capsys):
+    tiles = Path(shutil.copytree(DRAWN, tmp_path / "tiles"))
+    tile, road_map = next(path.parent for path in tiles.glob("*/image.png")), folder / "maps" / "0000" / "map.json"
+    before = files(tiles)
+    assert main(["render", str(road_map), "--tiles", str(tiles), "--out", str(tile), "--force"]) == 2
+    assert capsys.readouterr().err.endswith("files of an earlier run alone, got one with no labels.png\n")
+    assert files(tiles) == before
 
 
 def test_pick_replaces_an_archive_only_if_that_is_said(folder, capsys):

@@ -11,6 +11,8 @@ await page.goto(address, { timeout: 120_000 });
 await page.locator(".jp-Notebook").waitFor({ timeout: 120_000 });
 await page.locator(".jp-Cell").first().click();
 await page.keyboard.press("Control+Home");
+const isReady = () => window.jupyterapp.shell.currentWidget.sessionContext.session?.kernel?.status === "idle";
+await page.waitForFunction(isReady, null, { timeout: 240_000 }); // what is run before is lost
 await page.locator('[data-command="runmenu:run-all"], .lm-MenuBar-item:has-text("Run")').first().click();
 await page.locator('.lm-Menu-item[data-command="runmenu:run-all"]').click();
 const widget = page.locator(".elx");

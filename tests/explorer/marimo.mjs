@@ -12,7 +12,7 @@ await page.goto(address, { timeout: 120_000 });
 const widget = page.locator(".elx");
 // The editor's cells wait to be run; an app has no such buttons.
 const buttons = page.locator("[data-testid=run-button]");
-await page.locator(".elx, [data-testid=run-button]").first().waitFor({ timeout: 120_000 });
+await page.locator(".elx, [data-status] [data-testid=run-button]").first().waitFor({ timeout: 120_000 }); // cells' own
 await page.waitForTimeout(3000);
 const edits = (await buttons.count()) > 0;
 if (edits) await buttons.first().dispatchEvent("click");

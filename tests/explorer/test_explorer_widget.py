@@ -151,7 +151,11 @@ def test_the_widget_in_jupyterlab(tmp_path):
     notebook = nbformat.v4.new_notebook(cells=[nbformat.v4.new_code_cell(cell) for cell in CELLS])
     notebook.metadata.kernelspec = {"name": "python3", "display_name": "Python 3", "language": "python"}
     nbformat.write(notebook, tmp_path / "explorer.ipynb")
+    slow = tmp_path / "ipythondir" / "profile_default" / "startup" / "slow.py"
+    slow.parent.mkdir(parents=True)
+    slow.write_text("import time; time.sleep(12)")  # a kernel that is not ready when the notebook is there
     command = [sys.executable, "-m", "jupyterlab", "--ServerApp.port_retries=0", "--no-browser", "--allow-root"]
+    command += ["--expose-app-in-browser"]
     command += ["--ServerApp.token=", "--ServerApp.password=", f"--ServerApp.root_dir={tmp_path}"]
     seen = seen_in("jupyter.mjs", "/lab/tree/explorer.ipynb?reset", tmp_path, command)
     assert seen["errors"] == []

@@ -1,0 +1,112 @@
+"""Runs the tests in every environment, one after another, and writes a row for each to docs/tested.md.
+
+`make everything` calls it with `ENVIRONMENTS`, by default all environments. Rows of other environments are kept.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from datetime import date
+from pathlib import Path
+from typing import NamedTuple
+from xml.etree import ElementTree
+
+__all__ = ["ENVIRONMENTS", "PAGE", "Environment", "main"]
+
+PAGE = Path(__file__).parents[1] / "docs" / "tested.md"
+"""The page with the table."""
+
+
+class Environment(NamedTuple):
+    """The folder of a virtual environment, and the packages that the table lists besides JAX, NumPy, SciPy, OpenCV."""
+
+    folder: str
+    packages: tuple[str, ...] = ()
+
+
+ENVIRONMENTS = {
+    "test": Environment(".venv", ("networkx", "numba")),
+    "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
+    "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxued")),
+    "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
+    "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
+    "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
+    "newest": Environment(".venv-newest", ("networkx", "numba")),
+    "lowest": Environment(".venv-lowest", ("networkx", "numba")),
+    "test-slow": Environment(".venv"),
+}
+"""The environments by the targets of make that run their tests."""
+
+_USUAL = ("jax", "numpy", "scipy", "opencv-python-headless")
+_VERSIONS = """
+import sys
+from importlib.metadata import PackageNotFoundError, version
+print(sys.version.split()[0])
+for name in sys.argv[1:]:
+    try:
+        print(name, version(name))
+    except PackageNotFoundError:
+        pass
+"""
+_HEAD = """# Tested with
+
+`make everything` runs the tests in all environments, one after another, and writes this table.
+Each row is the last run of one target of `make`. A test is skipped if its environment lacks something that it needs.
+
+| make | Python | packages | passed | skipped | failed | minutes | day |
+|---|---|---|---|---|---|---|---|
+"""
+
+
+def main(names: Sequence[str] = ()) -> int:
+    """Runs the tests in environments, by default in all.
+
+    Returns:
+      The exit code: 1 if a test fails or an environment runs no test, 2 if a name is unknown.
+    """
+    if unknown := [name for name in names if name not in ENVIRONMENTS]:
+        print(f"ENVIRONMENTS: expected some of {', '.join(ENVIRONMENTS)}, got {unknown[0]}", file=sys.stderr)
+        return 2
+    rows, failed = _read_rows(), False
+    for name in names or ENVIRONMENTS:
+        with tempfile.TemporaryDirectory() as folder:
+            report = Path(folder) / "report.xml"
+            options = f"{os.environ.get('PYTEST_ADDOPTS', '')} --junitxml={report}"
+            ran = subprocess.run(["make", name], env=os.environ | {"PYTEST_ADDOPTS": options}, check=False)
+            counts = _counts(report)
+        failed |= bool(ran.returncode) or counts[0] == "0"
+        rows[name] = " | ".join((f"`{name}`", *_versions(ENVIRONMENTS[name]), *counts, date.today().isoformat()))
+        text = _HEAD + "".join(f"| {rows[known]} |\n" for known in ENVIRONMENTS if known in rows)
+        PAGE.write_text(text, encoding="utf-8")
+    return int(failed)
+
+
+def _read_rows() -> dict[str, str]:
+    lines = PAGE.read_text(encoding="utf-8").splitlines() if PAGE.exists() else []
+    return {line.split("`")[1]: line.strip("| ") for line in lines if line.startswith("| `")}
+
+
+def _counts(report: Path) -> tuple[str, str, str, str]:
+    """Returns how many tests passed, were skipped and failed, and the minutes; without a report, that all failed."""
+    if not report.exists():
+        return "0", "0", "all", "0"
+    suite = ElementTree.parse(report).getroot().find("testsuite")
+    assert suite is not None
+    tests, skipped, *bad = (int(suite.get(name, 0)) for name in ("tests", "skipped", "failures", "errors"))
+    return str(tests - skipped - sum(bad)), str(skipped), str(sum(bad)), f"{float(suite.get('time', 0)) / 60:.1f}"
+
+
+def _versions(environment: Environment) -> tuple[str, str]:
+    """Returns the version of Python, and the versions of packages."""
+    python = PAGE.parents[1] / environment.folder / "bin" / "python"
+    if not python.exists():
+        return "none", "not installed"
+    command = [python, "-c", _VERSIONS, *_USUAL, *environment.packages]
+    first, *packages = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    return first, ", ".join(packages)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
