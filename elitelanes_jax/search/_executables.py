@@ -146,7 +146,10 @@ jax.monitoring.register_event_listener(_notice)
 
 
 def compile_and_serialise(lowered: jax.stages.Lowered) -> tuple[jax.stages.Compiled, bytes | None]:
-    """Compiles a program; returns it, and its bytes, or None if XLA cannot serialise it."""
+    """Compiles a program; returns it, and its bytes, or None if XLA cannot serialise it.
+
+    It cannot if the program was compiled before in this process and has run. A later process then adds it to the file.
+    """
     _taken.discard(get_ident())
     compiled = lowered.compile()
     executable = compiled.runtime_executable()

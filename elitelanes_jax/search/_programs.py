@@ -36,7 +36,7 @@ from elitelanes_jax.search._executables import (
 from elitelanes_jax.search.elites import MeasuredElites
 
 KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
-States: TypeAlias = tuple[Array, ...]
+States: TypeAlias = tuple[Array | np.ndarray, ...]
 """The leaves of the optimiser's states, arrays ``[S, ...]``."""
 
 MOST = 256
@@ -102,8 +102,11 @@ class Programs:
       states: the shapes and dtypes of the states of all seeds.
     """
 
-    def __init__(self, static: Static, traced: Traced, keys: KeyData, single: bool, devices: Sequence[jax.Device]):
-        """Finds the programs on disk, or traces what the search takes; see `find_programs`."""
+    def __init__(self, static: Static, traced: Pytree, keys: Pytree, single: bool, devices: Sequence[jax.Device]):
+        """Finds the programs on disk, or traces what the search takes; see `find_programs`.
+
+        Of `traced` and `keys` only the shapes and dtypes count.
+        """
         self._static, self._traced, self._keys, self._single = static, traced, keys, single
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
@@ -161,6 +164,7 @@ class Programs:
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; if there was one key alone, both without the axis of seeds."""
+        self.prepare(starts=False, runs=False)  # it is missing after an interruption of the compiler
         program = self._programs["collect"]
         found = program(traced, states)
         # A loaded program binds its results to their device, a compiled one does not.
@@ -201,14 +205,12 @@ class Programs:
             elites = MeasuredElites(leaf, leaf, leaf, leaf, metrics, features)
             outputs = {"start": states, "collect": (elites, states)}
             devices = {f"advance {device}": device for device in self._devices}
-            programs: dict[str, Callable[..., Pytree]] = {
-                name: Executable(
-                    program,
-                    devices.get(name, default),
-                    jax.tree.structure(outputs.get(name, (states, Info(*[leaf] * len(Info._fields))))),
-                )
+            after = (states, Info(*[leaf] * len(Info._fields)))
+            loads = [
+                partial(Executable, program, devices.get(name, default), jax.tree.structure(outputs.get(name, after)))
                 for name, program in kept.programs.items()
-            }
+            ]
+            programs: dict[str, Callable[..., Pytree]] = dict(zip(kept.programs, side_by_side(loads), strict=True))
             self.evaluations_per_step = int(kept.facts["evaluations_per_step"])
         except Exception as error:  # of XLA, of any type
             refuse(self._file, error)
@@ -248,7 +250,7 @@ def _find(
     return Programs(static, traced, keys, single, devices)
 
 
-def _evaluations_per_step(static: Static, traced: Traced) -> int:
+def _evaluations_per_step(static: Static, traced: Pytree) -> int:
     found: list[int] = []
     jax.eval_shape(lambda traced: found.append(int(static.optimizer(traced).evaluations_per_step)), traced)
     return found[0]
