@@ -216,7 +216,7 @@ def film(
     picture = render(grid, tiles, tile_px=size, chosen=chosen)
     # Each cell has a picture of its own: where tiles are blended no two are alike.
     atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
-    place = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
+    cells = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
     camera = Camera(rows=_HEIGHT, columns=640)
     side = min(_HEIGHT / grid.shape[0], _WIDEST / grid.shape[1])
     shape = max(round(side * grid.shape[1]) // 2 * 2, 2), round(side * grid.shape[0])  # films have even sides
@@ -226,7 +226,7 @@ def film(
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(*(part[number][steps] for part in (rides.x, rides.y, rides.theta)))
-        views = np.asarray(_look(poses, place, atlas, camera))
+        views = np.asarray(_look(poses, cells, atlas, camera))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
             _draw_trail(plan, rides, number, step, goal, side)
@@ -242,8 +242,8 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 
 @jax.jit
-def _look(poses: Pose, place: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, place, atlas, camera).image)(poses)
+def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
+    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
@@ -335,5 +335,5 @@ def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, si
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
-    """Turns places in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
+    """Turns positions in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
     return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)
