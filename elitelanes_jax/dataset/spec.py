@@ -147,7 +147,7 @@ class DatasetSpec(Record):
         """Takes the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
         if self.search != defaults["search"]:
-            raise InputError("maps_from: expected it without settings of a search, which given maps have no use for")
+            raise InputError("maps_from: expected no options of a search, which given maps do not need")
         rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
         square = all(height == width for height, width in given.sizes)
         for name, value in (("maps", len(given.maps)), ("size", (rows,) if square else (rows, columns))):

@@ -27,7 +27,7 @@ def ranges_like() -> frozenset[str]:
 
 
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
-    """Returns the settings of a search for maps like given ones, of any size.
+    """Returns the options of a search for maps like example maps, of any size.
 
     The lowest and the highest value of each feature among the maps are the range of what is searched for, wider by a
     quarter of their spread, and at least a little, on either side; axes spread the niches over these ranges. If all
