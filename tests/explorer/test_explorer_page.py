@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import zlib
+from dataclasses import replace
 from hashlib import sha256
 from html.parser import HTMLParser
 
@@ -17,6 +18,8 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
+from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
 from elitelanes_jax.tiles.tileset import load_tiles
@@ -171,6 +174,65 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     (tmp_path / "page.html").write_text("<!doctype html>\nmine")
     assert main([*line, "--force"]) == 2
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
+
+
+def usual(usual):
+    return usual
+
+
+def whole(usual):
+    return usual + 1
+
+
+def fractional(metrics, usual):
+    return usual / 7 + metrics.tiles
+
+
+@pytest.mark.parametrize(
+    ("options", "dtype", "is_usual", "floors"),
+    [
+        ({}, "int32", True, True),
+        ({"fitness": usual}, "int32", True, True),
+        ({"where": ["crossings=6", "bridges=2"]}, "int32", True, True),
+        ({"weights": {"symmetry": -1}}, "int32", True, False),
+        ({"fitness": whole}, "int32", False, False),
+        ({"fitness": fractional}, "float32", False, False),
+    ],
+)
+def test_floors_are_those_of_the_usual_fitness_and_a_float_fitness_keeps_its_fractions(
+    tmp_path, options, dtype, is_usual, floors
+):
+    result = evolve(0, (6, 6), seeds=2, style="paper", method="map-elites", preset="paper", generations=3, **options)
+    result.save(tmp_path / "result.npz")
+    payload = collect([tmp_path / "result.npz"])
+    (shown,) = payload.values["runs"]
+    blob = zlib.decompress(payload.blob)
+    fitness = np.asarray(result.elites.fitness)[np.asarray(result.elites.valid)]
+    values = read_array(shown["fitness"], blob)
+    assert values.dtype == dtype == shown["fitness"]["array"][0]
+    np.testing.assert_array_equal(values, fitness)
+    assert (fitness % 1 != 0).any() == (dtype == "float32")
+    assert shown["usual_fitness"] is is_usual
+    assert (shown["floors"] is not None) is floors
+    best = read_array(shown["history"]["best_fitness"], blob).reshape(2, -1)
+    np.testing.assert_array_equal(best[:, -1], result.history.best_fitness[:, -1])
+
+
+def test_a_generation_without_elites_has_an_infinite_best_fitness():
+    result = big_result()
+    best = result.history.best_fitness.copy()
+    best[0, 0] = vacant_fitness(best.dtype)
+    payload = collect_result(replace(result, history=result.history._replace(best_fitness=best)))
+    shown = payload.values["runs"][0]["history"]["best_fitness"]
+    best = read_array(shown, zlib.decompress(payload.blob))
+    assert best[0] == np.inf and np.isfinite(best[1:]).all()
+
+
+def test_the_fractions_of_a_map_file_are_kept():
+    payload = collect_maps([RoadMap(LOOP, fitness=-0.25), RoadMap(LOOP, fitness=3)])
+    (shown,) = payload.values["runs"]
+    assert read_array(shown["fitness"], zlib.decompress(payload.blob)).tolist() == [-0.25, 3]
+    assert not shown["usual_fitness"]
 
 
 def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
