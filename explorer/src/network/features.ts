@@ -1,6 +1,6 @@
 /** Features of a grid, and the niches that they select. Shares are in thousandths. */
 import { METRIC_NAMES, type MetricName } from "./measure";
-import { TOWN_NAMES, TOWN_PARTS, TOWN_RATIOS } from "./town";
+import { TOWN_FEATURES, TOWN_PARTS, TOWN_RATIOS } from "./town";
 
 export const SHARE_UNIT = 1000;
 
@@ -22,7 +22,7 @@ export const unitOf = (name: string): number => (isShare(name) || TOWN_RATIOS.in
 
 /** Returns whether the package has a feature. All other features are kernels of a user. */
 export const isOurs = (name: string): boolean =>
-  FEATURES.includes(name) || (TOWN_NAMES as readonly string[]).includes(name);
+  FEATURES.includes(name) || (TOWN_FEATURES as readonly string[]).includes(name);
 
 const METRIC_INDEX = Object.fromEntries(METRIC_NAMES.map((name, index) => [name, index])) as Record<MetricName, number>;
 
