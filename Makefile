@@ -58,7 +58,7 @@ marimo: .venv-marimo/.ready explorer/node_modules/.ready
 
 # QDax, evosax and pyribs.
 interop: .venv-interop/.ready
-	.venv-interop/bin/python -m pytest tests/test_interop.py
+	.venv-interop/bin/python -m pytest tests/optimizers/test_interop.py
 
 # Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED.
 rl: .venv-rl/.ready

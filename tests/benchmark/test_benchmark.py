@@ -16,7 +16,7 @@ from elitelanes_jax.benchmark.submissions import Submission, read_submission, sc
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
 
-PAGE = Path(__file__).parents[1] / "docs" / "benchmark.md"
+PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 TASK = find_task("5x5A-100000")
 
 

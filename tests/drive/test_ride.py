@@ -135,7 +135,7 @@ def test_two_films_written_at_once_are_both_whole(suffix, tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
-POLICY = Path(__file__).parents[1] / "docs" / "examples" / "follow_lane.py"
+POLICY = Path(__file__).parents[2] / "docs" / "examples" / "follow_lane.py"
 
 
 def test_a_policy_of_ones_own_drives(rides):
