@@ -73,8 +73,8 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _work(seeds: Sequence[int], count: int, do: Callable[[int], None]) -> None:
-    """Does all seeds in order. Each of `count` cores does one seed at a time."""
-    if count == 1:
+    """Does all seeds in order. Each of `count` cores does one seed at a time if the system can keep a process on a core."""
+    if count == 1 or not hasattr(os, "sched_setaffinity"):  # macOS and Windows lack it
         for seed in seeds:
             do(seed)
         return
