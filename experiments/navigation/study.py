@@ -64,7 +64,8 @@ def _run(options: argparse.Namespace) -> None:
     use_compile_cache()
     began = time.perf_counter()
     seeds = range(options.seeds or (1 if options.quick else 10))
-    cores = min(options.cores or len(os.sched_getaffinity(0)), len(seeds))
+    can_settle = hasattr(os, "sched_setaffinity")  # macOS and Windows cannot keep a process on a core
+    cores = min(options.cores or len(os.sched_getaffinity(0)), len(seeds)) if can_settle else 1
     _work(seeds, cores, partial(_do, tasks, options.out, options.quick, human.tolist()))
     from experiments.navigation.report import write_report
 
@@ -73,8 +74,8 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _work(seeds: Sequence[int], count: int, do: Callable[[int], None]) -> None:
-    """Does all seeds in order. Each of `count` cores does one seed at a time if the system can keep a process on a core."""
-    if count == 1 or not hasattr(os, "sched_setaffinity"):  # macOS and Windows lack it
+    """Does all seeds in order, one on each of `count` cores at a time."""
+    if count == 1:
         for seed in seeds:
             do(seed)
         return

@@ -112,7 +112,8 @@ def features_of(grids: Sequence[NDArray[np.int8]]) -> NDArray[np.float64]:
         chosen = [index for index, grid in enumerate(maps) if index not in towns and max(grid.shape) <= side]
         if chosen:
             padded = [np.pad(maps[index], [(0, side - length) for length in maps[index].shape]) for index in chosen]
-            values = {name: np.asarray(column).tolist() for name, column in _measure(jnp.asarray(np.stack(padded))).items()}
+            measured = _measure(jnp.asarray(np.stack(padded)))
+            values = {name: np.asarray(column).tolist() for name, column in measured.items()}
             towns |= {index: {name: values[name][at] for name in values} for at, index in enumerate(chosen)}
     rows = []
     for index, grid in enumerate(maps):
@@ -251,8 +252,8 @@ def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]
             continue
         targets[name] = values.tolist()
     spec = pool.spec.replace(targets=targets)
-    features = with_town_features(pool.elites.features, spec.measured, pool.elites.grids)
-    features = {name: jnp.asarray(values) for name, values in features.items()}
+    measured = with_town_features(pool.elites.features, spec.measured, pool.elites.grids)
+    features = {name: jnp.asarray(values) for name, values in measured.items()}
     return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
 
 
