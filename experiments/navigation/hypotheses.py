@@ -30,7 +30,7 @@ class Answer(NamedTuple):
     """A figure that a hypothesis is about.
 
     Attributes:
-      hypothesis: its number in README.md.
+      hypothesis: its number on the page of this room, README.md.
       words: what the figure is.
       found: the figure, over seeds.
       least: of what was expected.

@@ -1,11 +1,11 @@
-"""Navigation on generated maps: whether a driver learns more from more maps, or from other ones.
+"""Measures whether a driver learns more from more maps, or from maps of another source.
 
     python -m experiments.navigation.study [--tasks ...] [--seeds N] [--cores N] [--human-made DIR] [--quick]
 
-Drivers are trained by PPO on sets of maps that differ in their number and source alone: the same steps, networks and
-distances from start to goal. They are tested on maps that none was trained on: of the same niches, of niches held out,
-of other sources, and made by hand. What was expected stands in README.md. The folder of results keeps every finished
-run: after an interruption, the same command continues from there.
+PPO trains drivers on sets of maps that differ in their number and source alone, with the same steps, networks and
+distances from start to goal. Tests use maps that no driver was trained on: of the same niches, of niches held out, of
+other sources, and made by hand. README.md has the hypotheses and the results. The folder of results keeps every
+finished run: after an interruption, the same command continues from there.
 """
 
 import argparse
