@@ -77,8 +77,6 @@ def test_results_are_plotted(result):
         plots.archive_map(result.elites.fitness)
 
 
-def test_wrong_kinds_are_refused_in_words(tmp_path, result):
+def test_maps_in_place_of_a_specification_are_refused(tmp_path, result):
     with pytest.raises(InputError, match="spec: expected DatasetSpec, got"):
         datasets.make_dataset(result.maps(1), tmp_path / "dataset")
-    with pytest.raises(InputError, match="key: expected a jax.random.key, got 0"):
-        drive.make_levels(0, [TOWN])

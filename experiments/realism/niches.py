@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elitelanes_jax import evolve
+from elitelanes_jax import InputError, evolve
 from elitelanes_jax.search import use_compile_cache, without_flaws
 from experiments.common import Parser, leave, run, whole
 
@@ -35,6 +35,8 @@ def _compare(options: argparse.Namespace) -> None:
         0, tuple(options.size), seeds=options.seeds, style=options.style, evaluations=options.evaluations, progress=True
     )
     filled, _ = without_flaws(result.satisfies(), result.elites.by_name(), result.spec)
+    if not filled.any():
+        raise InputError(f"evaluations: expected enough to fill a niche, got {options.evaluations}")
     runs = filled.sum(axis=1) / filled.any(axis=0).sum()
     of_runs = np.bincount(filled.sum(axis=0))[1:]
     print(
