@@ -175,6 +175,7 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
     exec(compile(scores, str(PAGE), "exec"), {})
+    assert capsys.readouterr().out == "[1.  0.5] (0.5, 1.0)\n"
     exec(compile(program, str(PAGE), "exec"), made := {})
     assert main(["score", "mine.npz"]) == 0
     title, head, row = capsys.readouterr().out.splitlines()
