@@ -46,7 +46,7 @@ MOST = 256
 # The names of programs: what advances the seeds of a device has the device in it.
 _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 
-# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second at most on two cores.
+# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second on two cores.
 _FEW_CELLS = 3_000_000
 
 
