@@ -18,6 +18,7 @@ from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._card import sample_sheet, write_card
@@ -115,6 +116,7 @@ def make_dataset(
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
     """
+    spec = check_named("spec", record(DatasetSpec), spec)
     out = Path(out)
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     find_format(spec.format)

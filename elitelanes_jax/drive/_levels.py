@@ -12,7 +12,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive.lanes import LaneNode, linked, movements
-from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 
@@ -111,7 +111,7 @@ def make_levels(
 
     Args:
       key: consumed.
-      grids: integer codes ``[M, H, W]``.
+      grids: integer codes ``[M, H, W]``, or a `RoadMap`, or M of one size.
       count: N, how many; by default M. Level i is on map i modulo M.
       least: tiles from the start to the goal, 1 or more.
       most: tiles from the start to the goal, 1 or more.
@@ -120,10 +120,13 @@ def make_levels(
       A batch of N levels, all of which `check_level` accepts.
 
     Raises:
-      InputError: for a bad grid, grids of several sizes, a map without any lane, or a number out of its range.
+      InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out
+        of its range.
     """
+    check_key(key)
+    grids = [grids] if hasattr(grids, "codes") else grids
     try:
-        listed = np.asarray(grids)
+        listed = np.asarray(grids if hasattr(grids, "ndim") else [getattr(grid, "codes", grid) for grid in grids])
     except ValueError:
         raise InputError("grids: expected one or more of one size, [M, H, W], got several sizes") from None
     if listed.ndim != 3 or not len(listed):

@@ -72,7 +72,7 @@ def make_rides(
     """Drives on a map, from starts and to goals drawn at random: such as the expert reaches in time.
 
     Args:
-      grid: codes ``[H, W]``.
+      grid: codes ``[H, W]``, or a `RoadMap`.
       count: N, how many rides.
       policy: one of `POLICIES`, or a driver of one's own.
       seconds: after which a ride ends.
@@ -85,7 +85,7 @@ def make_rides(
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
     drawing, driving = jax.random.split(jax.random.key(seed))
-    levels = make_levels(drawing, np.asarray(grid)[None], count, least=4, most=max(4, int(_PACE * seconds)))
+    levels = make_levels(drawing, [grid], count, least=4, most=max(4, int(_PACE * seconds)))
     steps = max(round(seconds * _RATE), 1)
     drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
     poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))

@@ -13,7 +13,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.packages import __version__
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
@@ -88,30 +88,45 @@ class _Finds(NamedTuple):
 
 
 def collect(
-    sources: Sequence[Path],
+    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
     *,
     tiles: str | Path | None = None,
     blend: bool | None = None,
     tile_px: int = 64,
     title: str | None = None,
 ) -> Payload:
-    """Collects runs and maps from files.
+    """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders;
-        files of maps; files of rides, which `drive` wrote.
-      tiles: folder of the tile pictures; by default those of the first run, if they are there, else the package's own.
+      what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run, which `generate` or
+        `pick` wrote, a folder of such folders, an archive, a file of maps, or a file of rides, which `drive` wrote.
+      tiles: folder of the tile pictures; by default those of the first run's folder, or the package's own.
       blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
         default as the first run that says it was drawn, else as the set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
 
     Raises:
-      InputError: for a file or folder that is missing, broken, half-written or none of these, and for a bad tile set;
-        the message names the file.
+      InputError: for anything else; for a file or folder that is missing, broken, half-written or none of these, and
+        for a bad tile set. The message names the file.
     """
-    if not sources:
-        raise InputError("sources: expected a folder of a run, or maps, got nothing")
+    given: UserValue = what
+    if hasattr(given, "elites") and hasattr(given, "axes"):
+        return collect_result(given, title or "result", tiles=load_tiles(tiles, blend=blend), tile_px=tile_px)
+    alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
+    listed = [given] if alone else list(given)
+    if not listed:
+        raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
+    if all(isinstance(one, RoadMap) for one in listed):
+        return collect_maps(listed, tiles=load_tiles(tiles, blend=blend), tile_px=tile_px, title=title or "")
+    if all(isinstance(one, str | Path) for one in listed):
+        return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
+    raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+
+
+def _collect_files(
+    sources: Sequence[Path], tiles: str | Path | None, blend: bool | None, tile_px: int, title: str | None
+) -> Payload:
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
     driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
@@ -176,13 +191,16 @@ def collect_results(
     return _pack(runs, tiles or load_tiles(), tile_px, "")
 
 
-def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64) -> Payload:
+def collect_maps(
+    maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64, title: str = ""
+) -> Payload:
     """Collects maps in memory; see `collect_result`.
 
     Args:
       maps: at least one.
       tiles: the tile pictures; by default the package's own.
       tile_px: side of a tile's picture in pixels, 16 to 512.
+      title: of the page.
 
     Raises:
       InputError: for no map.
@@ -190,7 +208,7 @@ def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_
     runs = _of_maps(maps, "")
     if not runs:
         raise InputError("maps: expected at least one, got none")
-    return _pack(runs, tiles or load_tiles(), tile_px, "")
+    return _pack(runs, tiles or load_tiles(), tile_px, title)
 
 
 def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:

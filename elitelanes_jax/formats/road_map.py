@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import MIB, parse_json, read_text
+from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
@@ -77,6 +77,14 @@ class RoadMap:
         object.__setattr__(self, "drawn", self.drawn and Drawn(**self.drawn))  # type: ignore[arg-type]
         if self.drawn and any(_extent(table) != codes.shape for table in self.drawn[1:]):
             raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
+
+    def save(self, file: str | Path) -> None:
+        """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
+
+        Raises:
+          OSError: if the file cannot be written.
+        """
+        write_atomic(Path(file), map_to_json(self).encode())
 
     def __repr__(self) -> str:
         """Returns the size and a few figures in one line."""

@@ -27,6 +27,7 @@ from elitelanes_jax.search._executables import (
     Executable,
     Kept,
     compile_and_serialise,
+    compile_program,
     find_file,
     load,
     refuse,
@@ -41,6 +42,12 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 
 MOST = 256
 """The most generations of one call."""
+
+# The names of programs: what advances the seeds of a device has the device in it.
+_ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
+
+# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second on two cores.
+_FEW_CELLS = 3_000_000
 
 
 class Traced(NamedTuple):
@@ -110,6 +117,7 @@ class Programs:
         self._static, self._traced, self._keys, self._single = static, traced, keys, single
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
+        self._cells = 0  # evaluated in this process
         self._programs: dict[str, Callable[..., Pytree]] = {}
         self._contents: dict[str, bytes] = {}  # of the file
         # The file's name tells nothing of what the user's functions compute.
@@ -119,7 +127,11 @@ class Programs:
             self._file = find_file(static, jax.tree.structure(traced), shapes, single, self._rows, *self._devices)
         else:
             self._file = None
-        if not self._load():
+        if self._file is not None and (kept := load(self._file)) is not None:
+            self.states = tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in kept.facts["states"])
+            self.evaluations_per_step = int(kept.facts["evaluations_per_step"])
+            self._contents = kept.programs
+        else:
             self.states = tuple(jax.tree.leaves(self._tree))
             self.evaluations_per_step = _evaluations_per_step(static, traced)
 
@@ -128,28 +140,25 @@ class Programs:
         """The bytes of the states of all seeds."""
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
-    def prepare(self, *, starts: bool, runs: bool) -> None:
-        """Compiles what is missing of the programs for a run: side by side, and in threads that an interruption leaves.
+    def prepare(self, *, starts: bool, generations: int) -> None:
+        """Loads the programs for a run, and compiles the missing ones, side by side.
 
-        Each is lowered in this thread, as JAX's settings may be those of this thread alone.
+        What starts and collects runs once, and is not optimised. What advances is optimised as soon as the searches in
+        this process evaluate more than a few cells. The bits are the same.
+
+        Args:
+          starts: whether the run starts at generation 0.
+          generations: the number that will be run.
         """
-        names = ["start"] * starts + ["collect"] + [f"advance {device}" for device in self._devices] * runs
-        missing = [name for name in names if name not in self._programs]
-        if not missing:
-            return
-        if self._file is None:
-            compiled = side_by_side((self._lower(name).compile for name in missing), wait=False)
-            self._programs |= dict(zip(missing, compiled, strict=True))
-            return
-        with without_the_cache_of_jax():
-            calls = (partial(compile_and_serialise, self._lower(name)) for name in missing)
-            for name, (program, content) in zip(missing, side_by_side(calls, wait=False), strict=True):
-                self._programs[name] = program
-                if content is not None:
-                    self._contents[name] = content
-        shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
-        facts = {"states": shapes, "evaluations_per_step": self.evaluations_per_step}
-        save(self._file, Kept(facts, self._contents))
+        height, width = self._static.shape
+        self._cells += generations * self.evaluations_per_step * len(self._keys) * height * width
+        names = ["start"] * starts + ["collect"]
+        if generations:
+            names += [self._to_advance(device) for device in self._devices]
+        names = [name for name in names if name not in self._programs]
+        self._load([name for name in names if name in self._contents])
+        if names := [name for name in names if name not in self._programs]:
+            self._compile(names)
 
     def start(self, traced: Traced, keys: KeyData) -> States:
         """Returns the states of generation 0."""
@@ -159,21 +168,75 @@ class Programs:
         self, device: jax.Device, traced: Traced, keys: KeyData, states: States, first: int, last: int
     ) -> tuple[States, Info]:
         """Runs the generations `first` to `last` of the seeds of a device, see `loop.advance`; waits for the end."""
-        program = self._programs[f"advance {device}"]
+        program = self._programs[self._to_advance(device)]
         return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
         """Returns the elites and the states; if there was one key alone, both without the axis of seeds."""
-        self.prepare(starts=False, runs=False)  # it is missing after an interruption of the compiler
+        self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted
         program = self._programs["collect"]
         found = program(traced, states)
         # A loaded program binds its results to their device, a compiled one does not.
         return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
 
+    def _to_advance(self, device: jax.Device) -> str:
+        """Returns the name of the program that advances the seeds of a device."""
+        name = f"{_ADVANCE} {device}"
+        known = name in self._programs or name in self._contents
+        return name if known or self._cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
+
+    def _load(self, names: Sequence[str]) -> None:
+        """Loads programs of the file. If one cannot be loaded, all are left aside."""
+        leaf: Pytree = 0
+        features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
+        elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
+        outputs = {"start": self.states, "collect": (elites, self.states)}
+        advanced = (self.states, Info(*[leaf] * len(Info._fields)))
+        calls = [
+            partial(
+                Executable, self._contents[name], self._device(name), jax.tree.structure(outputs.get(name, advanced))
+            )
+            for name in names
+        ]
+        try:
+            self._programs |= zip(names, side_by_side(calls), strict=True)
+        except Exception as error:  # of XLA, of any type
+            assert self._file is not None
+            refuse(self._file, error)
+            self._contents = {}
+
+    def _compile(self, names: Sequence[str]) -> None:
+        """Compiles programs, and adds them to the file.
+
+        Each is lowered in this thread, as JAX's settings may be those of this thread alone. An interruption leaves the
+        threads that compile.
+        """
+        optimised = [name.startswith(_ADVANCE) and not name.endswith(_UNOPTIMISED) for name in names]
+        # Each is lowered while those before it compile.
+        lowered = ((self._lower(name), fast) for name, fast in zip(names, optimised, strict=True))
+        if self._file is None:
+            plain = (partial(compile_program, program, optimised=fast) for program, fast in lowered)
+            self._programs |= zip(names, side_by_side(plain, wait=False), strict=True)
+            return
+        with without_the_cache_of_jax():
+            calls = (partial(compile_and_serialise, program, optimised=fast) for program, fast in lowered)
+            for name, (program, content) in zip(names, side_by_side(calls, wait=False), strict=True):
+                self._programs[name] = program
+                if content is not None:
+                    self._contents = self._contents | {name: content}
+        shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
+        facts = {"states": shapes, "evaluations_per_step": self.evaluations_per_step}
+        save(self._file, Kept(facts, self._contents))
+
     @cached_property
     def _tree(self) -> Pytree:
         """The shapes and dtypes of the states of all seeds, as the optimiser has them."""
         return _start.eval_shape(self._static, self._traced, self._keys)
+
+    def _device(self, name: str) -> jax.Device:
+        """Returns the device of a program; what starts and collects is for the default one."""
+        said = name.removeprefix(f"{_ADVANCE} ").removesuffix(f", {_UNOPTIMISED}")
+        return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
     def _lower(self, name: str) -> jax.stages.Lowered:
         static, traced, keys = self._static, self._traced, self._keys
@@ -182,7 +245,7 @@ class Programs:
         structure = jax.tree.structure(self._tree)
         if name == "collect":
             return _collect.lower(static, structure, traced, self.states, self._single)
-        device = next(device for device in self._devices if name == f"advance {device}")
+        device = self._device(name)
         # The default device binds nothing, see `_devices.cut`.
         bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
         part = [
@@ -191,32 +254,6 @@ class Programs:
         ]
         first = jax.ShapeDtypeStruct((), jnp.int32)
         return _advance.lower(static, structure, traced, part[0], tuple(part[1:]), first, first)
-
-    def _load(self) -> bool:
-        """Loads the programs that are kept; returns whether there are any."""
-        if self._file is None or (kept := load(self._file)) is None:
-            return False
-        default = jax.local_devices()[0]
-        try:
-            states = tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in kept.facts["states"])
-            leaf: Pytree = 0
-            metrics = Metrics(*[leaf] * len(Metrics._fields))
-            features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
-            elites = MeasuredElites(leaf, leaf, leaf, leaf, metrics, features)
-            outputs = {"start": states, "collect": (elites, states)}
-            devices = {f"advance {device}": device for device in self._devices}
-            after = (states, Info(*[leaf] * len(Info._fields)))
-            loads = [
-                partial(Executable, program, devices.get(name, default), jax.tree.structure(outputs.get(name, after)))
-                for name, program in kept.programs.items()
-            ]
-            programs: dict[str, Callable[..., Pytree]] = dict(zip(kept.programs, side_by_side(loads), strict=True))
-            self.evaluations_per_step = int(kept.facts["evaluations_per_step"])
-        except Exception as error:  # of XLA, of any type
-            refuse(self._file, error)
-            return False
-        self.states, self._programs, self._contents = states, programs, kept.programs
-        return True
 
 
 def find_programs(
@@ -256,11 +293,7 @@ def _evaluations_per_step(static: Static, traced: Pytree) -> int:
     return found[0]
 
 
-# These run once, before and after the generations: compiling them in half the time matters more than running them.
-_ONCE = {"xla_backend_optimization_level": 0}
-
-
-@partial(jax.jit, static_argnames="static", keep_unused=True, compiler_options=_ONCE)
+@partial(jax.jit, static_argnames="static", keep_unused=True)
 def _start(static: Static, traced: Traced, keys: KeyData) -> Pytree:
     return start(static.optimizer(traced), static.keys(keys))
 
@@ -274,7 +307,7 @@ def _advance(
     return tuple(jax.tree.leaves(inner)), info
 
 
-@partial(jax.jit, static_argnames=("static", "structure", "single"), keep_unused=True, compiler_options=_ONCE)
+@partial(jax.jit, static_argnames=("static", "structure", "single"), keep_unused=True)
 def _collect(
     static: Static, structure: Pytree, traced: Traced, states: States, single: bool
 ) -> tuple[MeasuredElites, States]:

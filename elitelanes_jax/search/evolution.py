@@ -157,7 +157,7 @@ def _evolve(
         states = None if inner is None else cut(inner, search.devices)
         try:
             with bar.doing("compiling"):
-                search.programs.prepare(starts=states is None, runs=done < last)
+                search.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
                     states = cut(search.programs.start(search.traced, search.keys), search.devices)
             for after, part in _run(search, states, done, last, bar):

@@ -258,5 +258,5 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         collect_results({})
     with pytest.raises(InputError, match="maps: expected at least one"):
         collect_maps([])
-    with pytest.raises(InputError, match="sources: expected a folder"):
+    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
         collect([])

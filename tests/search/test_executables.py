@@ -24,7 +24,7 @@ SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, preset="paper", generations=3, progress=False)
 
 
-NAMES = {"start", "collect", f"advance {jax.devices()[0]}"}
+NAMES = {"start", "collect", f"advance {jax.devices()[0]}, unoptimised"}
 
 
 def arrays(result):
@@ -94,6 +94,19 @@ def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch
     in_a_new_process(monkeypatch)
     assert arrays(run(generations=0)) == arrays(start)
     assert arrays(run()) == arrays(whole)
+
+
+def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
+    optimised = f"advance {jax.devices()[0]}"
+    results = [run()]
+    two_searches = 2 * 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds on 4 x 5 cells
+    monkeypatch.setattr(_programs, "_FEW_CELLS", two_searches)
+    results.append(run())
+    (file,) = folder.iterdir()
+    assert set(load(file).programs) == NAMES
+    results.append(run())
+    assert set(load(file).programs) == NAMES | {optimised}
+    assert arrays(results[0]) == arrays(results[1]) == arrays(results[2])
 
 
 def flip(content):
