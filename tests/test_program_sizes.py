@@ -1,4 +1,4 @@
-"""A change that makes a program larger is seen: `python tests/program_sizes.py` writes the new counts to be committed."""
+"""A larger program is seen: `python tests/program_sizes.py` writes the new counts, which are committed."""
 
 import json
 
