@@ -37,13 +37,15 @@ def meanings() -> dict[str, str]:
 def range_text(name: str) -> str:
     """Returns the range of a metric or share at 12 x 12 in words, with a limit that lies beyond it in parentheses.
 
-    Of a feature of a town the unit.
+    Of a feature of a town the unit, and the value that it has on all maps without empty cells.
     """
     from elitelanes_jax.problem.extremes import feature_bounds, feature_range
     from elitelanes_jax.problem.features import TOWN_FEATURES, feature_unit, is_share
 
     if name in TOWN_FEATURES:
-        return "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
+        unit = "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
+        least, most = feature_bounds(name)
+        return f"{unit}; filled {number(float(least))}" if least == most else unit
     low, high = feature_range(name)
     if low == high:
         return number(low)
@@ -67,9 +69,9 @@ def _metrics(options: argparse.Namespace) -> int:
     wide = max(map(len, listed))
     lines = [f"{'':{wide}}  at 12 x 12"]
     for feature, meaning in listed.items():
-        first, *more = wrap(meaning, _WIDTH - wide - 21)
-        lines.append(f"{feature:{wide}}  {range_text(feature):17}  {first}")
-        lines += [f"{'':{wide + 21}}{line}" for line in more]
+        first, *more = wrap(meaning, _WIDTH - wide - 23)
+        lines.append(f"{feature:{wide}}  {range_text(feature):19}  {first}")
+        lines += [f"{'':{wide + 23}}{line}" for line in more]
     lines += ["", f"--where NAME=LOW..HIGH asks for a range; elitelanes metrics NAME shows one. {_NOTE}"]
     say("\n".join(lines), asked=True)
     return 0
@@ -77,7 +79,7 @@ def _metrics(options: argparse.Namespace) -> int:
 
 _NOTE = (
     "Maps of these ranges were\nfound; none can go beyond, or beyond the number in parentheses. With --rules cells may "
-    "stay empty."
+    "stay empty;\nwithout, a feature of a town marked filled has this one value."
 )
 _MEASURED = "measured only in searches that name it, as it costs time"
 

@@ -371,7 +371,8 @@ def prepare(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
     if factory is None:  # one of the user's may make any grids
-        _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
+        with spec.naming_origins():
+            _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
     if users.fitness is not None:
         check_fitness(users.fitness, shape, (*METRIC_NAMES, *spec.measured))
     if users.moves is not None:
