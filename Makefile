@@ -1,7 +1,8 @@
 # Each target makes .venv when it is missing; nothing else has to be done first.
 
 PYTHON ?= python3
-BIN := .venv/bin
+# Windows has its programs in a folder of another name.
+BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 # The environment holds what runs the program, and after that what the tests and all else here need.
 PROGRAM := .venv/.program
 READY := .venv/.ready
@@ -13,7 +14,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -126,6 +127,22 @@ lint: $(READY)
 docs: $(READY)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --site-dir $(SITE)
 
+# The source distribution and the wheel for the package index. The wheel, installed alone, makes two maps.
+dist: .venv-build/.ready
+	rm -rf dist .venv-wheel
+	.venv-build/bin/python -m build
+	.venv-build/bin/twine check --strict dist/*
+	$(PYTHON) -m venv .venv-wheel
+	.venv-wheel/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	cd .venv-wheel && bin/elitelanes --version \
+	  && bin/elitelanes generate --size 5 5 --maps 2 --seeds 2 --evaluations 500 --out maps
+
+.venv-build/.ready:
+	rm -rf .venv-build
+	$(PYTHON) -m venv .venv-build
+	.venv-build/bin/python -m pip install --quiet --disable-pip-version-check build twine
+	touch $@
+
 benchmark: $(READY)
 	$(BIN)/python -m experiments.search.speed
 
@@ -163,7 +180,7 @@ driving-speed: $(READY)
 	$(BIN)/python -m experiments.navigation.speed
 
 clean:
-	rm -rf explorer/node_modules .venv .venv-* $(DEMO) $(SITE)
+	rm -rf dist explorer/node_modules .venv .venv-* $(DEMO) $(SITE)
 
 $(PROGRAM): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

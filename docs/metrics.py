@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve
-from elitelanes_jax.cli.metrics import meanings, number, range_text
 from elitelanes_jax.network import CROSSINGS, EAST, KINDS, METRIC_NAMES, NORTH, SOUTH, WEST, Weights, plain_measure
 from elitelanes_jax.plots import road_map
-from elitelanes_jax.problem import EXTREMES, features_of
+from elitelanes_jax.problem import EXTREMES, describe_features, features_of
 
 PAGE = Path(__file__).with_suffix(".md")
 
@@ -152,7 +151,7 @@ def cut(grid: NDArray[np.int8], *ends: tuple[tuple[int, int], int]) -> bool:
 
 
 def table() -> str:
-    rows = [f"| `{name}` | {meaning} | {range_text(name)} |" for name, meaning in meanings().items()]
+    rows = [f"| `{name}` | {meaning} | {values} |" for name, (meaning, values) in describe_features().items()]
     return "\n".join(["| name | meaning | at 12 x 12 |", "|---|---|---|", *rows, ""])
 
 
@@ -167,7 +166,7 @@ def draw() -> Figure:
         shown = np.array(FLAWED[name], np.int8) if name in FLAWED else grid
         ax.axis("on")
         road_map(shown, lanes=False, width=0.4, marked=counted(name, shown), ax=ax)
-        ax.set_title(f"{name}\n{number(features_of(shown)[name])}", fontsize=10)
+        ax.set_title(f"{name}\n{features_of(shown)[name]}", fontsize=10)
     return figure
 
 

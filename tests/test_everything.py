@@ -25,6 +25,7 @@ def page(tmp_path, monkeypatch):
     return everything.PAGE
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no such scripts")
 def test_each_environment_has_a_row_that_says_how_it_went(page, capsys):
     assert everything.main(["good", "nothing"]) == 2 and not page.exists()
     assert capsys.readouterr().err == "ENVIRONMENTS: expected some of good, bad, broken, got nothing\n"

@@ -5,8 +5,8 @@ A reader may only return, or raise an `InputError` of one line. Mutations of goo
 
 import multiprocessing
 import os
-import resource
 import struct
+import sys
 import time
 import zipfile
 import zlib
@@ -184,6 +184,8 @@ def test_spoilt_files_are_refused_in_one_line(name, folder):
 
 def hold_limits(name, seconds, folder):
     """Fuzzes for a time, in a process whose memory is limited."""
+    import resource  # not on every system
+
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + BYTES, size + BYTES))
     ends = time.monotonic() + seconds
@@ -210,6 +212,7 @@ def hold_limits(name, seconds, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="the system does not limit memory")
 @pytest.mark.parametrize("name", READERS)
 def test_spoilt_files_take_no_more_than_their_share(name, folder):
     """Sixty seconds for each, or ``FUZZ_SECONDS``."""

@@ -26,7 +26,7 @@ from elitelanes_jax.problem.features import feature_unit
 from elitelanes_jax.search.evolution import Users, evolve, prepare
 from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.search.style import STYLES
+from elitelanes_jax.search.style import STYLES, Style
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

@@ -4,6 +4,8 @@ A field is one line: its default and its check. The command line makes its optio
 (`elitelanes_jax.cli.arguments`). Records that JAX traces are in `elitelanes_jax._util.pytrees`.
 """
 
+import inspect
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, field, fields, replace
 from typing import NamedTuple, Self
@@ -99,3 +101,12 @@ def record(kind: type[Record]) -> Check:
         return value
 
     return check
+
+
+def descriptions(kind: type) -> dict[str, str]:
+    """Returns the descriptions of a record's fields, by name, from its docstring and those of its bases."""
+    found: dict[str, str] = {}
+    for one in reversed(kind.__mro__):
+        listed = inspect.cleandoc(one.__doc__ or "").partition("Attributes:\n")[2]
+        found |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", listed, re.MULTILINE))
+    return {name: " ".join(text.split()) for name, text in found.items()}

@@ -1,7 +1,6 @@
 """Command-line options made from records of settings, and the types of all other arguments."""
 
 import argparse
-import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -10,7 +9,7 @@ from typing import NoReturn, TypeAlias
 from elitelanes_jax._util.checks import Check, path, switch, whole
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.progress import Verbosity
-from elitelanes_jax._util.records import Option, Record
+from elitelanes_jax._util.records import Option, Record, descriptions
 from elitelanes_jax._util.threads import use_cores
 from elitelanes_jax._util.types import Untyped, UserValue
 
@@ -220,12 +219,3 @@ def _help(description: str, default: UserValue) -> str:
     items = default if isinstance(default, tuple) else (default,)
     shown = ("..".join(map(str, item)) if isinstance(item, tuple) else str(item) for item in items)
     return f"{words}; by default {' '.join(shown)}"
-
-
-def descriptions(record: type) -> dict[str, str]:
-    """Returns the descriptions of a record's fields in its docstring and in those of its bases, by name."""
-    found: dict[str, str] = {}
-    for kind in reversed(record.__mro__):
-        listed = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")[2]
-        found |= dict(re.findall(r"^  (\w+): (.*(?:\n    .*)*)", listed, re.MULTILINE))
-    return {name: " ".join(text.split()) for name, text in found.items()}

@@ -1,6 +1,7 @@
 from .archive import Population as Population
 from .archive import insert as insert
 from .archive import vacant_fitness as vacant_fitness
+from .descriptions import describe_features as describe_features
 from .descriptor import Axis as Axis
 from .descriptor import niche_bins as niche_bins
 from .descriptor import niche_index as niche_index

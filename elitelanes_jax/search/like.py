@@ -31,8 +31,8 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
 
     The lowest and the highest value of each feature among the maps are the range of what is searched for, wider by a
     quarter of their spread, and at least a little, on either side; axes spread the niches over these ranges. If all
-    given maps keep Duckietown's rules, so do the maps that are searched for. Their cells may be empty if those of a given
-    map are.
+    given maps keep Duckietown's rules, so do the maps that are searched for. If a given map has empty cells, theirs may
+    be empty too.
 
     Args:
       grids: integer codes ``[H, W]``, one or more, with roads.

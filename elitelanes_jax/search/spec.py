@@ -340,9 +340,10 @@ class SearchSpec(Record):
             or weights with which the fitness of a grid could leave 32 bits.
         """
         if self.large is not None:
-            return self.on(shape).check_on(shape, name)
-        with self.naming_origins():
-            self._check_on(shape, name)
+            self.on(shape).check_on(shape, name)
+        else:
+            with self.naming_origins():
+                self._check_on(shape, name)
 
     def _check_on(self, shape: tuple[int, int], name: str) -> None:
         if self.method == CUSTOM:

@@ -79,9 +79,9 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _work(seeds: Sequence[int], do: Callable[[int], None]) -> None:
-    """Does all seeds, one on each core at a time, the first ones first."""
+    """Does all seeds in order, one on each core at a time where the system can keep a process to a core."""
     count = min(count_cores(), len(seeds))
-    if count == 1:
+    if count == 1 or not hasattr(os, "sched_setaffinity"):  # not on macOS and Windows
         for seed in seeds:
             do(seed)
         return

@@ -114,6 +114,8 @@ def run(line, capfd, things):
 
 @pytest.mark.parametrize("case", [case for cases in CASES.values() for case in cases], ids=lambda case: case.line[:120])
 def test_case(case, things, tmp_path, monkeypatch, capfd):
+    if case.line[0] == "%" and sys.platform == "win32":
+        pytest.skip("no such shell")
     monkeypatch.chdir(tmp_path)
     for name in {
         Path(word).parts[0] for word in shlex.split(case.line[2:], comments=True) if word.strip("/.") and word[0] != "/"

@@ -6,9 +6,9 @@ import pytest
 from oracle import measure as oracle
 
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.cli.metrics import meanings, range_text
 from elitelanes_jax.formats.text import draw_text
 from elitelanes_jax.network.metric_names import largest_metrics
+from elitelanes_jax.problem.descriptions import describe_features
 from elitelanes_jax.problem.extremes import extreme_maps, feature_bounds, feature_range, features_of
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES
 
@@ -17,7 +17,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
 
 def test_the_page_lists_what_the_code_has():
     rows = [line for line in PAGE.read_text().splitlines() if line.startswith("| `")]
-    assert rows == [f"| `{name}` | {meaning} | {range_text(name)} |" for name, meaning in meanings().items()]
+    assert rows == [f"| `{name}` | {meaning} | {values} |" for name, (meaning, values) in describe_features().items()]
     assert len(rows) == len(FEATURES) + len(TOWN_FEATURES)
 
 
@@ -53,8 +53,8 @@ def test_ranges_that_are_known():
 def test_all_are_listed_and_one_is_shown(capsys):
     assert main(["metrics"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    for name in (*FEATURES, *TOWN_FEATURES):
-        assert [line for line in lines if line.split("  ")[0] == name and f"  {range_text(name)}  " in line], name
+    for name, (_, values) in describe_features().items():
+        assert [line for line in lines if line.split("  ")[0] == name and f"  {values}  " in line], name
     assert max(map(len, lines)) <= 110
     assert main(["metrics", "bridges"]) == 0
     shown = capsys.readouterr().out

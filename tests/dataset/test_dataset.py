@@ -453,6 +453,7 @@ def interrupts():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 @pytest.mark.parametrize("number", range(4))
 def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monkeypatch, interrupts, given, number):
     """Interrupts the main thread when one of the workers has drawn so many pictures."""
@@ -496,6 +497,7 @@ def end_runs(out, runs, seed, *names):
     return records
 
 
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
 def test_ended_at_any_moment_it_continues_to_the_same_files(tmp_path, whole):
     out = tmp_path / "out"
     records = end_runs(out, 6, 0, "SIGINT", "SIGKILL")
@@ -505,6 +507,7 @@ def test_ended_at_any_moment_it_continues_to_the_same_files(tmp_path, whole):
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
 @pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
 def test_a_hundred_runs_ended_at_any_moment_continue_to_the_same_files(tmp_path, whole, name):
     for seed in range(20):
@@ -515,6 +518,7 @@ def test_a_hundred_runs_ended_at_any_moment_continue_to_the_same_files(tmp_path,
 
 
 @pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 def test_twenty_runs_killed_while_maps_evolve_continue_to_the_same_files(tmp_path, evolved):
     out = tmp_path / "out"
     command = [Path(sys.executable).with_name("elitelanes"), "dataset", *EVOLVED, "--out", out]

@@ -195,6 +195,7 @@ class _FakeSumo:
         self.program.chmod(0o755)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no such scripts")
 def test_netconvert_is_run_and_its_failures_are_one_line(tmp_path, monkeypatch):
     out = tmp_path / "out"
     out.mkdir()

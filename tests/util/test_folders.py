@@ -256,6 +256,7 @@ with output_folder(sys.argv[1], {"command": "killed"}) as work:
 """
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
 @pytest.mark.parametrize("resume_files", [True, False])
 @pytest.mark.parametrize("there", [True, False])
 def test_what_a_killed_process_left_is_removed(there, resume_files, tmp_path):
