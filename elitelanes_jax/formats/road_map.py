@@ -1,7 +1,7 @@
 """A road map with its metrics, and its JSON file; Duckietown's map files are read too."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,10 +10,10 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import MIB, parse_json, read_text
-from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
+from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.network.checks import check_grid, check_sides
 
@@ -113,6 +113,24 @@ def _lines(value: Plain, indent: str) -> str:
     return json.dumps(value)
 
 
+def save_map(road_map: RoadMap | AnyArray, file: str | Path) -> None:
+    """Writes a map file, which `read_map` and all commands read, whole or not at all. An existing file is replaced.
+
+    Args:
+      road_map: a `RoadMap`, or codes ``[H, W]``.
+      file: to write, with the ending ``.json``.
+
+    Raises:
+      InputError: for a bad grid, or another ending.
+      OSError: that names the file, if it cannot be written.
+    """
+    place: Path = check_named("file", path, file)
+    if place.suffix.lower() != ".json":
+        raise InputError(f"file: expected a name that ends in .json, got {place.name!r}")
+    road_map = road_map if isinstance(road_map, RoadMap) else RoadMap(road_map)
+    write_atomic(place, map_to_json(road_map).encode())
+
+
 def read_map(file: str | Path) -> RoadMap:
     """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one. ``.yaml`` and ``.yml`` are maps of Duckietown.
 
@@ -132,9 +150,40 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
 
 
+def as_maps(sources: UserValue) -> list[RoadMap]:
+    """Returns one map or several as a list.
+
+    Args:
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see `read_maps`; or several of
+        these. An array ``[N, H, W]`` is several.
+
+    Raises:
+      InputError: for a bad grid or file, or anything else.
+    """
+    one = isinstance(sources, str | Path) or _dimensions(sources) == 2
+    if not one and not isinstance(sources, Iterable):
+        raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
+    maps: list[RoadMap] = []
+    for index, source in enumerate([sources] if one else sources):
+        if isinstance(source, str | Path):
+            maps += read_maps(source)
+        elif isinstance(source, RoadMap):
+            maps.append(source)
+        else:
+            maps.append(RoadMap(source) if one else check_named(f"map {index}", RoadMap, source))
+    return maps
+
+
+def _dimensions(value: UserValue) -> int:
+    value = getattr(value, "codes", value)
+    if isinstance(value, list | tuple):
+        return 1 + (_dimensions(value[0]) if value else 0)
+    return getattr(value, "ndim", 0)
+
+
 def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
     """Reads a file of so many bytes at most, and parses its values, or those of a map of Duckietown."""
-    is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
+    is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
         text = read_text(file, most)

@@ -5,17 +5,13 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Unpack
-
-import numpy as np
 
 from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, split_settings, whole
 from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
@@ -119,25 +115,20 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:
         text = weight if isinstance(weight, str) else f"{metric}={number}"
-        raise InputError(f"weights: expected NAME=N with a whole number, got {shorten(repr(text), 40)}") from None
+        expected = f"NAME=N with a whole number, {-(2**31)} to {2**31 - 1}"
+        raise InputError(f"weights: expected {expected}, got {shorten(repr(text), 40)}") from None
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
     """Reads grids, each as a tuple of rows.
 
     Args:
-      initial: grids ``[H, W]``, or paths of map files (see `read_map`): one array or path, or several; an array
-        ``[N, H, W]`` is several.
+      initial: one map or several, as `as_maps` takes them.
 
     Raises:
       InputError: for a bad grid or file.
     """
-    if isinstance(initial, str | Path) or getattr(initial, "ndim", 0) == 2:
-        initial = [initial]
-    if not isinstance(initial, Iterable):
-        raise InputError(f"expected grids or files of maps, got {initial!r}")
-    grids = [read_map(one).codes if isinstance(one, str | Path) else check_grid(one) for one in initial]
-    return tuple(tuple(map(tuple, np.asarray(grid).tolist())) for grid in grids)
+    return tuple(tuple(map(tuple, road_map.codes.tolist())) for road_map in as_maps(initial))
 
 
 def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]:

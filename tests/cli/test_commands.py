@@ -222,7 +222,7 @@ WRONG = {
         ["--where", "bridges=1", "bridges=2"],
         "--where: expected each feature once, got bridges 2 times",
     ),
-    "no weight": (["--weights", "bridges"], "--weights: expected NAME=N with a whole number, got 'bridges'"),
+    "no weight": (["--weights", "bridges"], "--weights: expected NAME=N with a whole number, -2147483648 to "),
     "a weight of nothing": (["--weights", "speed=3"], "--weights: expected a metric such as dead_ends, or"),
     "no axis": (["--axes", "cyclomatic"], "--axes 'cyclomatic': expected NAME:BINS or NAME:BINS:WIDTH"),
     "an axis of nothing": (["--axes", "speed:3"], "--axes 'speed:3': expected a metric, or a share such"),
