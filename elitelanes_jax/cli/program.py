@@ -42,9 +42,21 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, level: Ve
     except Exception as error:
         if isinstance(error, NotEnoughMemoryError):
             return fail(program, str(error), 1)
+        platforms = os.environ.get("JAX_PLATFORMS")
+        if platforms and not _has_devices():
+            return fail(program, f"JAX_PLATFORMS: expected a platform that JAX finds here, got {platforms!r}", 2)
         if is_out_of_memory(error):
             return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
         raise
+
+
+def _has_devices() -> bool:
+    import jax
+
+    try:
+        return bool(jax.devices())
+    except Exception:  # an AssertionError without words for some platforms
+        return False
 
 
 def leave(main: Callable[[], int]) -> NoReturn:

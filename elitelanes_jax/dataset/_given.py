@@ -34,8 +34,9 @@ class GivenMaps:
 
 
 def given(maps: Sequence[RoadMap], repeated: int = 0) -> GivenMaps:
-    """Takes maps as they are."""
-    return GivenMaps(tuple(maps), sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16], repeated)
+    """Takes maps as they are; metrics that they do not have are measured."""
+    measured = tuple(map(_measured, maps))
+    return GivenMaps(measured, sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16], repeated)
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -61,7 +62,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given([_measured(road_map) for road_map in maps], len(found) - len(maps))
+    return given(maps, len(found) - len(maps))
 
 
 def _files(source: UserValue) -> list[UserValue]:

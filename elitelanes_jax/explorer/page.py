@@ -2,14 +2,15 @@
 
 import base64
 import json
-from collections.abc import Sequence
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from pathlib import Path
 
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
 
@@ -17,8 +18,8 @@ _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
 
 def explore(
-    sources: Sequence[Path],
-    out: Path,
+    sources: UserValue,
+    out: str | Path,
     *,
     tiles: str | Path | None = None,
     blend: bool | None = None,
@@ -29,7 +30,7 @@ def explore(
     """Writes the page of runs and maps, whole or not at all.
 
     Args:
-      sources: folders of runs, archives and files of maps; see `collect`.
+      sources: folders of runs, archives, files of maps, `RoadMap`s and results, one or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       blend: whether they are brought together; see `collect`.
@@ -44,6 +45,7 @@ def explore(
       InputError: as `collect`; or for a file that is there, unless it is such a page and `force` is given.
       OSError: if it cannot be written.
     """
+    out = Path(check_named("out", path, out))
     _check_place(out, force)
     content = page_of(collect(sources, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
@@ -259,7 +259,7 @@ class Static(NamedTuple):
             initial=traced.initial,
         )
         if self.factory is not None:
-            return self.factory(problem)
+            return _made_by(self.factory, problem)
         return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
 
     def keys(self, data: _KeyData) -> Key[Array, "*S"]:
@@ -320,7 +320,7 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S
             check_named("key", whole(0, 2**32 - 1), key),
             check_named("seeds", check_seeds, SEEDS if seeds is None else seeds),
         )
-    elif seeds is not None:
+    elif seeds is not None and isinstance(key, jax.Array):
         expected = "it with a whole number as key, as keys say how many they are"
         raise InputError(f"seeds: expected {expected}, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
@@ -355,6 +355,9 @@ def prepare(
     spec = (spec.replace(**given) if given else spec).on(shape)
     exact = True
     if factory is not None:
+        if not callable(factory):
+            expected = "a function from a problem to an Optimizer (method= takes names)"
+            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(factory))}")
         spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
     elif config is not None:
         if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
@@ -406,6 +409,13 @@ def prepare(
     elif not exact:
         spec = spec.replace(preset=CUSTOM, axes=static.axes)
     return spec, config, static, traced
+
+
+def _made_by(factory: Callable[[Problem], Optimizer], problem: Problem) -> Optimizer:
+    made = factory(problem)
+    if not isinstance(made, Optimizer):
+        raise InputError(f"optimizer: expected a function that returns an Optimizer, got {type(made).__name__}")
+    return made
 
 
 def _name_of(factory: Callable[..., Optimizer]) -> str:

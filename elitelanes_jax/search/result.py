@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
@@ -182,7 +183,7 @@ class Result:
         count: int,
         seed: int = 0,
         *,
-        exclude: Sequence[Int8[np.ndarray, "H W"]] = (),
+        exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
@@ -263,7 +264,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     Raises:
       InputError: as `Result.load` does.
     """
-    settings, arrays = unpack(path)
+    settings, arrays = unpack(check_named("path", checked_path, path))
     try:
         spec, config, axes, seed = _read_settings(settings)
         state = _read_state(arrays)

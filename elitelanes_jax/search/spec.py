@@ -185,7 +185,7 @@ class SearchSpec(Record):
       large: options for maps whose shorter side is 12 or more; they override the others
     """
 
-    style: str | None = option(None, none_or(read_style), "NAME")
+    style: str | None = option(None, none_or(read_style), "NAME", many="once")
     like: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     method: str = option("map-elites", check_method, "NAME")
     preset: str = option("tuned", name, "NAME")

@@ -561,3 +561,20 @@ def test_without_a_place_for_compiled_programs_it_is_only_slower(monkeypatch):
         assert jax.config.values["jax_compilation_cache_dir"] is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settings)
+
+
+def test_the_last_line_names_a_program_that_can_be_started(tmp_path, monkeypatch, capsys):
+    """`make demo` starts it in the environment's folder, which is not on the PATH."""
+    line = "generate --size 5 6 --maps 1 --generations 3 --method ea --preset paper --tile-px 16".split()
+    for number, (found, started, name) in enumerate(
+        (
+            (None, ".venv/bin/elitelanes", ".venv/bin/elitelanes"),
+            ("/bin/elitelanes", "/bin/elitelanes", "elitelanes"),
+            (None, "pytest", "elitelanes"),
+        )
+    ):
+        monkeypatch.setattr("elitelanes_jax.cli.program.which", lambda _, found=found: found)
+        monkeypatch.setattr("sys.argv", [started])
+        out = tmp_path / str(number)
+        assert main([*line, "--out", str(out)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == f"{name} explore {out} --open shows all that was found"

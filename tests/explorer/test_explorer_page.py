@@ -15,11 +15,11 @@ from explored import big_result, own_result, write_run
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
-from elitelanes_jax.explorer.page import page_of
+from elitelanes_jax.explorer.page import explore, page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""
@@ -198,3 +198,37 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         collect_maps([])
     with pytest.raises(InputError, match="sources: expected a folder"):
         collect([])
+
+
+def test_pages_show_maps_and_results_in_memory(tmp_path):
+    result = own_result()
+    for number, (sources, grids) in enumerate(
+        ((result, None), ([result, RoadMap(LOOP)], None), (RoadMap(LOOP), 1), ([RoadMap(LOOP), RoadMap(LOOP)], 2))
+    ):
+        out = tmp_path / f"{number}.html"
+        assert explore(sources, str(out)) == out.stat().st_size
+        if grids is not None:
+            (shown,) = collect(sources).values["runs"]
+            assert len(shown["names"] if "names" in shown else shown["labels"]) == grids
+
+
+def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):
+    """Its relative path is looked up in each folder above the run; another set of the same path is not its own."""
+    home, away = tmp_path / "home", tmp_path / "away"
+    shutil.copytree(default_tiles(), home / "mine")
+    (home / "mine" / "tileset.toml").write_text('name = "my tiles"\n')
+    shutil.copytree(default_tiles(), away / "mine")
+    monkeypatch.chdir(home)
+    line = "generate --size 5 6 --seeds 2 --maps 2 --generations 3 --method ea --preset paper --tile-px 16 --tiles mine"
+    assert main([*line.split(), "--quiet", "--out", "runs/one"]) == 0
+    for folder in (home, home / "runs", away):
+        monkeypatch.chdir(folder)
+        capsys.readouterr()
+        assert main(["explore", str(home / "runs" / "one"), "--out", str(folder / "page.html")]) == 0
+        assert "not in" not in capsys.readouterr().err
+        assert collect([home / "runs" / "one"]).values["tiles"]["name"] == "my tiles"
+    shutil.rmtree(home / "mine")
+    capsys.readouterr()
+    assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
+    said = "the tile pictures of the run are not in mine; the package's own are shown, --tiles names others\n"
+    assert capsys.readouterr().err == said
