@@ -8,6 +8,8 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
+from shutil import which
 from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
@@ -74,6 +76,12 @@ def leave(main: Callable[[], int]) -> NoReturn:
         if code == INTERRUPTED:
             os._exit(code)  # while a compiler thread is still at work, the interpreter's own way out crashes
     raise SystemExit(code)
+
+
+def program_name() -> str:
+    """Returns the word that starts the program: a path if its folder is not on the PATH."""
+    started = Path(sys.argv[0])
+    return str(started) if started.name == "elitelanes" and which("elitelanes") is None else "elitelanes"
 
 
 def fail(program: str, message: str, code: int) -> int:

@@ -267,7 +267,9 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    write_atomic(out / "README.md", write_card(about, layout.loading(int(splits.min()))).encode())
+    first = int(splits.min())
+    programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
+    write_atomic(out / "README.md", write_card(about, *programs).encode())
     count = min(_ON_SHEET, len(splits))
     shown = [read(row * len(splits) // count) for row in range(count)]
     title = f"{count} of {len(splits)} pictures"

@@ -18,6 +18,7 @@ import jax
 import numpy as np
 import pytest
 
+from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.signals import catch_interrupts
 from elitelanes_jax.network.metrics import measure
@@ -565,7 +566,7 @@ def test_without_a_place_for_compiled_programs_it_is_only_slower(monkeypatch):
 
 def test_the_last_line_names_a_program_that_can_be_started(tmp_path, monkeypatch, capsys):
     """`make demo` starts it in the environment's folder, which is not on the PATH."""
-    line = "generate --size 5 6 --maps 1 --generations 3 --method ea --preset paper --tile-px 16".split()
+    line = "generate --size 5 6 --maps 1 --generations 3 --method ea --preset paper --tile-px 16"
     for number, (found, started, name) in enumerate(
         (
             (None, ".venv/bin/elitelanes", ".venv/bin/elitelanes"),
@@ -573,8 +574,8 @@ def test_the_last_line_names_a_program_that_can_be_started(tmp_path, monkeypatch
             (None, "pytest", "elitelanes"),
         )
     ):
-        monkeypatch.setattr("elitelanes_jax.cli.program.which", lambda _, found=found: found)
+        monkeypatch.setattr(program, "which", lambda _, found=found: found)
         monkeypatch.setattr("sys.argv", [started])
         out = tmp_path / str(number)
-        assert main([*line, "--out", str(out)]) == 0
+        assert main([*line.split(), "--out", str(out)]) == 0
         assert capsys.readouterr().out.splitlines()[-1] == f"{name} explore {out} --open shows all that was found"
