@@ -13,6 +13,7 @@ from .road_map import save_map as save_map
 from .sumo import Streets as Streets
 from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
+from .svg import draw_svg as draw_svg
 from .table import table_to_csv as table_to_csv
 from .text import LINES as LINES
 from .text import draw_text as draw_text

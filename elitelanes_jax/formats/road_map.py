@@ -15,6 +15,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")
@@ -85,6 +86,10 @@ class RoadMap:
         figures = {"fitness": self.fitness} | metrics
         words = [f"{name} {value}" for name, value in figures.items() if value is not None]
         return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
+
+    def _repr_svg_(self) -> str:
+        """Returns the drawing that notebooks show."""
+        return draw_svg(self.codes)
 
 
 def map_to_json(road_map: RoadMap) -> str:

@@ -34,7 +34,7 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 def pick(
     spec: PickSpec,
-    archives: str | Path | Sequence[str | Path],
+    archives: str | Path | Result | Sequence[str | Path],
     out: str | Path,
     *,
     force: bool = False,
@@ -46,7 +46,8 @@ def pick(
 
     Args:
       spec: of the choice.
-      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size.
+      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size; or a
+        result, which is written to the folder as ``archive.npz``.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote it, and neither an archive nor anything else is in
         it.
@@ -62,9 +63,10 @@ def pick(
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", record(PickSpec), spec), Path(check_named("out", path, out))
-    files: list[Path] = check_named("archives", paths, archives)
+    own = archives if isinstance(archives, Result) else None
+    files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
-    results, seeds = zip(*map(_read, files), strict=True)
+    results, seeds = zip(*([_seeded(own, None)] if own else map(_read, files)), strict=True)
     shape = results[0].elites.grids.shape[2:]
     for file, result in zip(files, results, strict=True):
         if result.elites.grids.shape[2:] != shape:
@@ -74,8 +76,8 @@ def pick(
     search.check_maps(shape)
     axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
     measured = _measured(search, axes, results)
-    foreign, force = foreign_to_maps if force_archive else _foreign_or_archive, force or force_archive
-    with output_folder(out, {"command": "pick"}, inputs=files, foreign=foreign, force=force) as work:
+    foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive
+    with output_folder(out, {"command": "pick"}, inputs=[] if own else files, foreign=foreign, force=force) as work:
         elites = _join(files, results, measured, axes, tiles)
         size, count = f"{shape[0]} x {shape[1]} tiles", pluralize(spec.maps, "map")
         announce(f"choosing {count} of {size} among {elites.valid.sum():,} elites")
@@ -95,9 +97,15 @@ def pick(
         maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {pluralize(len(results), 'archive')}"
         maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
+        if own:
+            own.save(work.files / ARCHIVE, state=False)
+            files = [work.files / ARCHIVE]
         about = {
             "settings": spec.to_plain(),
-            "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in files],
+            "archives": [
+                {"file": ARCHIVE if own else str(file), "sha256": sha256(file.read_bytes()).hexdigest()}
+                for file in files
+            ],
             "search": search.to_plain(),
             **describe_source(tiles, result, choice),
             "versions": installed_versions(),
@@ -113,7 +121,11 @@ def _foreign_or_archive(folder: Path) -> str | None:
 
 def _read(file: Path) -> tuple[Result, int | None]:
     """Reads the result of one or several runs, and their seed if it is known."""
-    result, seed = load_with_seed(file)
+    return _seeded(*load_with_seed(file))
+
+
+def _seeded(result: Result, seed: int | None) -> tuple[Result, int | None]:
+    """Gives the elites of a single seed an axis of seeds."""
     if result.elites.valid.ndim == 1:
         result = replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
     return result, seed
