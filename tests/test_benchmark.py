@@ -188,7 +188,7 @@ def walk(task, rng, sizes=(64,)):
     while True:
         for size in sizes:
             grids = task.witnesses[rng.integers(len(task.witnesses), size=size)]
-            spoilt = rng.random(grids.shape) < 0.2
+            spoilt = rng.random(grids.shape) < 0.3
             measured = yield np.where(spoilt, rng.integers(16, size=grids.shape), grids)
             assert measured.fitness.shape == measured.cyclomatic.shape == measured.counts.shape == (size,)
 
@@ -227,7 +227,7 @@ def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     task = find_task("5x5A-10000")
     one, other = run(task, walk), run(task, walk, 10)
     np.testing.assert_array_equal(one.grids, other.grids)
-    assert not np.array_equal(one.grids[0], one.grids[1])
+    assert len({grids.tobytes() for grids in one.grids}) > 1
     write_submission(tmp_path / "mine.npz", one)
     (_, scores), (_, again) = score_submission(one), score_submission(read_submission(tmp_path / "mine.npz"))
     np.testing.assert_array_equal(scores.reliability, again.reliability)

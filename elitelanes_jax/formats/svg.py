@@ -24,7 +24,7 @@ def draw_svg(grid: AnyArray) -> str:
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width * scale:.0f}" '
-        f'height="{height * scale:.0f}" fill="none" stroke-linecap="round"><path fill="#9cb38a" '
-        f'd="M0 0h{width}v{height}H0z"/><path stroke="#4a4d52" stroke-width=".8" d="{roads}"/><path stroke="#f2c230" stroke-width=".05" '
-        f'd="{roads}"/></svg>'
+        f'height="{height * scale:.0f}" fill="none" stroke-linecap="round">'
+        f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/><path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'
+        f'<path stroke="#f2c230" stroke-width=".05" d="{roads}"/></svg>'
     )
