@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pages import blocks
+from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.benchmark.running import run
@@ -174,13 +174,21 @@ def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
 @pytest.mark.slow  # it compiles a search for itself
 def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    ((_, program),) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    _, (_, program) = blocks(PAGE.read_text(encoding="utf-8"), "python")
     exec(compile(program, str(PAGE), "exec"), made := {})
     assert main(["score", "mine.npz"]) == 0
     title, head, row = capsys.readouterr().out.splitlines()
     assert title == "mine.npz: 5x5A-10000, 10 runs"
     assert head.split() == ["evaluations", "coverage", "reliability", "precision", "optimal"]
     assert row.split()[:2] == ["10,000", f"{made['scores'].coverage.mean():.3f}"]
+
+
+@pytest.mark.slow
+def test_the_page_runs_a_search_of_ones_own(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (_, program), _ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    run_program(program, str(PAGE), capsys)
+    assert main(["score", "own.npz"]) == 0
 
 
 def walk(task, rng, sizes=(64,)):
