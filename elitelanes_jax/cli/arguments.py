@@ -88,11 +88,9 @@ def add_map(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64) -> None:
+def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64, usual: str = "the package's own") -> None:
     """Adds ``--tiles`` and ``--tile-px`` to a command that draws a map."""
-    command.add_argument(
-        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
-    )
+    command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=f"tile pictures; by default {usual}")
     command.add_argument(
         "--tile-px",
         type=checked_by(whole(16, 512)),
