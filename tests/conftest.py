@@ -45,7 +45,7 @@ jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 gc.set_threshold(100_000, 20, 20)
 
 # Types in signatures, with shapes and dtypes, are checked at every call where arrays of JAX are at work.
-ROOMS = ["network", "problem", "optimizers", "search._islands", "search.evolution", "search.result"]
+ROOMS = ["network", "problem", "optimizers", "search._islands", "search._programs", "search.evolution", "search.result"]
 DRIVE = Path(__file__).parents[1] / "elitelanes_jax" / "drive"
 ROOMS += [f"drive.{file.stem}" for file in DRIVE.glob("*.py") if file.stem not in ("__init__", "rides")]
 jaxtyping.install_import_hook([f"elitelanes_jax.{room}" for room in ROOMS], "typecheck.typecheck")
@@ -57,6 +57,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from elitelanes_jax.search._programs import _find
 from elitelanes_jax.search.evolution import _Search
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -110,6 +111,7 @@ def small_files_only():
 def compiled_programs_are_let_go() -> Iterator[None]:
     """One process that keeps the programs of all modules runs out of memory mappings, and crashes."""
     yield
+    _find.cache_clear()
     jax.clear_caches()
     gc.collect()
     with suppress(OSError, AttributeError):  # not every system has glibc, which keeps freed memory unless it is told

@@ -19,8 +19,10 @@ from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
 from elitelanes_jax._util.folders import has_unfinished, locked
 from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.search import _programs
 from elitelanes_jax.search import evolution as search
 from elitelanes_jax.search._checkpoint import Checkpoint
+from elitelanes_jax.search._programs import Programs
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result, SearchInterrupted
 from elitelanes_jax.search.spec import SearchSpec
@@ -81,7 +83,7 @@ def test_a_finished_search_is_not_run_again_and_a_larger_budget_goes_on(kept, wh
     folder = shutil.copytree(kept[-1], tmp_path / "folder")
     before = (folder / "result.npz").read_bytes()
     with monkeypatch.context() as patch:
-        patch.setattr(search, "_advance", None)
+        patch.setattr(Programs, "advance", None)
         same(run(checkpoint=folder), whole)
     assert (folder / "result.npz").read_bytes() == before
     more = run(checkpoint=folder, generations=140)
@@ -102,9 +104,9 @@ def test_one_key_alone_and_a_search_that_goes_on_from_a_state(whole, tmp_path):
         run(checkpoint=tmp_path / "rest")
 
 
-def interrupt_at(patch, number):
-    """Interrupts a search that was compiled before in its call of this number, as Ctrl-C does."""
-    side_by_side, calls = search.side_by_side, []
+def interrupt_at(patch, number, module=search):
+    """Interrupts the call of this number in which a module works in threads, as Ctrl-C does."""
+    side_by_side, calls = module.side_by_side, []
 
     def interrupted(functions, **options):
         calls.append(None)
@@ -112,7 +114,7 @@ def interrupt_at(patch, number):
             raise KeyboardInterrupt
         return side_by_side(functions, **options)
 
-    patch.setattr(search, "side_by_side", interrupted)
+    patch.setattr(module, "side_by_side", interrupted)
 
 
 @pytest.mark.parametrize(("number", "done"), [(1, 0), (2, 128), (5, 131)])
@@ -133,8 +135,9 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
     half = run(generations=130)
     for state, kind in ((None, KeyboardInterrupt), (half.state, SearchInterrupted)):
         with monkeypatch.context() as patch:
-            patch.setattr(search, "_COMPILED", set())
-            interrupt_at(patch, 1)
+            patch.setattr(search, "find_programs", Programs)
+            patch.setattr(_programs, "find_file", lambda *_: None)
+            interrupt_at(patch, 1, _programs)
             with pytest.raises(KeyboardInterrupt) as caught:
                 run(generations=5, state=state)
         assert type(caught.value) is kind
@@ -251,7 +254,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
             generate(SMALL, out)
     assert sorted(file.name for file in tmp_path.iterdir()) == [".out-unfinished", "whole"]
     with monkeypatch.context() as patch:
-        patch.setattr(search, "_advance", None)
+        patch.setattr(Programs, "advance", None)
         with pytest.raises(NotEnoughMapsError, match=r"found \d+ of 60 maps"):
             generate(SMALL.replace(maps=60), out)
         generate(SMALL, out)

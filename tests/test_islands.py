@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
 from elitelanes_jax.problem.archive import VACANT
+from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.search._islands import evolve_islands
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
@@ -38,19 +40,22 @@ evolve_islands(7, (5, 6), islands=int(islands), every=10, **small).save(out, sta
 def test_islands_take_over_the_best_elite_of_each_niche():
     """The same islands as seeds, between whose archives the elites are exchanged by hand."""
     keys = jnp.stack([jax.random.fold_in(jax.random.key(7), island) for island in range(3)])
+    optimizer = make_optimizer(road_problem(SHAPE), PRESETS["map-elites", "standard"])
+    structure = jax.tree.structure(jax.eval_shape(optimizer.init, keys[0]))
     result, best_fitness = None, []
     for generations in (0, 10, 10, 3):
         state = result and result.state
         result = evolve(keys, SHAPE, **SMALL | {"generations": generations}, state=state)
-        archive = jax.tree.map(np.array, result.state.inner.archive)
+        states = jax.tree.unflatten(structure, result.state.inner)
+        archive = jax.tree.map(np.array, states.archive)
         for niche in range(archive.fitness.shape[1]):
             best = min(range(3), key=lambda island: archive.fitness[island, niche])  # the first of equals
             worse = archive.fitness[:, niche] > archive.fitness[best, niche]
             for array in archive:
                 array[worse, niche] = array[best, niche]
         best_fitness.append(archive.fitness.min())
-        inner = result.state.inner._replace(archive=jax.tree.map(jnp.asarray, archive))
-        result = replace(result, state=result.state._replace(inner=inner))
+        inner = states._replace(archive=jax.tree.map(jnp.asarray, archive))
+        result = replace(result, state=result.state._replace(inner=tuple(jax.tree.leaves(inner))))
     together = evolve_islands(jax.random.key(7), SHAPE, islands=3, every=10, **SMALL)
     found, history = together.elites, together.history
     valid = archive.fitness[0] < VACANT

@@ -113,7 +113,7 @@ def test_a_state_of_ones_own_is_saved_and_one_with_keys_refused(tmp_path):
     arrays.save(tmp_path / "arrays.npz")
     same(Result.load(tmp_path / "arrays.npz"), arrays)
     with pytest.raises(InputError, match=r"state: expected arrays of NumPy's numbers, to be saved, got key<fry>"):
-        replace(arrays, state=arrays.state._replace(inner={"key": KEYS})).save(tmp_path / "keys.npz")
+        replace(arrays, state=arrays.state._replace(inner=(KEYS,))).save(tmp_path / "keys.npz")
     assert [file.name for file in tmp_path.iterdir()] == ["arrays.npz"]
 
 

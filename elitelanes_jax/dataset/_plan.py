@@ -136,7 +136,7 @@ def _evolve_round(
 ) -> list[RoadMap]:
     """Evolves the maps of one round, each unlike all before in so large a share of its tiles."""
     first = number * _SEEDS
-    result = evolve(seed_keys(seed, first + _SEEDS)[first:], shape, spec=search)
+    result = evolve(seed_keys(seed, range(first, first + _SEEDS)), shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
     choice = result.choose(count, seed, exclude=found, min_difference=(min_difference,))
     if not choice.maps and not found:

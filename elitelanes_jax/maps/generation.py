@@ -83,7 +83,7 @@ def _evolve(run: Run, checkpoint: Path) -> Evolved:
         f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
         f"{pluralize(len(spec.seed_indices), 'run')} of {describe_budget(search)}"
     )
-    keys = seed_keys(spec.seed, spec.seeds)[np.array(spec.seed_indices)]
+    keys = seed_keys(spec.seed, spec.seed_indices)
     start = time.perf_counter()
     result = evolve(keys, spec.size, spec=search, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
     if result.history.seconds < _WORTH_KEEPING:

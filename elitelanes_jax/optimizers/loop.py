@@ -1,5 +1,6 @@
 """Runs an optimiser: many seeds and many generations in one compiled call."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import jax
@@ -13,10 +14,19 @@ from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
 
 
-def seed_keys(seed: int, count: int) -> Key[Array, " count"]:
-    """Makes keys ``[count]`` from a whole number; key i depends on the number and i alone."""
-    key = jax.random.key(seed)
-    return jax.vmap(lambda index: jax.random.fold_in(key, index))(np.arange(count))
+def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
+    """Makes keys ``[K]`` from a whole number; each depends on the number and its index alone.
+
+    Args:
+      seed: 0 to 2**32 - 1.
+      indices: of the keys; or their number K, for the first K.
+    """
+    return _fold_in(np.uint32(seed), np.arange(indices) if isinstance(indices, int) else np.array(indices, int))
+
+
+@jax.jit
+def _fold_in(seed: Array, indices: Array) -> Key[Array, " K"]:
+    return jax.vmap(partial(jax.random.fold_in, jax.random.key(seed)))(indices)
 
 
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:

@@ -85,6 +85,12 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
     raise InputError(f"devices: expected JAX's devices, or their number, at least 1, got {devices!r}")
 
 
+def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
+    """Returns the rows of each part that `cut` makes of so many rows, and the number of parts."""
+    size = -(-rows // len(devices))
+    return size, -(-rows // size)
+
+
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
     """Cuts arrays into parts with equally many rows, and puts each part on its device.
 
@@ -99,8 +105,7 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
       The parts, trees of arrays ``[size, ...]``.
     """
     rows = len(jax.tree.leaves(tree)[0])
-    size = -(-rows // len(devices))
-    count = -(-rows // size)
+    size, count = part_rows(rows, devices)
     if count == 1:
         return [_put(tree, devices[0])]
     indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)

@@ -22,7 +22,8 @@ from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.archive import Population, keep_best
 from elitelanes_jax.problem.kernels import Fitness, Kernel
 from elitelanes_jax.search._options import SearchOptions
-from elitelanes_jax.search.evolution import Static, Users, as_measured, check_keys, prepare
+from elitelanes_jax.search._programs import Static, as_measured
+from elitelanes_jax.search.evolution import Users, check_keys, prepare
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec
 

@@ -1,4 +1,4 @@
-"""A cache of compiled programs on disk: only the first run on a machine waits for the compiler."""
+"""A folder of compiled programs on disk: only the first run on a machine waits for the compiler."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,9 @@ import jax
 
 
 def use_compile_cache() -> Path | None:
-    """Keeps compiled programs on disk: a program that was compiled once is loaded within a second from then on.
+    """Keeps compiled programs on disk: what was compiled once is loaded within a second from then on.
+
+    The programs of `evolve` are loaded without tracing, unless they contain functions of your own.
 
     They are kept in the folder ``elitelanes_jax`` of the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``, unless
     JAX's own setting, such as the variable JAX_COMPILATION_CACHE_DIR, names another one. It changes JAX's settings for

@@ -2,7 +2,7 @@
 
 import time
 import zlib
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from hashlib import sha256
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeAlias, Unpack
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int8, Int32, Key, UInt32
+from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
@@ -24,48 +24,37 @@ from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers.base import Info, Optimizer
-from elitelanes_jax.optimizers.loop import advance, seed_keys, start
+from elitelanes_jax.optimizers.base import Optimizer
+from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import (
     PRESETS,
     Config,
     config_to_plain,
     find_preset,
-    make_optimizer,
     user_moves,
     with_moves,
 )
-from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
 from elitelanes_jax.problem.digests import digest
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels
-from elitelanes_jax.problem.problem import Problem, road_problem
+from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint
 from elitelanes_jax.search._devices import choose_devices, cut, join
 from elitelanes_jax.search._options import SearchOptions
-from elitelanes_jax.search.elites import MeasuredElites
+from elitelanes_jax.search._programs import MOST, Programs, States, Static, Traced, find_programs
 from elitelanes_jax.search.result import History, Result, RunState, SearchInterrupted
 from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check_seeds
 
 Digests: TypeAlias = tuple[tuple[str, str], ...]
-_KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
 
-# Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take,
-# and the most generations that it has.
+# Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take.
 _SECONDS_A_CALL = 0.2
-_MOST = 256
 
 # The bytes without which the compiler ends the whole process: 0.1 GB are too few at 12 x 12, 0.3 GB are enough.
 _COMPILER = 200_000_000
-
-# The searches that are compiled, and what they take: to find the programs again takes JAX 3 ms, their costs 2 ms.
-_COMPILED: set[tuple[Hashable, ...]] = set()
-_COSTS: dict[tuple[Hashable, ...], "_Cost"] = {}
 
 _OF_SEEDS = ("best_fitness", "elite_count", "refused")  # of a history
 
@@ -137,7 +126,8 @@ def evolve(
     numbers, structure = jax.tree.flatten(traced)
     digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
     fingerprint = _fingerprint(static, traced, keys, digests)
-    search = _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen)
+    programs = find_programs(static, traced, keys, single, chosen)
+    search = _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
     done, inner = (0, None) if state is None else _restore(state, search)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
@@ -145,13 +135,13 @@ def evolve(
         return _evolve(search, done, inner, kept, progress)
 
 
-def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | None, progress: bool | None) -> Result:
+def _evolve(
+    search: "_Search", first: int, inner: States | None, kept: Checkpoint | None, progress: bool | None
+) -> Result:
     """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
     spec, shape = search.spec, search.static.shape
-    if search.program not in _COSTS:
-        _COSTS[search.program] = search.cost()
-    cost = _COSTS[search.program]
-    last = first + spec.steps(cost.evaluations_per_step)
+    per_step = search.programs.evaluations_per_step
+    last = first + spec.steps(per_step)
     done, parts = first, []
     if kept is not None and (before := kept.load()) is not None:
         done, inner = _restore(before.state, search)
@@ -163,14 +153,14 @@ def _evolve(search: "_Search", first: int, inner: Pytree, kept: Checkpoint | Non
     resumed = bool(parts) and done == last
     with Progress(f"{spec.optimizer} {shape[0]}x{shape[1]}", last, "generations", done=done, shown=progress) as bar:
         if inner is None:
-            _check_memory(cost.memory, len(search.keys), shape)
+            _check_memory(search.programs.memory, len(search.keys), shape)
         states = None if inner is None else cut(inner, search.devices)
         try:
             with bar.doing("compiling"):
-                _compile(search, starts=states is None, runs=done < last)
+                search.programs.prepare(starts=states is None, generations=last - done)
                 if states is None:
-                    states = cut(_start(search.static, search.traced, search.keys), search.devices)
-            for after, part in _run(search, states, done, last, cost.evaluations_per_step, bar):
+                    states = cut(search.programs.start(search.traced, search.keys), search.devices)
+            for after, part in _run(search, states, done, last, bar):
                 parts.append(part)
                 states, count = after, count + 1  # in one: an interruption falls before it or after it
                 if kept is not None and kept.due:
@@ -216,64 +206,6 @@ class Users(NamedTuple):
     moves: Mapping[str, UserValue] | None = None
 
 
-class Traced(NamedTuple):
-    """The arguments of a compiled search: other values need no second compilation."""
-
-    weights: Weights
-    limits: Int32[np.ndarray, "2 C"]
-    config: tuple[Pytree, ...]  # the leaves that are traced
-    initial: Int8[np.ndarray, "N H W"] | None
-    feature_weights: Int32[np.ndarray, " K"] | None
-
-
-class Static(NamedTuple):
-    """What a search is compiled for; hashable."""
-
-    shape: tuple[int, int]
-    axes: tuple[Axis, ...]
-    alphabet: tuple[int, ...]
-    fill: bool
-    fix: FixedCells | None
-    bounded: bool
-    config: Pytree  # the structure of the configuration; None for an optimiser of the user's own
-    factory: Callable[[Problem], Optimizer] | None
-    measured: tuple[str, ...]
-    kernels: tuple[tuple[str, Kernel], ...]  # of the user's own features that are needed
-    fitness: Fitness | None
-    impl: str = "threefry2x32"  # of the keys
-
-    def optimizer(self, traced: Traced) -> Optimizer:
-        """Makes the optimiser; called while a program is traced."""
-        problem = road_problem(
-            self.shape,
-            self.axes,
-            alphabet=self.alphabet,
-            weights=traced.weights,
-            fill=self.fill,
-            limits=traced.limits if self.bounded else None,
-            measured=self.measured,
-            feature_weights=traced.feature_weights,
-            features=dict(self.kernels),
-            fitness=self.fitness,
-            fix=self.fix,
-            initial=traced.initial,
-        )
-        if self.factory is not None:
-            return _made_by(self.factory, problem)
-        return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
-
-    def keys(self, data: _KeyData) -> Key[Array, "*S"]:
-        """Makes keys of their data."""
-        return jax.random.wrap_key_data(jnp.asarray(data), impl=self.impl)
-
-
-class _Cost(NamedTuple):
-    """What a search takes: found once for each compiled search, as it takes milliseconds."""
-
-    evaluations_per_step: int
-    memory: int  # bytes of the states of all seeds
-
-
 class _Search(NamedTuple):
     """One call of `evolve`, checked."""
 
@@ -286,25 +218,12 @@ class _Search(NamedTuple):
     digests: Digests  # of the user's functions, by name
     fingerprint: UInt32[np.ndarray, ""]
     devices: list[jax.Device]
+    programs: Programs
 
-    @property
-    def program(self) -> tuple[Hashable, ...]:
-        """All that the compiled programs depend on."""
-        return self.static, len(self.keys), self.single, *self.devices
-
-    def cost(self) -> _Cost:
-        """Finds what the search takes."""
-        memory = sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(self.states()))
-        return _Cost(int(_evaluations_per_step(self.static, self.traced)), memory)
-
-    def states(self) -> Pytree:
-        """Returns the shapes and dtypes of the states of all seeds."""
-        return _start.eval_shape(self.static, self.traced, self.keys)
-
-    def result(self, states: Sequence[Pytree], parts: Sequence[History], first: int) -> Result:
+    def result(self, states: Sequence[States], parts: Sequence[History], first: int) -> Result:
         """Returns the result of the generations after `first`; states by device, the history in parts."""
         seeds = len(self.keys)
-        elites, inner = _collect(self.static, self.traced, join(states, seeds), self.single)
+        elites, inner = self.programs.collect(self.traced, join(states, seeds))
         history = History.joined([History.empty(seeds, dtype=elites.fitness.dtype), *parts])
         generation = np.array(first + history.generation.size, np.int32)
         if self.single:
@@ -411,13 +330,6 @@ def prepare(
     return spec, config, static, traced
 
 
-def _made_by(factory: Callable[[Problem], Optimizer], problem: Problem) -> Optimizer:
-    made = factory(problem)
-    if not isinstance(made, Optimizer):
-        raise InputError(f"optimizer: expected a function that returns an Optimizer, got {type(made).__name__}")
-    return made
-
-
 def _name_of(factory: Callable[..., Optimizer]) -> str:
     """Returns the module and the name of a function, or of the type of a callable object."""
     while isinstance(factory, partial):
@@ -492,71 +404,38 @@ def _identity(search: _Search, first: int) -> dict[str, Plain]:
     }
 
 
-def _restore(state: Pytree, search: _Search) -> tuple[int, Pytree]:
+def _restore(state: Pytree, search: _Search) -> tuple[int, States]:
     """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
-    arrays = [jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner)]
-    leaves, structure = jax.tree.flatten(search.states())
-    kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, leaves)]
+    arrays = tuple(jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner))
+    kinds = [[(leaf.shape, leaf.dtype) for leaf in those] for those in (arrays, search.programs.states)]
     if int(state.fingerprint) != int(search.fingerprint) or kinds[0] != kinds[1]:
         rows, columns = search.static.shape
         raise InputError(
             f"state: expected one of this run ({rows} x {columns}, seeds: {len(search.keys)}), "
             "got one of a run with another key, other options or functions"
         )
-    return int(state.generation), jax.tree.unflatten(structure, arrays)
-
-
-def _compile(search: _Search, *, starts: bool, runs: bool) -> None:
-    """Compiles all that a search calls, side by side; JAX keeps the programs for the calls.
-
-    Each is lowered in this thread, as JAX's settings may be those of this one alone.
-    """
-    if not _collect._cache_size():  # type: ignore[attr-defined]  # JAX has forgotten its programs
-        _COMPILED.clear()
-    needed = (*search.program, starts, runs)
-    if needed in _COMPILED:
-        return
-    static, traced, keys = search.static, search.traced, search.keys
-    states = search.states()
-
-    def compilers() -> Iterator[Callable[[], Pytree]]:
-        if starts:
-            yield _start.lower(static, traced, keys).compile
-        yield _collect.lower(static, traced, states, search.single).compile
-        if runs:
-            parts = zip(search.devices, cut(keys, search.devices), strict=False)
-            for device, part in dict(parts).items():  # parts of one size: one program for each device
-                inputs = _on_device(states, len(part), device)
-                yield _advance.lower(static, traced, part, inputs, np.int32(0), np.int32(0)).compile
-
-    # In threads, as an interruption does not wait for those.
-    side_by_side(compilers(), wait=False)
-    _COMPILED.add(needed)
-
-
-def _on_device(states: Pytree, rows: int, device: jax.Device) -> Pytree:
-    """Returns the shapes and dtypes of a part of `cut`, bound to its device but for the default."""
-    bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((rows, *leaf.shape[1:]), leaf.dtype, sharding=bound), states)
+    return int(state.generation), arrays
 
 
 def _run(
-    search: _Search, states: list[Pytree], done: int, last: int, per_step: int, bar: Progress
-) -> Iterator[tuple[list[Pytree], History]]:
+    search: _Search, states: list[States], done: int, last: int, bar: Progress
+) -> Iterator[tuple[list[States], History]]:
     """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
-    seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), _MOST // 2
-
-    def advance_part(keys: _KeyData, states: Pytree, first: int, last: int) -> tuple[Pytree, Info]:
-        arguments = search.static, search.traced, keys, states, np.int32(first), np.int32(last)
-        return jax.block_until_ready(_advance(*arguments))
+    seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), MOST // 2
+    per_step, advance = search.programs.evaluations_per_step, search.programs.advance
 
     while done < last:
         count = min(stretch, last - done)
         began = time.perf_counter()
-        parts = zip(keys, states, strict=True)
-        ran = side_by_side([partial(advance_part, *part, done + 1, done + count) for part in parts])
+        parts = zip(search.devices, keys, states, strict=False)
+        ran = side_by_side(
+            [
+                partial(advance, device, search.traced, key, state, done + 1, done + count)
+                for device, key, state in parts
+            ]
+        )
         states, infos = [list(each) for each in zip(*ran, strict=True)]
         best, elites, refused = (
             np.concatenate([getattr(info, name) for info in infos], axis=1)[:count, :seeds] for name in _OF_SEEDS
@@ -568,45 +447,4 @@ def _run(
         words = f"best {best[-1].min():,}, {elites[-1].mean():,.0f} elites, {speeds[-1]:,.0f} evaluations/s"
         bar.update(done, words + (f", {refused[-1].sum():,} refused" if refused[-1].any() else ""))
         yield states, History(generation, generation * per_step, best.T, elites.T, speeds, refused.T)
-        stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, _MOST))
-
-
-@partial(jax.jit, static_argnames="static")
-def _evaluations_per_step(static: Static, traced: Traced) -> int:
-    return static.optimizer(traced).evaluations_per_step
-
-
-# These run once, before and after the generations: compiling them in half the time matters more than running them.
-_ONCE = {"xla_backend_optimization_level": 0}
-
-
-@partial(jax.jit, static_argnames="static", compiler_options=_ONCE)
-def _start(static: Static, traced: Traced, keys: _KeyData) -> Pytree:
-    return start(static.optimizer(traced), static.keys(keys))
-
-
-@partial(jax.jit, static_argnames="static")
-def _advance(
-    static: Static, traced: Traced, keys: _KeyData, states: Pytree, first: int | Array, last: int | Array
-) -> tuple[Pytree, Info]:
-    return advance(static.optimizer(traced), static.keys(keys), states, first, last, most=_MOST)
-
-
-@partial(jax.jit, static_argnames=("static", "single"), compiler_options=_ONCE)
-def _collect(static: Static, traced: Traced, states: Pytree, single: bool) -> tuple[MeasuredElites, Pytree]:
-    """Returns the elites and the states; where there was one key alone, both without the axis of seeds."""
-    measured = as_measured(static, jax.vmap(static.optimizer(traced).elites)(states))
-    return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
-
-
-def as_measured(static: Static, elites: Population) -> MeasuredElites:
-    """Returns elites with their descriptor, metrics and features."""
-    names = (*METRIC_NAMES, *static.measured)
-    return MeasuredElites(
-        grids=elites.grids,
-        fitness=elites.fitness,
-        descriptor=compute_descriptor(elites.features, names, static.axes),
-        valid=elites.valid,
-        metrics=unstack_metrics(elites.features, static.shape[0] * static.shape[1]),
-        features={name: elites.features[..., names.index(name)] for name in static.measured},
-    )
+        stretch = int(min(max(count * _SECONDS_A_CALL / seconds, 1), 2 * stretch, MOST))

@@ -18,7 +18,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
 from elitelanes_jax._util.packages import __version__
-from elitelanes_jax._util.types import AnyArray, Plain, Pytree, UserValue
+from elitelanes_jax._util.types import AnyArray, Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.network.metric_names import Metrics
@@ -109,12 +109,13 @@ class RunState(NamedTuple):
 
     Attributes:
       generation: int32, generations done.
-      inner: the optimiser's own state; in a loaded result its arrays in a row, from which `evolve` continues as well.
+      inner: the arrays of the optimiser's state, in the order of `jax.tree.leaves`; with a leading axis of seeds if the
+        result has one.
       fingerprint: uint32, of the key and the settings, against continuing with others by mistake.
     """
 
     generation: Int32[Array | np.ndarray, ""]
-    inner: Pytree
+    inner: tuple[Array | np.ndarray, ...]
     fingerprint: UInt32[Array | np.ndarray, ""]
 
     def __repr__(self) -> str:
@@ -321,16 +322,10 @@ class SearchInterrupted(KeyboardInterrupt):
 
 
 def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
-    leaves = jax.tree.leaves(state.inner)
-    for leaf in leaves:
-        if (
-            not hasattr(leaf, "dtype")
-            or jnp.issubdtype(leaf.dtype, jax.dtypes.extended)
-            or leaf.dtype.kind not in "biufc"
-        ):
-            got = getattr(leaf, "dtype", type(leaf).__name__)
-            raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {got}")
-    inner = {f"inner.{number}": np.asarray(leaf) for number, leaf in enumerate(leaves)}
+    for leaf in state.inner:
+        if jnp.issubdtype(leaf.dtype, jax.dtypes.extended) or leaf.dtype.kind not in "biufc":
+            raise InputError(f"state: expected arrays of NumPy's numbers, to be saved, got {leaf.dtype}")
+    inner = {f"inner.{index}": np.asarray(leaf) for index, leaf in enumerate(state.inner)}
     generation, fingerprint = np.asarray(state.generation, np.int32), np.asarray(state.fingerprint, np.uint32)
     return {"generation": generation, "fingerprint": fingerprint} | inner
 
@@ -358,11 +353,11 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
     """Takes the state out of the arrays of a file; one that was not saved fits no search."""
     kept = {name.removeprefix(_STATE): arrays.pop(name) for name in list(arrays) if name.startswith(_STATE)}
     arrays.pop("axes", None)
-    inner = tuple(kept.get(f"inner.{number}") for number in range(len(kept) - 2))
+    inner = tuple(kept[name] for index in range(len(kept) - 2) if (name := f"inner.{index}") in kept)
     generation, fingerprint = (
         kept.get(name, np.zeros((), dtype)) for name, dtype in (("generation", np.int32), ("fingerprint", np.uint32))
     )
-    if any(leaf is None for leaf in inner) or generation.shape or fingerprint.shape:
+    if len(inner) < len(kept) - 2 or generation.shape or fingerprint.shape:
         raise InputError("one whose state is not whole")
     return RunState(generation, inner, fingerprint)
 

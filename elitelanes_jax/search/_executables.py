@@ -1,0 +1,187 @@
+"""Compiled programs in files: a later process loads them, and neither traces nor lowers nor compiles.
+
+A file has the programs of one search. Its name is the digest of all that they depend on, so a change of any of it makes
+another file. A file is written whole or not at all; one that cannot be read or loaded is replaced. Only programs for
+the processor are kept, in a folder beside JAX's own cache, if that is in use.
+"""
+
+import json
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import sha256
+from importlib.util import find_spec
+from pathlib import Path
+from threading import get_ident
+from typing import NamedTuple
+
+import jax
+from jax.extend import backend
+
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.progress import announce
+from elitelanes_jax._util.types import Plain, Pytree
+
+# The bytes of all files, at most; the files that were used least recently are removed.
+_MOST_BYTES = 2**28
+
+# The rooms whose sources make the programs.
+_ROOMS = ("_util", "network", "problem", "optimizers", "search")
+
+
+class Kept(NamedTuple):
+    """The content of a file: facts about a search, and its programs by name, as XLA serialises them."""
+
+    facts: dict[str, Plain]
+    programs: dict[str, bytes]
+
+
+class Executable:
+    """A loaded program: takes any arrays, and returns arrays on its device."""
+
+    def __init__(self, program: bytes, device: jax.Device, outputs: Pytree) -> None:
+        """Loads a program.
+
+        Args:
+          program: as XLA serialises it.
+          device: that it is for.
+          outputs: the structure of what it returns.
+        """
+        devices = jax.sharding.SingleDeviceSharding(device)._internal_device_list
+        self._loaded = backend.get_backend().deserialize_executable(program, devices)
+        self._device, self._outputs = device, outputs
+
+    def __call__(self, *arguments: Pytree) -> Pytree:
+        """Runs the program."""
+        arrays = jax.device_put(jax.tree.leaves(arguments), self._device)
+        results = self._loaded.execute_sharded(arrays).disassemble_into_single_device_arrays()
+        return jax.tree.unflatten(self._outputs, [array for (array,) in results])
+
+
+def find_file(*parts: Plain) -> Path | None:
+    """Returns the file of the programs that depend on some values, or None if no programs are kept.
+
+    Args:
+      *parts: values whose `repr` tells all of them.
+    """
+    folder = jax.config.values.get("jax_compilation_cache_dir")
+    if not folder or "://" in folder or jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
+        return None
+    settings = {
+        name: getattr(jax.config, name, None) for name in sorted(jax.config.values) if "_cache" not in name
+    }  # of this thread
+    said = repr((_of_machine(), os.environ.get("XLA_FLAGS"), settings, parts))
+    return Path(folder) / "executables" / sha256(said.encode()).hexdigest()
+
+
+@cache
+def _of_machine() -> str:
+    """Returns what all programs depend on: sources, versions, and the processor, with its instructions."""
+    sources = sha256()
+    for room in _ROOMS:
+        for folder in find_spec(f"{__package__.split('.')[0]}.{room}").submodule_search_locations:  # type: ignore[union-attr]
+            for file in sorted(Path(folder).glob("*.py")):
+                sources.update(file.read_bytes())
+    processor = [platform.machine(), platform.processor()]
+    with suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        processor += sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))})
+    versions = backend.get_backend().platform_version
+    return repr((sources.hexdigest(), installed_versions(), versions, processor))
+
+
+def load(file: Path) -> Kept | None:
+    """Reads a file; returns None if there is none, or one that is not whole."""
+    try:
+        content = file.read_bytes()
+        os.utime(file)
+        digest, head, body = content[:32], *content[32:].split(b"\n", 1)
+        if sha256(content[32:]).digest() != digest:
+            raise ValueError("its checksum is wrong")
+        facts = json.loads(head)
+        programs, start = {}, 0
+        for name, size in facts.pop("programs").items():
+            programs[name] = body[start : start + size]
+            start += size
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        refuse(file, error)
+        return None
+    return Kept(facts, programs)
+
+
+def save(file: Path, kept: Kept) -> None:
+    """Writes a file, and removes the ones used least recently if there are too many; a full disk keeps none."""
+    facts = {**kept.facts, "programs": {name: len(program) for name, program in kept.programs.items()}}
+    content = json.dumps(facts).encode() + b"\n" + b"".join(kept.programs.values())
+    with suppress(OSError):
+        write_atomic(file, [sha256(content).digest(), content])
+        sizes = {one: one.stat() for one in file.parent.iterdir()}
+        left = sum(stat.st_size for stat in sizes.values())
+        for one in sorted(sizes, key=lambda one: sizes[one].st_mtime):
+            if left > _MOST_BYTES and one != file:
+                one.unlink(missing_ok=True)
+                left -= sizes[one].st_size
+
+
+def refuse(file: Path, error: Exception) -> None:
+    """Says that a file is of no use."""
+    announce(f"{file}: compiled programs cannot be loaded ({error}); they are compiled again")
+
+
+# The threads in which JAX took a program from its own cache: XLA serialises such a program without its functions.
+_taken: set[int] = set()
+
+
+def _notice(event: str, **_: Plain) -> None:
+    if event == "/jax/compilation_cache/cache_hits":
+        _taken.add(get_ident())
+
+
+jax.monitoring.register_event_listener(_notice)
+
+
+def compile_and_serialise(lowered: jax.stages.Lowered, *, optimised: bool) -> tuple[jax.stages.Compiled, bytes | None]:
+    """Compiles a program; returns it, and its bytes, or None if XLA cannot serialise it.
+
+    It cannot if the program was compiled before in this process and has run. A later process then adds it to the file.
+    """
+    _taken.discard(get_ident())
+    compiled = compile_program(lowered, optimised=optimised)
+    executable = compiled.runtime_executable()
+    if get_ident() not in _taken and executable is not None:
+        with suppress(Exception):  # of XLA, of any type
+            return compiled, bytes(executable.serialize())
+    return compiled, None
+
+
+def compile_program(lowered: jax.stages.Lowered, *, optimised: bool) -> jax.stages.Compiled:
+    """Compiles a program; without optimisation it takes a third of the time, and runs up to ten times as long."""
+    return lowered.compile(None if optimised else _unoptimised())
+
+
+@cache
+def _unoptimised() -> dict[str, str | bool]:
+    """Returns the options for compiling sooner that this version of XLA knows."""
+    options: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
+    with suppress(Exception):  # of XLA, of any type
+        more = options | {"xla_cpu_use_fusion_emitters": False}
+        jax.jit(lambda: 0).lower().compile(more)
+        return more
+    return options
+
+
+@contextmanager
+def without_the_cache_of_jax() -> Iterator[None]:
+    """JAX writes no program to its own cache in this block."""
+    name = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, name)
+    jax.config.update(name, float("inf"))
+    try:
+        yield
+    finally:
+        jax.config.update(name, before)

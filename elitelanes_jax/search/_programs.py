@@ -1,0 +1,333 @@
+"""The programs of a search: compiled once in a process, and kept on disk for later ones."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property, lru_cache, partial
+from typing import NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int8, Int32, Key, UInt32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.threads import side_by_side
+from elitelanes_jax._util.types import Pytree
+from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
+from elitelanes_jax.network.metrics import unstack_metrics
+from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.optimizers.base import Info, Optimizer
+from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.optimizers.presets import make_optimizer, user_moves
+from elitelanes_jax.problem.archive import Population
+from elitelanes_jax.problem.descriptor import Axis, compute_descriptor
+from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.kernels import Fitness, Kernel
+from elitelanes_jax.problem.problem import Problem, road_problem
+from elitelanes_jax.search._devices import part_rows
+from elitelanes_jax.search._executables import (
+    Executable,
+    Kept,
+    compile_and_serialise,
+    compile_program,
+    find_file,
+    load,
+    refuse,
+    save,
+    without_the_cache_of_jax,
+)
+from elitelanes_jax.search.elites import MeasuredElites
+
+KeyData: TypeAlias = UInt32[Array | np.ndarray, "*S B"]
+States: TypeAlias = tuple[Array | np.ndarray, ...]
+"""The leaves of the optimiser's states, arrays ``[S, ...]``."""
+
+MOST = 256
+"""The most generations of one call."""
+
+# The names of programs: what advances the seeds of a device has the device in it.
+_ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
+
+# Up to so many evaluated cells, unoptimised programs cost less time than optimising takes, and half a second at most.
+_FEW_CELLS = 1_000_000
+
+
+class Traced(NamedTuple):
+    """The arguments of a compiled search: other values need no second compilation."""
+
+    weights: Weights
+    limits: Int32[np.ndarray, "2 C"]
+    config: tuple[Pytree, ...]  # the leaves that are traced
+    initial: Int8[np.ndarray, "N H W"] | None
+    feature_weights: Int32[np.ndarray, " K"] | None
+
+
+class Static(NamedTuple):
+    """What a search is compiled for; hashable."""
+
+    shape: tuple[int, int]
+    axes: tuple[Axis, ...]
+    alphabet: tuple[int, ...]
+    fill: bool
+    fix: FixedCells | None
+    bounded: bool
+    config: Pytree  # the structure of the configuration; None for an optimiser of the user's own
+    factory: Callable[[Problem], Optimizer] | None
+    measured: tuple[str, ...]
+    kernels: tuple[tuple[str, Kernel], ...]  # of the user's own features that are needed
+    fitness: Fitness | None
+    impl: str = "threefry2x32"  # of the keys
+
+    def optimizer(self, traced: Traced) -> Optimizer:
+        """Makes the optimiser; called while a program is traced."""
+        problem = road_problem(
+            self.shape,
+            self.axes,
+            alphabet=self.alphabet,
+            weights=traced.weights,
+            fill=self.fill,
+            limits=traced.limits if self.bounded else None,
+            measured=self.measured,
+            feature_weights=traced.feature_weights,
+            features=dict(self.kernels),
+            fitness=self.fitness,
+            fix=self.fix,
+            initial=traced.initial,
+        )
+        if self.factory is not None:
+            made = self.factory(problem)
+            if not isinstance(made, Optimizer):
+                raise InputError(f"optimizer: expected a function that returns an Optimizer, got {type(made).__name__}")
+            return made
+        return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
+
+    def keys(self, data: KeyData) -> Key[Array, "*S"]:
+        """Makes keys of their data."""
+        return jax.random.wrap_key_data(jnp.asarray(data), impl=self.impl)
+
+
+class Programs:
+    """The programs of a search, for arguments of given shapes; see `find_programs`.
+
+    Attributes:
+      evaluations_per_step: of the optimiser.
+      states: the shapes and dtypes of the states of all seeds.
+    """
+
+    def __init__(self, static: Static, traced: Pytree, keys: Pytree, single: bool, devices: Sequence[jax.Device]):
+        """Finds the programs on disk, or traces what the search takes; see `find_programs`.
+
+        Of `traced` and `keys` only the shapes and dtypes count.
+        """
+        self._static, self._traced, self._keys, self._single = static, traced, keys, single
+        self._rows, count = part_rows(len(keys), devices)
+        self._devices = list(dict.fromkeys(devices[:count]))
+        self._cells = 0  # evaluated in this process
+        self._programs: dict[str, Callable[..., Pytree]] = {}
+        self._contents: dict[str, bytes] = {}  # of the file
+        # The file's name tells nothing of what the user's functions compute.
+        users = static.factory or static.kernels or static.fitness
+        if not users and not user_moves(jax.tree.unflatten(static.config, traced.config)):
+            shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves((traced, keys))]
+            self._file = find_file(static, jax.tree.structure(traced), shapes, single, self._rows, *self._devices)
+        else:
+            self._file = None
+        if self._file is not None and (kept := load(self._file)) is not None:
+            self.states = tuple(jax.ShapeDtypeStruct(shape, dtype) for shape, dtype in kept.facts["states"])
+            self.evaluations_per_step = int(kept.facts["evaluations_per_step"])
+            self._contents = kept.programs
+        else:
+            self.states = tuple(jax.tree.leaves(self._tree))
+            self.evaluations_per_step = _evaluations_per_step(static, traced)
+
+    @property
+    def memory(self) -> int:
+        """The bytes of the states of all seeds."""
+        return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
+
+    def prepare(self, *, starts: bool, generations: int) -> None:
+        """Loads the programs for a run, and compiles the missing ones, side by side.
+
+        What starts and collects runs once, and is not optimised. What advances is optimised as soon as the searches in
+        this process evaluate more than a few cells. The bits are the same.
+
+        Args:
+          starts: whether the run starts at generation 0.
+          generations: the number that will be run.
+        """
+        height, width = self._static.shape
+        self._cells += generations * self.evaluations_per_step * len(self._keys) * height * width
+        names = ["start"] * starts + ["collect"]
+        if generations:
+            names += [self._to_advance(device) for device in self._devices]
+        names = [name for name in names if name not in self._programs]
+        self._load([name for name in names if name in self._contents])
+        if names := [name for name in names if name not in self._programs]:
+            self._compile(names)
+
+    def start(self, traced: Traced, keys: KeyData) -> States:
+        """Returns the states of generation 0."""
+        return tuple(jax.tree.leaves(self._programs["start"](traced, keys)))
+
+    def advance(
+        self, device: jax.Device, traced: Traced, keys: KeyData, states: States, first: int, last: int
+    ) -> tuple[States, Info]:
+        """Runs the generations `first` to `last` of the seeds of a device, see `loop.advance`; waits for the end."""
+        program = self._programs[self._to_advance(device)]
+        return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
+
+    def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
+        """Returns the elites and the states; if there was one key alone, both without the axis of seeds."""
+        self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted
+        program = self._programs["collect"]
+        found = program(traced, states)
+        # A loaded program binds its results to their device, a compiled one does not.
+        return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
+
+    def _to_advance(self, device: jax.Device) -> str:
+        """Returns the name of the program that advances the seeds of a device."""
+        name = f"{_ADVANCE} {device}"
+        known = name in self._programs or name in self._contents
+        return name if known or self._cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
+
+    def _load(self, names: Sequence[str]) -> None:
+        """Loads programs of the file. If one cannot be loaded, all are left aside."""
+        leaf: Pytree = 0
+        features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
+        elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
+        outputs = {"start": self.states, "collect": (elites, self.states)}
+        advanced = (self.states, Info(*[leaf] * len(Info._fields)))
+        calls = [
+            partial(
+                Executable, self._contents[name], self._device(name), jax.tree.structure(outputs.get(name, advanced))
+            )
+            for name in names
+        ]
+        try:
+            self._programs |= zip(names, side_by_side(calls), strict=True)
+        except Exception as error:  # of XLA, of any type
+            assert self._file is not None
+            refuse(self._file, error)
+            self._contents = {}
+
+    def _compile(self, names: Sequence[str]) -> None:
+        """Compiles programs, and adds them to the file.
+
+        Each is lowered in this thread, as JAX's settings may be those of this thread alone. An interruption leaves the
+        threads that compile.
+        """
+        optimised = [name.startswith(_ADVANCE) and not name.endswith(_UNOPTIMISED) for name in names]
+        # Each is lowered while those before it compile.
+        lowered = ((self._lower(name), fast) for name, fast in zip(names, optimised, strict=True))
+        if self._file is None:
+            plain = (partial(compile_program, program, optimised=fast) for program, fast in lowered)
+            self._programs |= zip(names, side_by_side(plain, wait=False), strict=True)
+            return
+        with without_the_cache_of_jax():
+            calls = (partial(compile_and_serialise, program, optimised=fast) for program, fast in lowered)
+            for name, (program, content) in zip(names, side_by_side(calls, wait=False), strict=True):
+                self._programs[name] = program
+                if content is not None:
+                    self._contents = self._contents | {name: content}
+        shapes = [[list(leaf.shape), str(leaf.dtype)] for leaf in self.states]
+        facts = {"states": shapes, "evaluations_per_step": self.evaluations_per_step}
+        save(self._file, Kept(facts, self._contents))
+
+    @cached_property
+    def _tree(self) -> Pytree:
+        """The shapes and dtypes of the states of all seeds, as the optimiser has them."""
+        return _start.eval_shape(self._static, self._traced, self._keys)
+
+    def _device(self, name: str) -> jax.Device:
+        """Returns the device of a program; what starts and collects is for the default one."""
+        said = name.removeprefix(f"{_ADVANCE} ").removesuffix(f", {_UNOPTIMISED}")
+        return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
+
+    def _lower(self, name: str) -> jax.stages.Lowered:
+        static, traced, keys = self._static, self._traced, self._keys
+        if name == "start":
+            return _start.lower(static, traced, keys)
+        structure = jax.tree.structure(self._tree)
+        if name == "collect":
+            return _collect.lower(static, structure, traced, self.states, self._single)
+        device = self._device(name)
+        # The default device binds nothing, see `_devices.cut`.
+        bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
+        part = [
+            jax.ShapeDtypeStruct((self._rows, *leaf.shape[1:]), leaf.dtype, sharding=bound)
+            for leaf in (keys, *self.states)
+        ]
+        first = jax.ShapeDtypeStruct((), jnp.int32)
+        return _advance.lower(static, structure, traced, part[0], tuple(part[1:]), first, first)
+
+
+def find_programs(
+    static: Static, traced: Traced, keys: KeyData, single: bool, devices: Sequence[jax.Device]
+) -> Programs:
+    """Returns the programs of a search: those of an earlier call if there was one of the same shapes.
+
+    Args:
+      static: what the programs are compiled for.
+      traced: arguments.
+      keys: of all seeds.
+      single: whether there was one key alone.
+      devices: that share the seeds.
+    """
+    leaves, structure = jax.tree.flatten((traced, keys))
+    settings = tuple((name, getattr(jax.config, name, None)) for name in jax.config.values)  # of this thread
+    shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
+    return _find(static, structure, shapes, single, tuple(devices), settings)
+
+
+@lru_cache(maxsize=32)
+def _find(
+    static: Static,
+    structure: Pytree,
+    shapes: tuple[jax.ShapeDtypeStruct, ...],
+    single: bool,
+    devices: tuple[jax.Device, ...],
+    _: Pytree,
+) -> Programs:
+    traced, keys = jax.tree.unflatten(structure, shapes)
+    return Programs(static, traced, keys, single, devices)
+
+
+def _evaluations_per_step(static: Static, traced: Pytree) -> int:
+    found: list[int] = []
+    jax.eval_shape(lambda traced: found.append(int(static.optimizer(traced).evaluations_per_step)), traced)
+    return found[0]
+
+
+@partial(jax.jit, static_argnames="static", keep_unused=True)
+def _start(static: Static, traced: Traced, keys: KeyData) -> Pytree:
+    return start(static.optimizer(traced), static.keys(keys))
+
+
+@partial(jax.jit, static_argnames=("static", "structure"), keep_unused=True)
+def _advance(
+    static: Static, structure: Pytree, traced: Traced, keys: KeyData, states: States, first: Array, last: Array
+) -> tuple[States, Info]:
+    inner = jax.tree.unflatten(structure, states)
+    inner, info = advance(static.optimizer(traced), static.keys(keys), inner, first, last, most=MOST)
+    return tuple(jax.tree.leaves(inner)), info
+
+
+@partial(jax.jit, static_argnames=("static", "structure", "single"), keep_unused=True)
+def _collect(
+    static: Static, structure: Pytree, traced: Traced, states: States, single: bool
+) -> tuple[MeasuredElites, States]:
+    inner = jax.tree.unflatten(structure, states)
+    measured = as_measured(static, jax.vmap(static.optimizer(traced).elites)(inner))
+    return jax.tree.map(lambda array: array[0], (measured, states)) if single else (measured, states)
+
+
+def as_measured(static: Static, elites: Population) -> MeasuredElites:
+    """Returns elites with their descriptor, metrics and features."""
+    names = (*METRIC_NAMES, *static.measured)
+    return MeasuredElites(
+        grids=elites.grids,
+        fitness=elites.fitness,
+        descriptor=compute_descriptor(elites.features, names, static.axes),
+        valid=elites.valid,
+        metrics=unstack_metrics(elites.features, static.shape[0] * static.shape[1]),
+        features={name: elites.features[..., names.index(name)] for name in static.measured},
+    )

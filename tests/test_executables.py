@@ -1,0 +1,234 @@
+"""Programs in files: a later process loads them, and finds the same; files that are of no use are replaced."""
+
+import json
+import os
+import random
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from functools import partial
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax._util.progress import Verbosity, reporting
+from elitelanes_jax.search import _executables, _programs
+from elitelanes_jax.search._executables import Kept, find_file, load, save
+from elitelanes_jax.search.evolution import evolve
+
+SHAPE = (4, 5)
+run = partial(evolve, 3, SHAPE, seeds=2, preset="paper", generations=3, progress=False)
+
+
+NAMES = {"start", "collect", f"advance {jax.devices()[0]}, unoptimised"}
+
+
+def arrays(result):
+    return [np.asarray(leaf).tobytes() for leaf in jax.tree.leaves((result.elites, result.state))]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """The folder of the files, empty at first; no search knows the programs of an earlier one."""
+    jax.clear_caches()
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "cache"))
+    _programs._find.cache_clear()
+    yield tmp_path / "cache" / "executables"
+    _programs._find.cache_clear()
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def in_a_new_process(monkeypatch):
+    """As in a new process, no program is known; from here on none may be traced."""
+    _programs._find.cache_clear()
+    for name in ("_start", "_advance", "_collect"):
+        monkeypatch.setattr(_programs, name, None)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"where": "crossings=1..", "weights": "bridges=3"},
+        {"preset": "tuned", "features": {}},
+        {"method": "ea", "axes": ["symmetry:5"]},
+        {"method": "pso"},
+        {"method": "gwo"},
+        {"devices": 1},
+    ],
+    ids=str,
+)
+def test_loaded_programs_find_what_compiled_ones_find(settings, folder, monkeypatch):
+    compiled = run(**settings)
+    (file,) = folder.iterdir()
+    with monkeypatch.context() as patch:
+        in_a_new_process(patch)
+        loaded = run(**settings)
+        more = run(**settings | {"generations": 2}, state=loaded.state)
+    assert arrays(loaded) == arrays(compiled)
+    assert loaded.history.evaluations.tolist() == compiled.history.evaluations.tolist()
+    assert jax.tree.structure(loaded) == jax.tree.structure(compiled)
+    assert arrays(more) == arrays(run(**settings | {"generations": 5}))
+    assert [*folder.iterdir()] == [file]
+
+
+def test_one_key_alone_and_other_numbers_take_the_loaded_programs(folder, monkeypatch):
+    alone = partial(evolve, shape=SHAPE, preset="paper", generations=3, progress=False)
+    expected = [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)]
+    in_a_new_process(monkeypatch)
+    assert [arrays(alone(jax.random.key(1), weights=f"bridges={weight}")) for weight in (1, 2)] == expected
+
+
+def test_a_run_of_no_generations_is_completed_by_a_later_one(folder, monkeypatch):
+    start = run(generations=0)
+    (file,) = folder.iterdir()
+    assert set(load(file).programs) == {"start", "collect"}
+    _programs._find.cache_clear()
+    whole = run()
+    assert set(load(file).programs) == NAMES
+    in_a_new_process(monkeypatch)
+    assert arrays(run(generations=0)) == arrays(start)
+    assert arrays(run()) == arrays(whole)
+
+
+def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
+    optimised = f"advance {jax.devices()[0]}"
+    results = [run()]
+    two_searches = 2 * 2 * 4 * 5 * int(results[0].history.evaluations[-1])  # of two seeds on 4 x 5 cells
+    monkeypatch.setattr(_programs, "_FEW_CELLS", two_searches)
+    results.append(run())
+    (file,) = folder.iterdir()
+    assert set(load(file).programs) == NAMES
+    results.append(run())
+    assert set(load(file).programs) == NAMES | {optimised}
+    assert arrays(results[0]) == arrays(results[1]) == arrays(results[2])
+
+
+def flip(content):
+    return content[:-50] + bytes([content[-50] ^ 1]) + content[-49:]
+
+
+def other_programs(content):
+    """A whole file whose programs XLA cannot load."""
+    head = json.loads(content[32:].split(b"\n", 1)[0])
+    body = json.dumps(head).encode() + b"\n" + bytes(sum(head["programs"].values()))
+    return _executables.sha256(body).digest() + body
+
+
+@pytest.mark.parametrize(
+    "spoil", [flip, other_programs, lambda content: content[: len(content) // 2], lambda _: b"", lambda _: b"{}\n" * 99]
+)
+def test_a_file_of_no_use_is_replaced_and_one_line_says_so(spoil, folder, capsys):
+    expected = arrays(run())
+    (file,) = folder.iterdir()
+    file.write_bytes(spoil(file.read_bytes()))
+    _programs._find.cache_clear()
+    jax.clear_caches()  # XLA does not serialise a program that has run
+    capsys.readouterr()
+    with reporting(Verbosity.NORMAL):
+        assert arrays(run()) == expected
+    line = rf"{re.escape(str(file))}: compiled programs cannot be loaded \(.+\); they are compiled again\n"
+    assert re.fullmatch(line, capsys.readouterr().err)
+    assert set(load(file).programs) == NAMES
+
+
+def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch):
+    file = find_file(SHAPE, "static")
+    assert find_file(SHAPE, "static") == file and file.parent == folder
+    assert find_file(SHAPE, "other") != file
+    with jax.numpy_rank_promotion("raise"):
+        assert find_file(SHAPE, "static") != file
+    with monkeypatch.context() as patch:
+        patch.setenv("XLA_FLAGS", "--xla_luck=1")
+        assert find_file(SHAPE, "static") != file
+    for value in ("sources", "versions", "processor"):
+        with monkeypatch.context() as patch:
+            patch.setattr(_executables, "_of_machine", lambda value=value: value)
+            assert find_file(SHAPE, "static") != file
+    jax.config.update("jax_compilation_cache_dir", None)
+    assert find_file(SHAPE, "static") is None
+
+
+def test_functions_of_the_user_are_in_no_file(folder):
+    run(features={"corner": lambda grid: grid[0, 0].astype(int)})
+    run(fitness=lambda usual: usual + 1)
+    assert not folder.exists()
+
+
+def test_files_used_least_recently_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setattr(_executables, "_MOST_BYTES", 2500)
+    files = [tmp_path / name for name in "dcba"]
+    for age, file in enumerate(files[:3]):
+        save(file, Kept({}, {"program": bytes(900)}))
+        os.utime(file, (age, age))
+    assert not files[0].exists()
+    assert load(files[1]) == Kept({}, {"program": bytes(900)})  # it is used: the other one is older now
+    save(files[3], Kept({}, {"program": bytes(900)}))
+    assert [file.exists() for file in files] == [False, True, False, True]
+
+
+@pytest.mark.filterwarnings("ignore:Error writing persistent compilation cache")
+def test_where_nothing_can_be_written_none_are_kept(folder, small_files_only):
+    small_files_only(1000)
+    expected = arrays(run())
+    small_files_only(2**30)
+    assert not [*folder.glob("*")]
+    assert arrays(run()) == expected
+
+
+PROGRAM = """
+import hashlib, sys
+import jax
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+from elitelanes_jax import evolve
+found = evolve(3, (4, 5), seeds=2, preset="paper", generations=3, progress=False)
+digest = hashlib.sha256(b"".join(leaf.tobytes() for leaf in map(jax.numpy.asarray, jax.tree.leaves(found.elites))))
+print(digest.hexdigest())
+"""
+
+
+def start(cache):
+    return subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, cache], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def end(process):
+    out, err = process.communicate(timeout=600)
+    return process.returncode, out, err
+
+
+def test_a_second_process_compiles_nothing(tmp_path):
+    """The file keeps its place on disk, which every new one changes."""
+    first = end(start(tmp_path))
+    (file,) = (tmp_path / "executables").iterdir()
+    before = file.stat().st_ino
+    second = end(start(tmp_path))
+    assert first == second and first[0] == 0 and first[2] == ""
+    assert file.stat().st_ino == before
+
+
+@pytest.mark.slow
+def test_processes_that_start_at_once_and_are_killed_leave_no_wrong_file(tmp_path):
+    expected = end(start(tmp_path / "alone"))
+    assert expected[0] == 0
+    draw = random.Random(0)
+    for _ in range(3):
+        cache = tmp_path / "cache"
+        shutil.rmtree(cache, ignore_errors=True)
+        processes = [start(cache) for _ in range(20)]
+        killed = draw.sample(processes, 10)
+        for process in killed:
+            time.sleep(draw.uniform(0, 3))
+            process.send_signal(signal.SIGKILL)
+        for process in processes:
+            code, out, err = end(process)
+            assert (code, out, err) == expected or (process in killed and code == -signal.SIGKILL)
+        assert end(start(cache)) == expected
+        for file in (cache / "executables").iterdir():
+            assert file.name.startswith(".") or load(file) is not None
