@@ -20,7 +20,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map, read_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
@@ -134,7 +134,9 @@ def collect(
         elif (rides := read_rides(source)) is not None:
             driven.append((str(source), *rides))
         else:
-            maps.append((str(source), read_map(source)))
+            found = read_maps(source)
+            names = [str(source)] if len(found) == 1 else [f"{source} {place}" for place in range(len(found))]
+            maps += zip(names, found, strict=True)
     grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
     maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])

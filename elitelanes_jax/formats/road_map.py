@@ -225,7 +225,8 @@ def _maps_of(listed: list[Plain]) -> list[RoadMap]:
 
 def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
-        raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
+        got = "a list; name a file with one map" if isinstance(values, list) else 'no "codes"'
+        raise InputError(f'expected a map, {{"codes": [[...], ...]}}, got {got}')
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
     codes = _grid(values["codes"])
