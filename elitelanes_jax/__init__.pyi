@@ -21,7 +21,6 @@ from .dataset.spec import DatasetSpec as DatasetSpec
 from .explorer.page import explore as explore
 from .formats.road_map import RoadMap as RoadMap
 from .formats.road_map import read_map as read_map
-from .formats.road_map import save_map as save_map
 from .maps.generation import generate as generate
 from .maps.generation import merge as merge
 from .maps.picking import pick as pick

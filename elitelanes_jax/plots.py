@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from elitelanes_jax.problem.descriptor import Axis
-    from elitelanes_jax.search.result import History
+    from elitelanes_jax.search.result import History, Result
 
 _GROUND, _KERB, _ROAD, _LANE, _END, _VACANT = "#eef0ea", "#b9bdb4", "#4a4f5a", "#f5c842", "#d7263d", "#e9e9e6"
 
@@ -86,8 +86,8 @@ def road_map(
 
 
 def archive_map(
-    fitness: AnyArray,
-    axes: "Sequence[Axis]",
+    fitness: "AnyArray | Result",
+    axes: "Sequence[Axis] | None" = None,
     *,
     across: str | None = None,
     down: Sequence[str] | str | None = None,
@@ -101,10 +101,10 @@ def archive_map(
     alone is hatched.
 
     Args:
-      fitness: numbers ``[..., N]``, lower is better, in the order of `niche_index`: a result's ``elites.fitness``, an
-        `Population`'s, or a QDax repertoire's with its sign changed and one axis. The largest int32 and numbers
-        that are not finite mean vacant.
-      axes: of the descriptor space.
+      fitness: a `Result`; or numbers ``[..., N]``, lower is better, in the order of `niche_index`: the fitness of a
+        `Population`, or of a QDax repertoire with its sign changed and one axis. The largest int32 and numbers that
+        are not finite mean vacant.
+      axes: of the descriptor space; by default those of the result.
       across: the metric of an axis, by default the first of those with most bins.
       down: the metrics of one axis or of several, of which the last changes fastest from row to row; by default all
         others.
@@ -119,6 +119,11 @@ def archive_map(
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
+    given: UserValue = fitness
+    if hasattr(given, "elites"):
+        fitness, axes = given.elites.fitness, given.axes if axes is None else axes
+    if axes is None:
+        raise InputError("axes: expected the axes of the niches, or a Result instead of its fitness, got none")
     axes = parse_axes(axes, features=None)
     if not all(axis.width for axis in axes):
         raise InputError("axes: expected ones with a width, such as Result.axes, got one without")
@@ -167,7 +172,7 @@ def archive_map(
 
 
 def history(
-    record: "History",
+    record: "History | Result",
     name: str = "best_fitness",
     *,
     label: str | None = None,
@@ -177,18 +182,22 @@ def history(
     """Draws a run against the evaluations of a seed: the median over its seeds, and a band about it.
 
     Args:
-      record: a result's `History`, of one seed or of many.
+      record: a `Result`, or its `History`, of one seed or of many.
       name: ``best_fitness`` or ``elite_count``.
       label: of the line in the legend.
       quantiles: the limits of the band, 0 to 1.
       ax: to draw on; several runs on the same one have different colours.
 
     Raises:
-      InputError: for another name, bad quantiles, or without matplotlib.
+      InputError: for a result without history, another name, bad quantiles, or without matplotlib.
     """
     if name not in ("best_fitness", "elite_count"):
         raise InputError(f"name: expected best_fitness or elite_count, got {name!r}")
-    ax = seed_band(record.evaluations, getattr(record, name), label=label, quantiles=quantiles, ax=ax)
+    given: UserValue = record
+    run: History | None = getattr(given, "history", given)
+    if run is None:
+        raise InputError("record: expected a result with a history, got one without")
+    ax = seed_band(run.evaluations, getattr(run, name), label=label, quantiles=quantiles, ax=ax)
     ax.set(xlabel="evaluations a seed", ylabel=_in_words(name))
     ax.locator_params(axis="x", nbins=6)
     return ax

@@ -22,6 +22,9 @@ __all__ = [
 
 INTERRUPTED = 130
 
+# Packages whose modules have another name.
+_MODULES = {"eclipse-sumo": "sumo", "scikit-learn": "sklearn"}
+
 T = TypeVar("T")
 
 Pytree: TypeAlias = Any
@@ -98,12 +101,12 @@ def require(need: str, *packages: str) -> None:
 
     Args:
       need: what needs them, for the message.
-      packages: names to import, which are also the names to install.
+      packages: names to install.
 
     Raises:
       InputError: if one is missing.
     """
-    if not all(find_spec(package) for package in packages):
+    if not all(find_spec(_MODULES.get(package, package)) for package in packages):
         raise InputError(f"{need} {' and '.join(packages)}: pip install {' '.join(packages)}")
 
 

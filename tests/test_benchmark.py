@@ -174,7 +174,9 @@ def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
 @pytest.mark.slow  # it compiles a search for itself
 def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    _, (_, program) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    _, (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    exec(compile(scores, str(PAGE), "exec"), {})
+    assert capsys.readouterr().out == "[1.  0.5] (0.5, 1.0)\n"
     exec(compile(program, str(PAGE), "exec"), made := {})
     assert main(["score", "mine.npz"]) == 0
     title, head, row = capsys.readouterr().out.splitlines()
@@ -186,7 +188,7 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_the_page_runs_a_search_of_ones_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (_, program), _ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    (_, program), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
     run_program(program, str(PAGE), capsys)
     assert main(["score", "own.npz"]) == 0
 

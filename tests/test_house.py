@@ -70,7 +70,6 @@ def test_private_modules_are_imported_by_their_own_room_alone(name):
     assert not [user for user in users if not user.startswith(room)]
 
 
-@pytest.mark.xfail(reason="experiments still use helpers of the package", strict=True)
 def test_readers_are_shown_public_names_alone():
     public = {name: set(import_module(name).__all__) for name in FACES}
     whole = {f"{face}.{name}" for face, names in public.items() for name in names}

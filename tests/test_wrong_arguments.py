@@ -82,7 +82,7 @@ WRONG = {
         DatasetSpec(maps=1, size=4, split=(1, 0, 0)), "out", maps=[3]
     ),
     "parts: expected paths, got 3": lambda: merge(3, "out"),
-    "sources: expected a folder of a run, or maps, got 3": lambda: explore(3, "page.html"),
+    "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
     "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
 }
 

@@ -21,6 +21,7 @@ from ._levels import random_level as random_level
 from ._localization import NEVER as NEVER
 from ._localization import ambiguity as ambiguity
 from ._localization import localization_steps as localization_steps
+from ._make import make as make
 from ._pure_pursuit import pure_pursuit as pure_pursuit
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams

@@ -13,7 +13,7 @@ from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, places, shortest_ways
 from elitelanes_jax.drive.lanes import Place, linked, movements
 from elitelanes_jax.formats.road_map import as_maps
-from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 
@@ -121,8 +121,10 @@ def make_levels(
       A batch of N levels, all of which `check_level` accepts.
 
     Raises:
-      InputError: for a bad grid, grids of several sizes, a map without any lane, or a number out of its range.
+      InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out
+        of its range.
     """
+    check_key(key)
     maps = [road_map.codes for road_map in check_named("grids", as_maps, grids)]
     if len({grid.shape for grid in maps}) != 1:
         raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")

@@ -74,7 +74,7 @@ def make_rides(
     """Drives on a map, from starts and to goals drawn at random: such as the expert reaches in time.
 
     Args:
-      grid: codes ``[H, W]``.
+      grid: codes ``[H, W]``, or a `RoadMap`.
       count: N, how many rides.
       policy: one of `POLICIES`, or a driver of one's own.
       seconds: after which a ride ends.

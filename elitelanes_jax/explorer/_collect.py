@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
@@ -85,18 +84,18 @@ class _Finds(NamedTuple):
 
 
 def collect(
-    sources: UserValue,
+    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
     *,
     tiles: str | Path | None = None,
     blend: bool | None = None,
     tile_px: int = 64,
     title: str | None = None,
 ) -> Payload:
-    """Collects runs and maps from files.
+    """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      sources: of each run its folder, as `generate` or `pick` wrote it, or an archive, or a folder of such folders;
-        files of maps; files of rides, which `drive` wrote. Or a `RoadMap` or a `Result`. One or several of these.
+      what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run, which `generate` or
+        `pick` wrote, a folder of such folders, an archive, a file of maps, or a file of rides, which `drive` wrote.
       tiles: folder of the tile pictures; by default those of the first run, if they are found, else the package's own,
         with a line on standard error. A relative path in a run's record is looked up here, then in each folder above
         the run.
@@ -106,25 +105,31 @@ def collect(
       title: of the page.
 
     Raises:
-      InputError: for a file or folder that is missing, broken, half-written or none of these, and for a bad tile set;
-        the message names the file.
+      InputError: for anything else; for a file or folder that is missing, broken, half-written or none of these, and
+        for a bad tile set. The message names the file.
     """
-    one = isinstance(sources, str | Path | RoadMap) or _is_result(sources)
-    listed = [sources] if one else sources
-    if not isinstance(listed, Iterable) or not (listed := list(listed)):
-        raise InputError(f"sources: expected a folder of a run, or maps, got {shorten(repr(sources))}")
+    given: UserValue = what
+    if hasattr(given, "elites") and hasattr(given, "axes"):
+        return collect_result(given, title or "result", tiles=load_tiles(tiles, blend=blend), tile_px=tile_px)
+    alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
+    listed = [given] if alone else list(given)
+    if not listed:
+        raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
+    if all(isinstance(one, RoadMap) for one in listed):
+        return collect_maps(listed, tiles=load_tiles(tiles, blend=blend), tile_px=tile_px, title=title or "")
+    if all(isinstance(one, str | Path) for one in listed):
+        return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
+    raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
+
+
+def _collect_files(
+    sources: Sequence[Path], tiles: str | Path | None, blend: bool | None, tile_px: int, title: str | None
+) -> Payload:
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
     driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
     own: Path | None = None
-    for index, source in enumerate(listed):
-        if isinstance(source, RoadMap):
-            maps.append((f"map {index}", source))
-            continue
-        if _is_result(source):
-            runs.append(_from_result(source, f"result {index}"))
-            continue
-        source = check_named("sources", path, source)
+    for source in sources:
         if source.is_dir():
             for folder in _run_folders(source):
                 runs.append(_read_run(folder))
@@ -189,13 +194,16 @@ def collect_results(
     return _pack(runs, tiles or load_tiles(), tile_px, "")
 
 
-def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64) -> Payload:
+def collect_maps(
+    maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64, title: str = ""
+) -> Payload:
     """Collects maps in memory; see `collect_result`.
 
     Args:
       maps: at least one.
       tiles: the tile pictures; by default the package's own.
       tile_px: side of a tile's picture in pixels, 16 to 512.
+      title: of the page.
 
     Raises:
       InputError: for no map.
@@ -203,7 +211,7 @@ def collect_maps(maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_
     runs = _of_maps(maps, "")
     if not runs:
         raise InputError("maps: expected at least one, got none")
-    return _pack(runs, tiles or load_tiles(), tile_px, "")
+    return _pack(runs, tiles or load_tiles(), tile_px, title)
 
 
 def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:
@@ -386,10 +394,6 @@ def _find_tiles(folder: Path, run: _Finds) -> Path | None:
             if (place / tiles).is_dir() and load_tiles(place / tiles).name == name:
                 return place / tiles
     return None
-
-
-def _is_result(source: UserValue) -> bool:
-    return hasattr(source, "elites")  # without loading JAX
 
 
 def _setting(run: _Finds, name: str) -> Plain:

@@ -1,8 +1,7 @@
 """The explorer in a notebook: Jupyter, marimo, VS Code. It needs anywidget, the extra `widget`."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +10,9 @@ from jaxtyping import Int8
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer._collect import collect, collect_result
 from elitelanes_jax.explorer._payload import Payload
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
     from elitelanes_jax.search.result import Result
@@ -43,8 +41,7 @@ def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = 
       MissingPackageError: without anywidget.
     """
     result = what if hasattr(what, "elites") and hasattr(what, "axes") else None
-    payload = _payload(what, tile_px)
-    return _widget_class()(payload, result, tile_px, on_continue or continue_search)
+    return _widget_class()(collect(what, tile_px=tile_px), result, tile_px, on_continue or continue_search)
 
 
 def continue_search(grid: _Grid, result: "Result") -> "Result":
@@ -64,21 +61,6 @@ def continue_search(grid: _Grid, result: "Result") -> "Result":
         raise InputError(f"grid: expected {height} x {width}, as the search's, got {grid.shape[0]} x {grid.shape[1]}")
     seeds = 1 if result.elites.valid.ndim == 1 else len(result.elites.valid)
     return evolve(0, (height, width), seeds=seeds, spec=result.spec, initial=[grid])
-
-
-def _payload(what: UserValue, tile_px: int) -> Payload:
-    if hasattr(what, "elites") and hasattr(what, "axes"):
-        return collect_result(what, tile_px=tile_px)
-    if isinstance(what, RoadMap):
-        return collect_maps([what], tile_px=tile_px)
-    if isinstance(what, str | Path):
-        return collect([Path(what)], tile_px=tile_px)
-    listed = list(what) if isinstance(what, Iterable) else []
-    if listed and all(isinstance(one, RoadMap) for one in listed):
-        return collect_maps(listed, tile_px=tile_px)
-    if listed and all(isinstance(one, str | Path) for one in listed):
-        return collect([Path(one) for one in listed], tile_px=tile_px)
-    raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
 
 
 @cache

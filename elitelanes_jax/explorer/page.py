@@ -2,23 +2,27 @@
 
 import base64
 import json
+from collections.abc import Iterable
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer._payload import Payload
+from elitelanes_jax.formats.road_map import RoadMap
+
+if TYPE_CHECKING:
+    from elitelanes_jax.search.result import Result
 
 _MARK = "<!doctype html>\n<!-- A page of elitelanes explore. -->\n"
 
 
 def explore(
-    sources: UserValue,
+    what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
     out: str | Path,
     *,
     tiles: str | Path | None = None,
@@ -27,10 +31,10 @@ def explore(
     title: str | None = None,
     force: bool = False,
 ) -> int:
-    """Writes the page of runs and maps, whole or not at all.
+    """Writes the page of a result, of maps, or of files of runs and maps, whole or not at all.
 
     Args:
-      sources: folders of runs, archives, files of maps, `RoadMap`s and results, one or several; see `collect`.
+      what: a `Result`, a `RoadMap` or several, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
       blend: whether they are brought together; see `collect`.
@@ -45,9 +49,9 @@ def explore(
       InputError: as `collect`; or for a file that is there, unless it is such a page and `force` is given.
       OSError: if it cannot be written.
     """
-    out = Path(check_named("out", path, out))
+    out = Path(out)
     _check_place(out, force)
-    content = page_of(collect(sources, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
+    content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)
     return len(content)
 

@@ -9,7 +9,6 @@ from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
 from .road_map import read_map as read_map
 from .road_map import read_maps as read_maps
-from .road_map import save_map as save_map
 from .sumo import Streets as Streets
 from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo

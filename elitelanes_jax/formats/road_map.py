@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
-from elitelanes_jax._util.types import AnyArray, Plain, UserValue
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
 from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
@@ -79,6 +79,14 @@ class RoadMap:
         if self.drawn and any(_extent(table) != codes.shape for table in self.drawn[1:]):
             raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
 
+    def save(self, file: str | Path) -> None:
+        """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
+
+        Raises:
+          OSError: if the file cannot be written.
+        """
+        write_atomic(Path(file), map_to_json(self).encode())
+
     def __repr__(self) -> str:
         """Returns the size and a few figures in one line."""
         height, width = np.shape(self.codes)
@@ -116,24 +124,6 @@ def _lines(value: Plain, indent: str) -> str:
     if isinstance(value, list) and value and isinstance(value[0], list):
         return "[\n" + ",\n".join(f"{inner}{json.dumps(row)}" for row in value) + f"\n{indent}]"
     return json.dumps(value)
-
-
-def save_map(road_map: RoadMap | AnyArray, file: str | Path) -> None:
-    """Writes a map file, which `read_map` and all commands read, whole or not at all. An existing file is replaced.
-
-    Args:
-      road_map: a `RoadMap`, or codes ``[H, W]``.
-      file: to write, with the ending ``.json``.
-
-    Raises:
-      InputError: for a bad grid, or another ending.
-      OSError: that names the file, if it cannot be written.
-    """
-    place: Path = check_named("file", path, file)
-    if place.suffix.lower() != ".json":
-        raise InputError(f"file: expected a name that ends in .json, got {place.name!r}")
-    road_map = road_map if isinstance(road_map, RoadMap) else RoadMap(road_map)
-    write_atomic(place, map_to_json(road_map).encode())
 
 
 def read_map(file: str | Path) -> RoadMap:

@@ -10,7 +10,7 @@ import numpy as np
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
+from elitelanes_jax.formats.road_map import Drawn, RoadMap
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
@@ -54,7 +54,7 @@ def write_maps(
             path = folder / "maps" / f"{index:04d}"
             path.mkdir(parents=True)
             write_picture(path, render(plain.codes, tiles, tile_px=tile_px, chosen=chosen))
-            (path / "map.json").write_text(map_to_json(road_map), encoding="utf-8")
+            road_map.save(path / "map.json")
             small.append(render(plain.codes, tiles, tile_px=sheet_px, chosen=chosen).image)
             drawn.append(road_map)
             bar.count()

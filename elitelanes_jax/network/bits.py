@@ -8,7 +8,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Key, Real, UInt32
 from numpy.polynomial import Chebyshev, Polynomial
 
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.xla import UNIT
+
+
+def check_key(key: UserValue) -> None:
+    """Raises `InputError` for anything but a key of JAX, of the new style or the old."""
+    is_array = isinstance(key, jax.Array | np.ndarray)
+    if not is_array or not (key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
+        raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:

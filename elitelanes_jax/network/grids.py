@@ -2,14 +2,11 @@
 
 from collections.abc import Iterable
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET, check_alphabet
 
@@ -31,9 +28,7 @@ def random_grids(
     Raises:
       InputError: for anything but a key, a negative count, a bad shape or alphabet.
     """
-    is_array = isinstance(key, jax.Array | np.ndarray)
-    if not is_array or not (key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
-        raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
+    check_key(key)
     count = check_named("count", whole(0), count)
     codes = jnp.asarray(check_alphabet(alphabet), jnp.int8)
     bits = random_bits(key, (count, *check_shape(shape)))

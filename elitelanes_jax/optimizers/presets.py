@@ -86,7 +86,18 @@ R = TypeVar("R", bound=Record)
 
 
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
-    """Makes the optimiser of a kind of configuration, on a problem."""
+    """Returns the optimiser that a configuration belongs to, such as `annealed_ea` for an `AnnealingConfig`.
+
+    Args:
+      problem: to optimise.
+      config: any configuration of a method, such as one of `PRESETS`.
+
+    Raises:
+      InputError: for anything else.
+    """
+    if type(config) not in _FACTORIES:
+        names = ", ".join(kind.__name__ for kind in _FACTORIES)
+        raise InputError(f"config: expected one of {names}, got {type(config).__name__}")
     return _FACTORIES[type(config)](problem, config)
 
 

@@ -47,8 +47,8 @@ MOST = 256
 # The names of programs: what advances the seeds of a device has the device in it.
 _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 
-# Up to so many evaluated cells, unoptimised programs cost less time than optimising takes, and half a second at most.
-_FEW_CELLS = 1_000_000
+# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second on two cores.
+_FEW_CELLS = 3_000_000
 
 
 class Traced(NamedTuple):

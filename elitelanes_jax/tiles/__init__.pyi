@@ -1,5 +1,4 @@
 from .contact_sheet import write_text as write_text
-from .files import read_picture as read_picture
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
 from .rendering import LABEL_COLOURS as LABEL_COLOURS

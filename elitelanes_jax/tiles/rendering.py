@@ -201,8 +201,18 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
 
 
-def write_picture(folder: Path, picture: Picture) -> None:
-    """Writes image.png, road.png, red.png, yellow.png and labels.png, and the tile set's own masks and points."""
+def write_picture(folder: str | Path, picture: Picture) -> None:
+    """Writes a picture's files: image.png, a PNG file for each mask, labels.png, and points.json if it has points.
+
+    Args:
+      folder: made if it does not exist. Files of the same names are replaced.
+      picture: from `render`.
+
+    Raises:
+      OSError: if a file cannot be written.
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     for name in ("image", *MASKS, "labels"):
         write_png(folder / f"{name}.png", getattr(picture, name))
     for name, mask in picture.layers.items():
@@ -212,9 +222,9 @@ def write_picture(folder: Path, picture: Picture) -> None:
         (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
 
 
-def write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
-    """Writes a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    file.write_bytes(png_of(pixels))
+def write_png(file: str | Path, pixels: NDArray[np.uint8]) -> None:
+    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
+    Path(file).write_bytes(png_of(pixels))
 
 
 def png_of(pixels: NDArray[np.uint8]) -> bytes:

@@ -1,15 +1,17 @@
 """The drivers of the study: what each task's network sees, and the environment that it learns in."""
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from flax import linen as nn
+from jaxtyping import Array, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax.drive import Environment, Transition
+from experiments.common import Pytree
+from experiments.navigation.ppo import Outputs
 
 __all__ = ["LaneNetwork", "MapNetwork", "WindowNetwork", "at_choices", "in_lane", "lane_layers"]
 
@@ -20,10 +22,10 @@ def at_choices(environment: Environment, most: int = 8) -> Environment:
     Rewards add up. Decisions are fewer, and each matters.
     """
 
-    def step(key: Any, state: Any, action: Any, params: Any) -> Transition:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         done = environment.step(key, state, action, params)
 
-        def go_on(_: Any, done: Transition) -> Transition:
+        def go_on(_: Array, done: Transition) -> Transition:
             stay = done.terminated | done.truncated | (done.observation.ways.sum() != 1)
             more = environment.step(key, done.state, 0, params)
             more = more._replace(reward=done.reward + more.reward)
@@ -37,7 +39,7 @@ def at_choices(environment: Environment, most: int = 8) -> Environment:
 def in_lane(environment: Environment) -> Environment:
     """Makes the environment of `LaneDrive` that terminates, at the same cost, where the own lane is left."""
 
-    def step(key: Any, state: Any, action: Any, params: Any) -> Transition:
+    def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
         done = environment.step(key, state, action, params)
         left = ~done.info.own_lane & ~done.terminated
         return done._replace(
@@ -52,13 +54,13 @@ def in_lane(environment: Environment) -> Environment:
 _INIT = partial(nn.initializers.orthogonal, np.sqrt(2))
 
 
-def _hidden(x: jax.Array, *sizes: int) -> jax.Array:
+def _hidden(x: Array, *sizes: int) -> Array:
     for size in sizes:
         x = nn.relu(nn.Dense(size, kernel_init=_INIT())(x))
     return x
 
 
-def _heads(x: jax.Array, ways: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _heads(x: Array, ways: Array) -> tuple[Array, Array]:
     """Returns logits of the open ways, and values."""
     logits = nn.Dense(ways.shape[-1], kernel_init=nn.initializers.orthogonal(0.01))(x)
     closed = ~ways & ways.any(axis=-1, keepdims=True)
@@ -75,13 +77,13 @@ class MapNetwork(nn.Module):
     memory: int = 0
 
     @nn.compact
-    def __call__(self, memory: jax.Array, seen: Any, first: jax.Array) -> Any:
-        """See `ppo.train`."""
+    def __call__(self, memory: Array, seen: Pytree, first: Array) -> Outputs:
+        """See `ppo.Network`."""
         x = nn.relu(_links(seen.window, self.width) + self._goal(seen))
         logits, value = _heads(_hidden(x, self.width // 2, self.width // 2), seen.ways)
         return memory, logits, value
 
-    def _goal(self, seen: Any) -> jax.Array:
+    def _goal(self, seen: Pytree) -> Array:
         """Embeds where the goal is, and from where it is to be reached."""
         size = seen.window.shape[-1]
         turned = (seen.there[..., 2] - seen.here[..., 2]) % 4
@@ -89,7 +91,7 @@ class MapNetwork(nn.Module):
         return nn.Embed(size * size * 4, self.width, embedding_init=nn.initializers.normal(0.5))(number)
 
 
-def _links(window: jax.Array, width: int) -> jax.Array:
+def _links(window: Array, width: int) -> Array:
     """Maps the links in a window, each once: those ahead of and left of each tile."""
     bits = jnp.stack([window & 8 > 0, window & 1 > 0], axis=-1).astype(jnp.float32)
     return nn.Dense(width, kernel_init=_INIT())(bits.reshape(*window.shape[:-2], -1))
@@ -102,8 +104,8 @@ class WindowNetwork(nn.Module):
     memory: int = 64
 
     @nn.compact
-    def __call__(self, memory: jax.Array, seen: Any, first: jax.Array) -> Any:
-        """See `ppo.train`."""
+    def __call__(self, memory: Array, seen: Pytree, first: Array) -> Outputs:
+        """See `ppo.Network`."""
         compass = seen.compass * jnp.array([1, 1, 0.1])
         x = nn.relu(_links(seen.window, self.width) + nn.Dense(self.width, kernel_init=_INIT())(compass))
         x = _hidden(x, self.width)
@@ -120,7 +122,7 @@ class _Cell(nn.Module):
     size: int
 
     @nn.compact
-    def __call__(self, memory: jax.Array, step: Any) -> tuple[jax.Array, jax.Array]:
+    def __call__(self, memory: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
         given, first = step
         memory = jnp.where(first[:, None], 0, memory)
         held = nn.Dense(3 * self.size, use_bias=False, kernel_init=nn.initializers.orthogonal())(memory)
@@ -137,8 +139,8 @@ class LaneNetwork(nn.Module):
     memory: int = 0
 
     @nn.compact
-    def __call__(self, memory: jax.Array, seen: Any, first: jax.Array) -> Any:
-        """See `ppo.train`."""
+    def __call__(self, memory: Array, seen: Pytree, first: Array) -> Outputs:
+        """See `ppo.Network`."""
         numbers = jnp.stack([seen.d, seen.phi, seen.speed, seen.turn], axis=-1)
         x = jnp.concatenate([numbers, seen.curvature], axis=-1) * _scale(4 + seen.curvature.shape[-1])
         first_hidden = nn.tanh(nn.Dense(self.width, name="layer_0")(x))
@@ -154,7 +156,7 @@ def _scale(size: int) -> NDArray[np.float32]:
     return np.array([10, 3, 1, 0.25] + [1 / 3] * (size - 4), np.float32)
 
 
-def lane_layers(weights: Any) -> dict[str, NDArray[np.float32]]:
+def lane_layers(weights: Pytree) -> dict[str, NDArray[np.float32]]:
     """Returns the driver of a trained `LaneNetwork` as arrays to save: what it takes, without Flax, to drive by it.
 
     From the observation of `LaneDrive` as one vector x (see `wrappers.flatten`) to the action "twist": ``x * scale``,

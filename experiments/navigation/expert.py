@@ -7,22 +7,20 @@ such as ``src/duckietown_world/data/gd1/maps`` of duckietown-world-daffy: from m
 """
 
 import argparse
-import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, random_grids, repair
-from elitelanes_jax._util.checks import whole
-from elitelanes_jax.cli.arguments import Parser, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, make_levels, movements, pure_pursuit
 from elitelanes_jax.formats import from_duckietown, without_dead_ends
+from experiments.common import Parser, Pytree, leave, run, whole
 
 __all__ = ["drive_all", "human_made", "main"]
 
@@ -31,27 +29,26 @@ ROUTES = 25  # on each map made by people
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    parser = Parser(prog="expert.py", description="Counts the routes that the expert drives in its lane.")
+    parser = Parser("expert", __doc__)
     parser.add_argument("--human-made", type=Path, metavar="FOLDER", help="a folder of Duckietown's YAML files")
-    parser.add_argument("--maps", type=checked_by(whole(1)), default=1000, metavar="N", help="of each kind; 1000")
+    parser.add_argument("--maps", type=whole(1), default=1000, metavar="N", help="of each kind; default 1000")
     options = parser.parse_args(arguments)
-    return guarded("expert", lambda: _count(options), interrupted="not all was driven")
+    return run("expert", lambda: _count(options))
 
 
-def _count(options: argparse.Namespace) -> int:
+def _count(options: argparse.Namespace) -> None:
     drawn = random_grids(jax.random.key(7), options.maps, (8, 8))
     filled = jax.jit(jax.vmap(partial(repair, fill=True)))(drawn)
     ruled = np.stack([without_dead_ends(grid) for grid in np.asarray(jax.jit(jax.vmap(repair))(drawn))])
-    say("| maps | routes | driven in the lane |\n|---|---:|---:|")
+    print("| maps | routes | driven in the lane |\n|---|---:|---:|")
     for name, grids in (("drawn", np.asarray(filled)), ("Duckietown's rules", ruled)):
-        say(f"| {options.maps} {name} | {options.maps} | {drive_all(grids, options.maps).sum()} |")
+        print(f"| {options.maps} {name} | {options.maps} | {drive_all(grids, options.maps).sum()} |")
     if options.human_made is None:
-        return 0
+        return
     made, left_out = human_made(options.human_made)
     driven = drive_all(made, ROUTES * len(made))
-    say(f"| {len(made)} made by people | {driven.size} | {driven.sum()} |")
-    say(f"left out: {', '.join(f'{name} ({why})' for name, why in left_out.items()) or 'none'}")
-    return 0
+    print(f"| {len(made)} made by people | {driven.size} | {driven.sum()} |")
+    print(f"left out: {', '.join(f'{name} ({why})' for name, why in left_out.items()) or 'none'}")
 
 
 def human_made(folder: Path) -> tuple[NDArray[np.int8], dict[str, str]]:
@@ -90,24 +87,24 @@ def drive_all(grids: NDArray[np.int8], count: int) -> NDArray[np.bool_]:
 
 
 @jax.jit
-def _drive(params: LaneDriveParams, steps: int) -> Any:
+def _drive(params: LaneDriveParams, steps: int) -> Bool[Array, " N"]:
     count = params.levels.grid.shape[0]
     step = jax.vmap(LaneDrive.step, in_axes=(0, 0, 0, None))
     keys = jax.random.split(jax.random.key(9), count)
     _, first = jax.vmap(LaneDrive.reset_to_level, in_axes=(0, 0, None))(keys, params.levels, params)
 
-    def go(carry: Any) -> Any:
+    def go(carry: tuple[Array, Pytree, Array, Array]) -> tuple[Array, Pytree, Array, Array]:
         number, state, kept, arrived = carry
         done = step(keys, state, jax.vmap(lambda one: pure_pursuit(one, params))(state), params)
         return number + 1, done.state, kept & (done.info.own_lane | arrived), arrived | (kept & done.info.success)
 
-    def goes_on(carry: Any) -> Any:
+    def goes_on(carry: tuple[Array, Pytree, Array, Array]) -> Bool[Array, ""]:
         number, _, kept, arrived = carry
         return (number < steps) & (kept & ~arrived).any()
 
-    nobody = np.zeros(count, bool)
-    return jax.lax.while_loop(goes_on, go, (0, first, ~nobody, nobody))[3]
+    nobody = jnp.zeros(count, bool)
+    return jax.lax.while_loop(goes_on, go, (jnp.int32(0), first, ~nobody, nobody))[3]
 
 
 if __name__ == "__main__":
-    leave(lambda: main(sys.argv[1:]))
+    leave(main())

@@ -9,23 +9,20 @@ hardest niches' maps.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Array, Int8, Int32
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, Result, evolve
-from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax.cli.arguments import Parser, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.drive import ambiguity
-from elitelanes_jax.problem import Axis, niche_bins
+from elitelanes_jax.problem import Axis, Kernel, niche_bins
 from elitelanes_jax.search import use_compile_cache
+from experiments.common import Parser, Pytree, leave, require, run, save
 from experiments.navigation.maps import DISTANCES, SIDE
 
 __all__ = ["failure_feature", "main", "read_driver"]
@@ -36,33 +33,31 @@ _AXES = (Axis("cyclomatic", 10, 2), Axis("ambiguity", 12, 100, start=200))
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    parser = Parser(prog="hard_maps", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("driver", type=checked_by(path), metavar="FILE", help="of a driver that navigation.py trained")
+    parser = Parser("hard_maps", __doc__)
+    parser.add_argument("driver", type=Path, metavar="FILE", help="a driver that experiments.navigation.study trained")
     parser.add_argument("--task", choices=("map", "window"), default="map", help="that it was trained for")
-    out = "results/hard-maps.png"
-    parser.add_argument("--out", type=checked_by(path), default=Path(out), metavar="FILE", help=f"by default {out}")
-    parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
+    out = Path("results/hard-maps.png")
+    parser.add_argument("--out", type=Path, default=out, metavar="FILE", help=f"the figure; default {out}")
+    parser.add_argument("--quick", action="store_true", help="tiny budgets, to test the program")
     options = parser.parse_args(arguments)
-    return guarded("hard_maps", lambda: _run(options), interrupted="nothing is written")
+    return run("hard_maps", lambda: _run(options))
 
 
-def _run(options: argparse.Namespace) -> int:
-    for package in ("flax", "optax"):
-        import_optional(package, "a trained driver needs flax and optax", "flax optax")
-    from experiments.common import save
+def _run(options: argparse.Namespace) -> None:
+    require("a trained driver needs", "flax", "optax")
     from experiments.navigation.report import Archive, hard_niches
 
     use_compile_cache()
     weights = read_driver(options.driver, options.task)
     evaluations, harder, each = (200, 60, 7) if options.quick else (20_000, 6000, 14)
-    features = {"ambiguity": ambiguity, "failure": failure_feature(options.task, weights, each)}
-    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "axes": _AXES}
-    usual = evolve(0, (SIDE, SIDE), seeds=1, evaluations=evaluations, features={"ambiguity": ambiguity}, **settings)
+    features: dict[str, Kernel] = {"ambiguity": ambiguity}
+    search = partial(evolve, 0, (SIDE, SIDE), seeds=1, preset="tuned", fill=True, axes=_AXES)
+    usual = search(evaluations=evaluations, features=features)
     grids, bins, _ = _archive(usual)
     # A weight over all others: a map that fails one more level of 14 takes its niche.
     spread = np.linspace(0, len(grids) - 1, min(len(grids), _FIRST)).astype(int)
-    settings |= {"weights": {"failure": -100}, "initial": list(grids[spread])}
-    hard = evolve(0, (SIDE, SIDE), seeds=1, evaluations=harder, features=features, **settings)
+    features = features | {"failure": failure_feature(options.task, weights, each)}
+    hard = search(evaluations=harder, features=features, weights={"failure": -100}, initial=list(grids[spread]))
     sought, niches, found_hard = _archive(hard)
     again = failure_feature(options.task, weights, 3 * each, seed=1)
     archives = [
@@ -73,8 +68,7 @@ def _run(options: argparse.Namespace) -> int:
     hardest = np.argsort(-found_hard["failure"], kind="stable")[:6]
     save(hard_niches(archives, hardest, _AXES), options.out)
     for one in archives:
-        say(f"maps {one.words}: {len(one.grids)}, one a niche, {one.failures.mean():.1%} of levels failed")
-    return 0
+        print(f"maps {one.words}: {len(one.grids)}, one a niche, {one.failures.mean():.1%} of levels failed")
 
 
 def _archive(found: Result) -> tuple[NDArray[np.int8], NDArray[np.int_], dict[str, NDArray[np.int32]]]:
@@ -85,11 +79,11 @@ def _archive(found: Result) -> tuple[NDArray[np.int8], NDArray[np.int_], dict[st
     return elites.grids[whole], bins, {name: values[whole] for name, values in elites.features.items()}
 
 
-def read_driver(file: Path, task: str) -> Any:
+def read_driver(file: Path, task: str) -> Pytree:
     """Reads a driver's weights.
 
     Raises:
-      InputError: if the file is none of a driver for the task.
+      InputError: if the file has no driver for the task.
     """
     from flax.serialization import from_bytes
 
@@ -102,13 +96,13 @@ def read_driver(file: Path, task: str) -> Any:
     try:
         weights = from_bytes(empty, file.read_bytes())
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{file}: expected a driver that navigation.py trained, got: {error}") from None
+        raise InputError(f"{file}: expected a driver that experiments.navigation.study trained, got: {error}") from None
     if jax.tree.map(np.shape, weights) != jax.tree.map(np.shape, empty):
         raise InputError(f"{file}: expected a driver for the task {task}, got one for another")
     return weights
 
 
-def failure_feature(task: str, weights: Any, each: int = 21, seed: int = 0) -> Callable[[Any], Any]:
+def failure_feature(task: str, weights: Pytree, each: int = 21, seed: int = 0) -> Kernel:
     """Makes a feature for `evolve`: the share of levels on a map that a driver fails, in thousandths, rounded down.
 
     Args:
@@ -126,7 +120,7 @@ def failure_feature(task: str, weights: Any, each: int = 21, seed: int = 0) -> C
     about = TASKS[task]
     target = jnp.asarray([DISTANCES[number % len(DISTANCES)] for number in range(each)])
 
-    def feature(grid: Any) -> Any:
+    def feature(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
         draw = partial(random_level, grid=grid)
         levels = jax.vmap(lambda key, away: draw(key, least=away, most=away))(
             jax.random.split(jax.random.key(2 * seed), each), target
@@ -141,8 +135,8 @@ def failure_feature(task: str, weights: Any, each: int = 21, seed: int = 0) -> C
     return feature
 
 
-def _measure(feature: Callable[[Any], Any], grids: NDArray[np.int8], batch: int = 64) -> NDArray[np.int_]:
-    """Measures grids, some at a time."""
+def _measure(feature: Kernel, grids: NDArray[np.int8], batch: int = 64) -> NDArray[np.int_]:
+    """Measures grids in batches of one size, which is compiled once."""
     many = jax.jit(jax.vmap(feature))
     padded = np.concatenate([grids, np.repeat(grids[:1], -len(grids) % batch, axis=0)])
     parts = [np.asarray(many(part)) for part in padded.reshape(-1, batch, SIDE, SIDE)]
@@ -150,4 +144,4 @@ def _measure(feature: Callable[[Any], Any], grids: NDArray[np.int8], batch: int 
 
 
 if __name__ == "__main__":
-    leave(main)
+    leave(main())

@@ -2,11 +2,21 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from experiments.navigation.outcomes import ALIKE, Difference, Runs, correlation, correlations, over_seeds, read_places
+from experiments.navigation.outcomes import (
+    ALIKE,
+    Difference,
+    Places,
+    Runs,
+    correlation,
+    correlations,
+    over_seeds,
+    read_places,
+)
+from experiments.navigation.tasks import Figures
 
 __all__ = ["Answer", "answers"]
 
@@ -20,7 +30,7 @@ class Answer(NamedTuple):
     """A figure that a hypothesis is about.
 
     Attributes:
-      hypothesis: its number in README.md.
+      hypothesis: its number on the page of this room, README.md.
       words: what the figure is.
       found: the figure, over seeds.
       least: of what was expected.
@@ -43,7 +53,11 @@ class Answer(NamedTuple):
         return "no" if self.found.high <= self.least or self.found.low >= self.most else "open"
 
 
-Of = Callable[..., float]
+class Of(Protocol):
+    """The figures of one seed."""
+
+    def __call__(self, task: str, condition: str, *tests: str, key: Figures = "success") -> float:
+        """Returns a figure of a run, averaged over tests."""
 
 
 def _paired(runs: Runs, figure: Callable[[Of], float]) -> Difference:
@@ -51,13 +65,12 @@ def _paired(runs: Runs, figure: Callable[[Of], float]) -> Difference:
 
     Args:
       runs: all.
-      figure: called with a function from a task, a condition, tests (several are averaged) and a key of what `judge`
-        says, "success" if left out, to the value of one seed.
+      figure: computes the value of one seed from the figures of its runs.
     """
     values = []
     for seed in sorted({seed for _, _, seed in runs}):
 
-        def of(task: str, condition: str, *tests: str, key: str = "success", seed: int = seed) -> float:
+        def of(task: str, condition: str, *tests: str, key: Figures = "success", seed: int = seed) -> float:
             return float(np.mean([runs[task, condition, seed][test][key] for test in tests]))
 
         try:
@@ -133,7 +146,7 @@ def _by_success(runs: Runs) -> list[Answer]:
     return found
 
 
-def _by_places(runs: Runs, places: dict[int, dict[str, Any]]) -> list[Answer]:
+def _by_places(runs: Runs, places: Places) -> list[Answer]:
     found = []
     for feature, words in (("cyclomatic", "loops"), ("straight_share", "the share of straights")):
         values = correlations(runs, places, "map", "maps-1000", feature)
@@ -142,7 +155,7 @@ def _by_places(runs: Runs, places: dict[int, dict[str, Any]]) -> list[Answer]:
     for key, words in (("never", "share of places never known"), ("tiles", "tiles until the others are known")):
         for one, other in [("the EA's", "MAP-Elites'"), *((name, "random") for name in list(_SOURCES)[:-1])]:
             pair = _OWN[one], _OWN[other]
-            apart = [float(np.subtract(*(np.mean(of[test][key]) for test in pair))) for of in places.values()]
+            apart = [float(np.mean(of[pair[0]][key]) - np.mean(of[pair[1]][key])) for of in places.values()]
             found.append(Answer(8, f"where: {words}, {one} maps less {other}", over_seeds(apart), least=0))
     straight = [
         correlation(*(np.concatenate([of[test][key] for test in ALIKE]) for key in ("ambiguity", "straight_share")))

@@ -1,11 +1,11 @@
 """Task "where": how far one must drive to find out where on a known map one is, and what else a map is like."""
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int, Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax import measure
@@ -18,7 +18,7 @@ __all__ = ["find_places"]
 _MOST, _DRIVERS = 32, 32
 
 
-def find_places(tests: dict[str, NDArray[np.int8]]) -> dict[str, Any]:
+def find_places(tests: dict[str, NDArray[np.int8]]) -> dict[str, dict[str, list[float]]]:
     """Measures the maps of all tests.
 
     Returns:
@@ -35,7 +35,7 @@ def find_places(tests: dict[str, NDArray[np.int8]]) -> dict[str, Any]:
 
 @jax.jit
 @partial(jax.vmap, in_axes=(0, None))
-def _measure(grid: Any, asked: Any) -> dict[str, Any]:
+def _measure(grid: Int8[Array, "H W"], asked: Int[Array, "N K"]) -> dict[str, Array]:
     steps = jax.vmap(partial(localization_steps, grid))(asked)
     known = steps < NEVER
     is_place = jnp.broadcast_to(places(grid), steps.shape)

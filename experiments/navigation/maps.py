@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias, TypedDict
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int, Int8, Key
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, evolve, random_grids, repair
@@ -18,7 +19,7 @@ from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
 from elitelanes_jax.problem import niche_bins
 
-__all__ = ["AXES", "DISTANCES", "SIDE", "MapBudget", "draw_levels", "human_maps", "make_maps"]
+__all__ = ["AXES", "DISTANCES", "SIDE", "Grids", "MapBudget", "Maps", "draw_levels", "human_maps", "make_maps"]
 
 SIDE = 8
 
@@ -28,8 +29,26 @@ AXES = "cyclomatic:10:2 straight_share:10:80"
 DISTANCES = range(6, 13)
 """Tiles from start to goal; each is as frequent as the others on every set of maps."""
 
+_search = partial(evolve, shape=(SIDE, SIDE), preset="tuned", fill=True, progress=False)
+
 _ROUND = 1024  # levels are drawn by multiples of it, so that few numbers are compiled for
 _TRIES = 4  # goals drawn for each level, of which the first with a start at the distance is taken
+
+
+Grids: TypeAlias = list[list[list[int]]]
+"""Codes ``[N][H][W]``."""
+
+
+class Maps(TypedDict):
+    """All maps of a seed.
+
+    Attributes:
+      grids: codes by name, see `make_maps`.
+      niches: bins ``[N][2]`` of the maps of MAP-Elites, by the same names.
+    """
+
+    grids: dict[str, Grids]
+    niches: dict[str, list[list[int]]]
 
 
 class MapBudget(NamedTuple):
@@ -52,12 +71,12 @@ class MapBudget(NamedTuple):
     evaluations: int = 5000
 
 
-def make_maps(seed: int, budget: MapBudget) -> dict[str, Any]:
-    """Makes all maps of a seed, 8 x 8 without empty cells, by name; no test has one that is trained on.
+def make_maps(seed: int, budget: MapBudget) -> Maps:
+    """Makes all maps of a seed, 8 x 8 without empty cells. No test has a map that is trained on.
 
-    Names are "map-elites", "ea", "wfc" and "random" of what is trained on, ordered so that the first few are spread
-    over the niches as well; "test ea" and so on; "seen" and "held out", of MAP-Elites, from niches that are trained on
-    and from the others, a quarter of all, drawn by the seed. "niches" has the bins of the last two and of "map-elites".
+    Maps to train on are named "map-elites", "ea", "wfc" and "random". The first few of MAP-Elites are spread over the
+    niches too. Tests are named "test ea", "test wfc", "test random", "seen" and "held out". The last two are of
+    MAP-Elites: "held out" from a quarter of the niches, drawn by the seed, and "seen" from the others.
     """
     rng = np.random.default_rng(seed)
     grids, bins = _archive(seed, budget)
@@ -77,14 +96,16 @@ def make_maps(seed: int, budget: MapBudget) -> dict[str, Any]:
         known |= {canonical_form(grid) for grid in maps[source]}
         unknown = [grid for grid in made[budget.others :] if canonical_form(grid) not in known]
         maps[f"test {source}"] = np.array(unknown[: budget.other_tests], np.int8).reshape(-1, SIDE, SIDE)
-    named: dict[str, Any] = {name: made.tolist() for name, made in maps.items()}
-    return named | {"niches": {name: bins[which].tolist() for name, which in chosen.items()}}
+    return {
+        "grids": {name: made.tolist() for name, made in maps.items()},
+        "niches": {name: bins[which].tolist() for name, which in chosen.items()},
+    }
 
 
 def _archive(seed: int, budget: MapBudget) -> tuple[NDArray[np.int8], NDArray[np.int_]]:
     """Returns different elites of one component, of many runs, and their bins ``[N, 2]``."""
-    settings: dict[str, Any] = {"preset": "tuned", "fill": True, "axes": AXES, "progress": False}
-    found = evolve(seed_keys(seed, budget.runs), (SIDE, SIDE), evaluations=budget.evaluations, **settings)
+    keys = seed_keys(seed, budget.runs)
+    found = _search(keys, evaluations=budget.evaluations, axes=AXES)
     whole = np.asarray(found.elites.valid) & (np.asarray(found.elites.metrics.components) == 1)
     grids = np.asarray(found.elites.grids)[whole]
     bins = np.asarray(niche_bins(np.asarray(found.elites.descriptor)[whole], found.axes))
@@ -107,18 +128,17 @@ def _others(source: str, count: int, seed: int, budget: MapBudget) -> NDArray[np
     shape = (SIDE, SIDE)
     if source == "ea":
         # Few evaluations: longer runs would all find the same few best networks.
-        settings: dict[str, Any] = {"method": "ea", "preset": "tuned", "fill": True, "progress": False}
-        return np.asarray(evolve(seed_keys(seed, count), shape, evaluations=budget.evaluations, **settings).best())
+        return np.asarray(_search(seed_keys(seed, count), evaluations=budget.evaluations, method="ea").best())
     if source == "wfc":
-        grids: Any = generate_batch(np.random.default_rng(seed), count, shape, border="closed").grid
+        grids = jnp.asarray(generate_batch(np.random.default_rng(seed), count, shape, border="closed").grid)
     else:
         grids = random_grids(jax.random.key(seed), count, shape)
-    return np.asarray(_filled(jnp.asarray(grids)))
+    return np.asarray(_filled(grids))
 
 
 @jax.jit
 @jax.vmap
-def _filled(grid: Any) -> Any:
+def _filled(grid: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
     return repair(grid, fill=True)
 
 
@@ -178,8 +198,8 @@ def _drawn(seed: int, packed: bytes, shape: tuple[int, ...], count: int, among: 
 
 
 @jax.jit
-def _draw_levels(keys: Any, grids: Any, targets: Any) -> Level:
-    def draw_level(of: Any) -> Level:
+def _draw_levels(keys: Key[Array, " N"], grids: Int8[Array, "N H W"], targets: Int[Array, " N"]) -> Level:
+    def draw_level(of: tuple[Array, Array, Array]) -> Level:
         key, grid, target = of
         draw = partial(random_level, grid=grid, least=target, most=target)
         tried = jax.vmap(draw)(jax.random.split(key, _TRIES))

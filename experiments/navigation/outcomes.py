@@ -3,19 +3,20 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from experiments.navigation.tasks import CONDITIONS, TASKS
+from experiments.navigation.tasks import CONDITIONS, TASKS, Figures, Judged
 from experiments.paper.statistics import bootstrap_interval
 
 __all__ = [
     "ALIKE",
     "FEATURES",
     "Difference",
+    "Places",
     "Runs",
     "correlation",
     "correlations",
@@ -32,7 +33,11 @@ ALIKE = ("seen", "held out")
 FEATURES = ("cyclomatic", "straight_share", "mean_detour", "repetition", "ambiguity")
 """Features of maps that failures are compared with."""
 
-Runs = dict[tuple[str, str, int], dict[str, Any]]
+Runs: TypeAlias = dict[tuple[str, str, int], dict[str, Judged]]
+"""What `judge` says of each test, by task, condition and seed."""
+
+Places: TypeAlias = dict[int, dict[str, dict[str, list[float]]]]
+"""What `find_places` says of each test, by seed."""
 
 
 class Difference(NamedTuple):
@@ -49,7 +54,7 @@ class Difference(NamedTuple):
 
 def read_runs(out: Path) -> Runs:
     """Reads the finished runs of a folder: what `judge` says of each test, by task, condition and seed."""
-    runs = {}
+    runs: Runs = {}
     for name in TASKS:
         for condition in CONDITIONS:
             for file in sorted((out / "runs").glob(f"{name}-{condition}-*.json")):
@@ -60,7 +65,7 @@ def read_runs(out: Path) -> Runs:
 
 
 def difference(
-    runs: Runs, task: str, one: tuple[str, str], other: tuple[str, str], figure: str = "success"
+    runs: Runs, task: str, one: tuple[str, str], other: tuple[str, str], figure: Figures = "success"
 ) -> Difference:
     """Compares two (condition, test), over the seeds that both have."""
     pairs = [
@@ -85,13 +90,13 @@ def correlation(failure: ArrayLike, feature: ArrayLike) -> float:
     return float(stats.spearmanr(failure, feature).statistic)
 
 
-def read_places(out: Path) -> dict[int, dict[str, Any]]:
+def read_places(out: Path) -> Places:
     """Reads what `find_places` says of each test, by seed."""
     files = {int(file.stem.removeprefix("where-")): file for file in (out / "runs").glob("where-*.json")}
     return {seed: json.loads(file.read_text(encoding="utf-8")) for seed, file in sorted(files.items())}
 
 
-def correlations(runs: Runs, places: dict[int, dict[str, Any]], task: str, condition: str, feature: str) -> list[float]:
+def correlations(runs: Runs, places: Places, task: str, condition: str, feature: str) -> list[float]:
     """Correlates a driver's failures with a feature over all unseen maps of MAP-Elites; one number for each seed."""
     values = []
     for (name, trained, seed), found in sorted(runs.items()):

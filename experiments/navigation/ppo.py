@@ -4,17 +4,40 @@ Schulman et al., "Proximal policy optimization algorithms", 2017; advantages of 
 continuous control using generalized advantage estimation", 2016.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Array, Float, Key
 
-from elitelanes_jax.drive import Environment, auto_reset
+from elitelanes_jax.drive import Environment, Level, auto_reset
+from experiments.common import Pytree
 
-__all__ = ["Ppo", "advantages", "distribution", "drive_levels", "train"]
+__all__ = ["Network", "Outputs", "Ppo", "advantages", "distribution", "drive_levels", "train"]
+
+
+Outputs: TypeAlias = tuple[Float[Array, "B M"], Float[Array, "T B A"], Float[Array, "T B"]]
+"""What a network returns: its memory after the steps, the head of `distribution`, and the values of observations."""
+
+
+class Network(Protocol):
+    """A policy with memory: a module of Flax that maps memory, observations and first steps to `Outputs`.
+
+    Memory is float32 ``[B, M]``. Observations are ``[T, B, ...]``. First steps, bool ``[T, B]``, begin an episode.
+    """
+
+    @property
+    def memory(self) -> int:
+        """The size M of the memory, which may be 0."""
+
+    def init(self, key: Key[Array, ""], /, *inputs: Pytree) -> Pytree:
+        """Returns random weights."""
+
+    def apply(self, weights: Pytree, /, *inputs: Pytree) -> Pytree:
+        """Returns the `Outputs` of inputs."""
 
 
 class Ppo(NamedTuple):
@@ -48,29 +71,31 @@ class Ppo(NamedTuple):
 class _Driven(NamedTuple):
     """What was driven, each ``[T, B, ...]``; `after` is the value of what an action led to."""
 
-    seen: Any
-    first: jax.Array
-    action: jax.Array
-    chance: jax.Array
-    value: jax.Array
-    after: jax.Array
-    reward: jax.Array
-    terminated: jax.Array
-    ended: jax.Array
+    seen: Pytree
+    first: Array
+    action: Array
+    chance: Array
+    value: Array
+    after: Array
+    reward: Array
+    terminated: Array
+    ended: Array
 
 
 class _Driver(NamedTuple):
     """All that goes on from update to update."""
 
-    weights: Any
-    optimizer: Any
-    states: Any
-    seen: Any
-    first: jax.Array
-    memory: jax.Array
+    weights: Pytree
+    optimizer: Pytree
+    states: Pytree
+    seen: Pytree
+    first: Array
+    memory: Array
 
 
-def distribution(head: jax.Array, discrete: bool) -> tuple[Any, Any, Any]:
+def distribution(
+    head: Array, discrete: bool
+) -> tuple[Callable[[Array], Array], Callable[[Array], Array], Callable[[], Array]]:
     """Returns the functions of a policy's distribution: key -> action, action -> log-probability, and () -> entropy.
 
     Args:
@@ -88,7 +113,7 @@ def distribution(head: jax.Array, discrete: bool) -> tuple[Any, Any, Any]:
     deviation = jnp.exp(log_deviation)
     constant = 0.5 * jnp.log(2 * jnp.pi)
 
-    def chance(action: jax.Array) -> jax.Array:
+    def chance(action: Array) -> Array:
         return (-0.5 * ((action - mean) / deviation) ** 2 - log_deviation - constant).sum(axis=-1)
 
     return (
@@ -99,14 +124,14 @@ def distribution(head: jax.Array, discrete: bool) -> tuple[Any, Any, Any]:
 
 
 def advantages(
-    reward: jax.Array,
-    value: jax.Array,
-    after: jax.Array,
-    terminated: jax.Array,
-    ended: jax.Array,
+    reward: Array,
+    value: Array,
+    after: Array,
+    terminated: Array,
+    ended: Array,
     discount: float,
     trace: float,
-) -> jax.Array:
+) -> Array:
     """Estimates advantages, float32 ``[T, B]``, of steps with these rewards.
 
     Args:
@@ -120,7 +145,7 @@ def advantages(
     """
     surprise = reward + discount * after * ~terminated - value
 
-    def back(later: jax.Array, step: Any) -> tuple[jax.Array, jax.Array]:
+    def back(later: Array, step: tuple[Array, Array]) -> tuple[Array, Array]:
         surprise, ended = step
         now = surprise + discount * trace * later * ~ended
         return now, now
@@ -128,16 +153,16 @@ def advantages(
     return jax.lax.scan(back, jnp.zeros_like(value[0]), (surprise, ended), reverse=True)[1]
 
 
-def train(key: jax.Array, environment: Environment, params: Any, network: Any, ppo: Ppo) -> Iterator[Any]:
+def train(
+    key: Array, environment: Environment, params: Pytree, network: Network, ppo: Ppo
+) -> Iterator[tuple[Pytree, Array]]:
     """Trains a policy.
 
     Args:
       key: consumed.
       environment: whose resets draw from ``params.levels``.
       params: its settings.
-      network: called with its memory ``[B, M]``, observations ``[T, B, ...]`` and whether each begins an episode,
-        bool ``[T, B]``; returns the memory after them, the head of `distribution`, and values ``[T, B]``. It has
-        ``memory``, the number M, which may be 0.
+      network: the policy.
       ppo: settings of the training.
 
     Yields:
@@ -157,7 +182,7 @@ def _optimizer(ppo: Ppo) -> optax.GradientTransformation:
 
 
 @partial(jax.jit, static_argnames=("environment", "network", "ppo"))
-def _begin(key: jax.Array, params: Any, environment: Environment, network: Any, ppo: Ppo) -> _Driver:
+def _begin(key: Array, params: Pytree, environment: Environment, network: Network, ppo: Ppo) -> _Driver:
     starting, weighing = jax.random.split(key)
     seen, states = jax.vmap(environment.reset, (0, None))(jax.random.split(starting, ppo.envs), params)
     first, memory = jnp.ones(ppo.envs, bool), jnp.zeros((ppo.envs, network.memory))
@@ -167,12 +192,12 @@ def _begin(key: jax.Array, params: Any, environment: Environment, network: Any, 
 
 @partial(jax.jit, static_argnames=("environment", "network", "ppo"), donate_argnames="driver")
 def _update(
-    key: jax.Array, driver: _Driver, params: Any, environment: Environment, network: Any, ppo: Ppo
-) -> tuple[_Driver, jax.Array]:
+    key: Array, driver: _Driver, params: Pytree, environment: Environment, network: Network, ppo: Ppo
+) -> tuple[_Driver, Array]:
     discrete, resetting = environment.actions is not None, auto_reset(environment)
     driving, learning = jax.random.split(key)
 
-    def drive(driver: _Driver, key: jax.Array) -> tuple[_Driver, _Driven]:
+    def drive(driver: _Driver, key: Array) -> tuple[_Driver, _Driven]:
         choosing, going = jax.random.split(key)
         memory, head, value = network.apply(driver.weights, driver.memory, *_row((driver.seen, driver.first)))
         draw, chance_of, _ = distribution(head[0], discrete)
@@ -195,7 +220,7 @@ def _update(
     target = advantage + driven.value
     share = 1 - driver.optimizer[1][0].count / (ppo.updates * ppo.epochs * ppo.minibatches)
 
-    def loss(weights: Any, memory: jax.Array, driven: _Driven, advantage: jax.Array, target: jax.Array) -> jax.Array:
+    def loss(weights: Pytree, memory: Array, driven: _Driven, advantage: Array, target: Array) -> Array:
         _, head, value = network.apply(weights, memory, driven.seen, driven.first)
         _, chance_of, entropy = distribution(head, discrete)
         ratio = jnp.exp(chance_of(driven.action) - driven.chance)
@@ -203,7 +228,7 @@ def _update(
         gain = jnp.minimum(ratio * scaled, jnp.clip(ratio, 1 - ppo.clip, 1 + ppo.clip) * scaled).mean()
         return 0.5 * ((value - target) ** 2).mean() - gain - ppo.entropy * share * entropy().mean()
 
-    def learn(carry: tuple[Any, Any], chosen: jax.Array) -> tuple[tuple[Any, Any], None]:
+    def learn(carry: tuple[Pytree, Pytree], chosen: Array) -> tuple[tuple[Pytree, Pytree], None]:
         weights, optimizer = carry
         part = jax.tree.map(lambda x: x[:, chosen], (driven, advantage, target))
         gradient = jax.grad(loss)(weights, memory[chosen], *part)
@@ -216,23 +241,23 @@ def _update(
     return driver._replace(weights=weights, optimizer=optimizer), driven.reward.mean()
 
 
-def _row(tree: Any) -> Any:
+def _row(tree: Pytree) -> Pytree:
     """Puts an axis of one step in front."""
     return jax.tree.map(lambda x: x[None], tree)
 
 
 @partial(jax.jit, static_argnames=("environment", "network", "steps", "likeliest"))
 def drive_levels(
-    key: jax.Array,
-    weights: Any,
-    levels: Any,
-    params: Any,
+    key: Array,
+    weights: Pytree,
+    levels: Level,
+    params: Pytree,
     environment: Environment,
-    network: Any,
+    network: Network,
     *,
     steps: int,
     likeliest: bool = False,
-) -> tuple[Any, jax.Array]:
+) -> tuple[Pytree, Array]:
     """Drives one episode on each level.
 
     Args:
@@ -254,7 +279,7 @@ def drive_levels(
 
     discrete = environment.actions is not None
 
-    def go(carry: Any) -> Any:
+    def go(carry: Pytree) -> Pytree:
         step, seen, states, memory, first, over, info, reward = carry
         choosing, going = jax.random.split(jax.random.fold_in(driving, step))
         memory, head, _ = network.apply(weights, memory, *_row((seen, first)))
@@ -263,7 +288,7 @@ def drive_levels(
             action = head[0].argmax(axis=-1) if discrete else head[0][:, : environment.action_size]
         done = jax.vmap(environment.step, (0, 0, 0, None))(jax.random.split(going, count), states, action, params)
 
-        def stay(new: jax.Array, old: jax.Array) -> jax.Array:
+        def stay(new: Array, old: Array) -> Array:
             return jnp.where(over.reshape(over.shape + (1,) * (new.ndim - 1)), old, new)
 
         info, states, seen = jax.tree.map(stay, (done.info, done.state, done.observation), (info, states, seen))
@@ -282,5 +307,5 @@ def drive_levels(
     return info, reward
 
 
-def _any_action(environment: Environment) -> jax.Array:
+def _any_action(environment: Environment) -> Array:
     return jnp.int32(0) if environment.actions is not None else jnp.zeros(environment.action_size)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import matplotlib as mpl
 
@@ -14,10 +14,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax.problem import Axis
 from elitelanes_jax.tiles import load_tiles, render
-from experiments.common import save, table
+from experiments.common import Untyped, save, table, write
 from experiments.navigation.hypotheses import answers
 from experiments.navigation.outcomes import (
     FEATURES,
@@ -30,7 +29,7 @@ from experiments.navigation.outcomes import (
     read_runs,
     success_by_niche,
 )
-from experiments.navigation.tasks import CONDITIONS, TASKS
+from experiments.navigation.tasks import CONDITIONS, TASKS, Figures
 
 __all__ = ["Archive", "hard_niches", "write_report"]
 
@@ -45,7 +44,7 @@ TESTS = {
 }
 """The tests by name, with words for their maps."""
 
-_KEYS = ("success", "worst", "spl", "tiles")
+_KEYS: tuple[Figures, ...] = ("success", "worst", "spl", "tiles")
 _REFERENCE = {"lane": "maps-100", "map": "maps-1000", "window": "maps-1000"}
 
 
@@ -61,8 +60,8 @@ def write_report(out: Path, tasks: Sequence[str]) -> None:
     if "where" in tasks:
         parts += _places_tables(out)
     parts += _hard_tables(runs, out)
-    write_atomic(out / "navigation.md", ("\n\n".join(part.rstrip() for part in parts) + "\n").encode())
-    write_atomic(out / "navigation.json", (json.dumps(_figures(runs, out), indent=1) + "\n").encode())
+    write(out / "navigation.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
+    write(out / "navigation.json", json.dumps(_figures(runs, out), indent=1) + "\n")
     shown = [name for name in ("map", "window") if name in trained]
     if shown:
         save(_curves(runs, shown), out / "navigation.png")
@@ -92,7 +91,7 @@ def _answers_table(runs: Runs, out: Path) -> list[str]:
     return ["## The hypotheses", about, table(head, rows)] if rows else []
 
 
-def _figures(runs: Runs, out: Path) -> list[dict[str, Any]]:
+def _figures(runs: Runs, out: Path) -> list[dict[str, object]]:
     """Lists all runs with their figures by test; and of the maps of each seed the means of their features."""
     trained = [
         {"task": task, "condition": condition, "seed": seed}
@@ -107,7 +106,7 @@ def _figures(runs: Runs, out: Path) -> list[dict[str, Any]]:
     return trained + places
 
 
-def _of(runs: Runs, task: str, condition: str, test: str, figure: str) -> NDArray[np.float64]:
+def _of(runs: Runs, task: str, condition: str, test: str, figure: Figures) -> NDArray[np.float64]:
     held = sorted((key[2], found) for key, found in runs.items() if key[:2] == (task, condition))
     return np.array([found[test][figure] for _, found in held if test in found])
 
@@ -117,7 +116,12 @@ def _task_tables(runs: Runs, name: str) -> list[str]:
     conditions = [condition for condition in CONDITIONS if any(key[:2] == (name, condition) for key in runs)]
     tests = [test for test in TESTS if any(test in found for key, found in runs.items() if key[0] == name)]
     parts = [f"## {name}: {TASKS[name].words}"]
-    figures = {"success": "Success", "worst": "Success on the worst tenth of maps", "spl": "SPL", "tiles": "Tiles"}
+    figures: dict[Figures, str] = {
+        "success": "Success",
+        "worst": "Success on the worst tenth of maps",
+        "spl": "SPL",
+        "tiles": "Tiles",
+    }
     for figure, words in figures.items():
         if figure == ("spl" if name == "lane" else "tiles"):
             continue
@@ -255,7 +259,7 @@ def hard_niches(archives: Sequence[Archive], hardest: NDArray[np.int_], axes: Se
     extent = tuple(axis.bins for axis in axes)
     heats = [_means(extent, one.bins, one.failures) for one in archives]
     plot = plt.figure(figsize=(4.3 * len(archives) + 4.6, 4.8), layout="constrained")
-    halves: Any = plot.subfigures(1, 2, width_ratios=(4.3 * len(archives), 4.6))
+    halves: Untyped = plot.subfigures(1, 2, width_ratios=(4.3 * len(archives), 4.6))
     shown = halves[0].subplots(1, len(archives), sharey=True, squeeze=False)[0]
     names = ("loops (cyclomatic number), from", "ambiguity of places (tiles until one is known), from")
     lows = [[axis.start + axis.width * place for place in range(axis.bins)] for axis in axes]

@@ -15,12 +15,11 @@ import argparse
 import os
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from functools import partial
 from importlib import import_module
-from typing import Any
+from typing import TypeAlias
 
 if __name__ == "__main__":  # before JAX starts its threads
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
@@ -28,10 +27,9 @@ if __name__ == "__main__":  # before JAX starts its threads
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int8, Key
 
 from elitelanes_jax import random_grids, repair
-from elitelanes_jax.cli.arguments import Parser
-from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.drive import (
     Camera,
     Environment,
@@ -47,6 +45,7 @@ from elitelanes_jax.drive import (
     make_sight,
 )
 from elitelanes_jax.tiles import load_tiles, scale_tiles
+from experiments.common import Parser, Pytree, leave, run
 
 __all__ = ["main"]
 
@@ -56,18 +55,18 @@ ROWS, COLUMNS = 48, 64
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    parser = Parser(prog="driving_speed.py", description="Measures how fast environments and the camera are.")
+    parser = Parser("driving_speed", __doc__)
     parser.add_argument("--quick", action="store_true", help="few environments, maps and steps, to see that it runs")
     parser.add_argument("--duckietown", metavar="PYTHON", help="an interpreter that imports gym_duckietown")
     options = parser.parse_args(arguments)
-    return guarded("driving_speed", lambda: _measure(options), interrupted="no more was measured")
+    return run("driving_speed", lambda: _measure(options))
 
 
-def _measure(options: argparse.Namespace) -> int:
+def _measure(options: argparse.Namespace) -> None:
     count, batch, steps = (32, 16, 8) if options.quick else (10_000, 1024, 200)
     grids = jax.jit(jax.vmap(partial(repair, fill=True)))(random_grids(jax.random.key(0), count, SHAPE))
     levels = make_levels(jax.random.key(1), grids)
-    say("| | steps or frames a second | compiled in |\n|---|---:|---:|")
+    print("| | steps or frames a second | compiled in |\n|---|---:|---:|")
     road, lane = RoadNavParams(levels, window=5), LaneDriveParams(levels)
     _row("RoadNav, window 5 x 5", batch, steps, *_of_ours(RoadNav, road, _turn))
     _row("LaneDrive, lane poses", batch, steps, *_of_ours(LaneDrive, lane, _steer))
@@ -80,24 +79,26 @@ def _measure(options: argparse.Namespace) -> int:
         try:
             made = peer()
         except ImportError as error:
-            say(f"| {name} | {error} | |")
+            print(f"| {name} | {error} | |")
             continue
         _row(name, batch, steps, *made)
     if options.duckietown:
-        say(f"| gym-duckietown, 64 x 48 | {_gym_duckietown(options.duckietown, steps)} | |")
-    return 0
+        print(f"| gym-duckietown, 64 x 48 | {_gym_duckietown(options.duckietown, steps)} | |")
 
 
-Program = tuple[Callable[..., Any], Callable[..., Any]]
-"""From keys to a batch of states, and from these, with keys, to the next states and what a learner reads of them."""
+Begin: TypeAlias = Callable[[Key[Array, " B"]], Pytree]
+"""From keys to a batch of states."""
+
+Step: TypeAlias = Callable[[Key[Array, " B"], Pytree], tuple[Pytree, Pytree]]
+"""From keys and a batch of states to the next states and to what a learner reads of them."""
 
 
-def _row(name: str, batch: int, steps: int, begin: Callable[..., Any], step: Callable[..., Any]) -> None:
+def _row(name: str, batch: int, steps: int, begin: Begin, step: Step) -> None:
     state = jax.jit(begin)(jax.random.split(jax.random.key(2), batch))
 
     @jax.jit
-    def run(key: Any, state: Any) -> Any:
-        def go(carry: Any, key: Any) -> Any:
+    def drive(key: Key[Array, ""], state: Pytree) -> tuple[Pytree, Array]:
+        def go(carry: tuple[Pytree, Array], key: Key[Array, ""]) -> tuple[tuple[Pytree, Array], None]:
             state, total = carry
             state, seen = step(jax.random.split(key, batch), state)
             # All that is seen is read, so that none of it is left out.
@@ -106,48 +107,50 @@ def _row(name: str, batch: int, steps: int, begin: Callable[..., Any], step: Cal
         return jax.lax.scan(go, (state, jnp.float32(0)), jax.random.split(key, steps))[0]
 
     began = time.perf_counter()
-    compiled = run.lower(jax.random.key(0), state).compile()
+    compiled = drive.lower(jax.random.key(0), state).compile()
     compiling, spent = time.perf_counter() - began, []
     for number in range(7):
         began = time.process_time()
         state, _ = jax.block_until_ready(compiled(jax.random.key(number), state))
         spent.append(time.process_time() - began)
-    say(f"| {name} | {batch * steps / np.median(spent[1:]):,.0f} | {compiling:.1f} s |")
+    print(f"| {name} | {batch * steps / np.median(spent[1:]):,.0f} | {compiling:.1f} s |")
 
 
-def _turn(keys: Any, state: Any) -> Any:
+def _turn(keys: Key[Array, " B"], state: Pytree) -> Array:
     return (jax.random.key_data(keys)[:, 0] % 3).astype(jnp.int32)
 
 
-def _steer(keys: Any, state: Any) -> Any:
+def _steer(keys: Key[Array, " B"], state: Pytree) -> Array:
     return jnp.stack([0.4 - 2 * state.d, 0.4 + 2 * state.d], axis=-1)
 
 
-def _of_ours(environment: Environment, params: Any, act: Callable[..., Any], *, resets: bool = True) -> Program:
+def _of_ours(
+    environment: Environment, params: Pytree, act: Callable[[Array, Pytree], Array], *, resets: bool = True
+) -> tuple[Begin, Step]:
     stepping = auto_reset(environment) if resets else environment
 
-    def step(keys: Any, state: Any) -> Any:
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         done = jax.vmap(stepping.step, in_axes=(0, 0, 0, None))(keys, state, act(keys, state), params)
         return done.state, (done.observation, done.reward, done.terminated, done.truncated)
 
     return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
 
 
-def _of_the_camera(grids: Any, sight: Sight) -> Program:
-    def begin(keys: Any) -> Any:
+def _of_the_camera(grids: Int8[Array, "B H W"], sight: Sight) -> tuple[Begin, Step]:
+    def begin(keys: Key[Array, " B"]) -> Array:
         return jax.vmap(partial(jax.random.uniform, shape=(3,)))(keys) * jnp.array([*SHAPE, 6.0])
 
-    def step(keys: Any, poses: Any) -> Any:
+    def step(keys: Key[Array, " B"], poses: Pytree) -> tuple[Pytree, Pytree]:
         views = jax.vmap(lambda pose, grid: look_around(Pose(*pose), grid, sight))(poses, grids)
         return (poses + 0.013) % 12, views
 
     return begin, step
 
 
-def _cart_pole() -> Program:
+def _cart_pole() -> tuple[Begin, Step]:
     environment, params = import_module("gymnax").make("CartPole-v1")
 
-    def step(keys: Any, state: Any) -> Any:
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         action = (jax.random.key_data(keys)[:, 0] % 2).astype(jnp.int32)
         seen, state, *rest, _ = jax.vmap(environment.step, in_axes=(0, 0, 0, None))(keys, state, action, params)
         return state, (seen, *rest)
@@ -155,21 +158,21 @@ def _cart_pole() -> Program:
     return lambda keys: jax.vmap(environment.reset, in_axes=(0, None))(keys, params)[1], step
 
 
-def _maze() -> Program:
+def _maze() -> tuple[Begin, Step]:
     module = import_module("jaxued.environments.maze")
     environment = module.Maze(max_height=13, max_width=13, agent_view_size=5, normalize_obs=True)
     draw, params = module.make_level_generator(13, 13, 50), environment.default_params
 
-    def begin_one(key: Any) -> Any:
+    def begin_one(key: Key[Array, ""]) -> Pytree:
         return environment.reset_to_level(jax.random.fold_in(key, 1), draw(jax.random.fold_in(key, 2)), params)
 
-    def step_one(key: Any, state: Any, action: Any) -> Any:
+    def step_one(key: Key[Array, ""], state: Pytree, action: Array) -> tuple[Pytree, Pytree]:
         first = begin_one(key)
         seen, after, reward, done, _ = environment.step(key, state, action, params)
         seen, after = jax.tree.map(lambda new, old: jnp.where(done, new, old), first, (seen, after))
         return after, (seen, reward, done)
 
-    def step(keys: Any, state: Any) -> Any:
+    def step(keys: Key[Array, " B"], state: Pytree) -> tuple[Pytree, Pytree]:
         return jax.vmap(step_one)(keys, state, (jax.random.key_data(keys)[:, 0] % 3).astype(jnp.int32))
 
     return lambda keys: jax.vmap(lambda key: begin_one(key)[1])(keys), step
@@ -197,4 +200,4 @@ def _gym_duckietown(python: str, steps: int) -> str:
 
 
 if __name__ == "__main__":
-    leave(lambda: main(sys.argv[1:]))
+    leave(main())

@@ -1,35 +1,33 @@
-"""Navigation on generated maps: whether a driver learns more from more maps, or from other ones.
+"""Measures whether a driver learns more from more maps, or from maps of another source.
 
     python -m experiments.navigation.study [--tasks ...] [--seeds N] [--cores N] [--human-made DIR] [--quick]
 
-Drivers are trained by PPO on sets of maps that differ in their number and source alone: the same steps, networks and
-distances from start to goal. They are tested on maps that none was trained on: of the same niches, of niches held out,
-of other sources, and made by hand. What was expected stands in README.md. The folder of results keeps every finished
-run: after an interruption, the same command continues from there.
+PPO trains drivers on sets of maps that differ in their number and source alone, with the same steps, networks and
+distances from start to goal. Tests use maps that no driver was trained on: of the same niches, of niches held out, of
+other sources, and made by hand. README.md has the hypotheses and the results. The folder of results keeps every
+finished run: after an interruption, the same command continues from there.
 """
 
 import argparse
 import multiprocessing
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax import InputError, __version__
-from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.threads import count_cores
-from elitelanes_jax.cli.arguments import Parser, add_cores, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say
 from elitelanes_jax.search import use_compile_cache
-from experiments.common import kept, open_results
-from experiments.navigation.maps import SIDE, MapBudget, human_maps, make_maps
+from experiments.common import Parser, Untyped, add_cores, kept, leave, open_results, require, run, whole, write
+from experiments.navigation.maps import SIDE, Grids, MapBudget, human_maps, make_maps
+
+if TYPE_CHECKING:
+    from experiments.navigation.tasks import Judged, TrainBudget
 
 _TASKS = ("map", "window", "where", "lane")
 _HUMAN = Path(__file__).parents[2] / ".venv-duckietown"
@@ -40,25 +38,21 @@ _QUICK_MAPS = MapBudget(most=12, others=4, tests=2, other_tests=2, runs=4, evalu
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    parser = Parser(prog="navigation", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--tasks", nargs="+", default=list(_TASKS), metavar="NAME", help=f"of {', '.join(_TASKS)}")
-    parser.add_argument(
-        "--seeds", type=checked_by(whole(1, 1000)), metavar="N", help="runs of each; by default 10, or 1 if quick"
-    )
+    parser = Parser("navigation", __doc__)
+    names = ", ".join(_TASKS)
+    parser.add_argument("--tasks", nargs="+", default=list(_TASKS), metavar="NAME", help=f"some of {names}")
+    parser.add_argument("--seeds", type=whole(1, 1000), metavar="N", help="runs of each; default 10, or 1 if quick")
     add_cores(parser)
-    parser.add_argument(
-        "--human-made", type=checked_by(path), metavar="DIR", help="of Duckietown's YAML maps, to test on as well"
-    )
-    out = "results/navigation"
-    parser.add_argument("--out", type=checked_by(path), default=Path(out), metavar="DIR", help=f"by default {out}")
-    parser.add_argument("--quick", action="store_true", help="tiny budgets, to see that it runs")
+    parser.add_argument("--human-made", type=Path, metavar="DIR", help="of Duckietown's YAML maps, to test on as well")
+    out = Path("results/navigation")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
+    parser.add_argument("--quick", action="store_true", help="tiny budgets, to test the program")
     options = parser.parse_args(arguments)
-    return guarded("navigation", lambda: _run(options), interrupted="what is done is kept; start again to continue")
+    return run("navigation", lambda: _run(options))
 
 
-def _run(options: argparse.Namespace) -> int:
-    for package in ("flax", "optax"):
-        import_optional(package, "training needs flax and optax", "flax optax")
+def _run(options: argparse.Namespace) -> None:
+    require("training needs", "flax", "optax")
     for name in options.tasks:
         if name not in _TASKS:
             raise InputError(f"tasks: expected some of {', '.join(_TASKS)}, got {name!r}")
@@ -70,18 +64,18 @@ def _run(options: argparse.Namespace) -> int:
     use_compile_cache()
     began = time.perf_counter()
     seeds = range(options.seeds or (1 if options.quick else 10))
-    _work(seeds, partial(_do, tasks, options.out, options.quick, human.tolist()))
+    can_settle = hasattr(os, "sched_setaffinity")  # macOS and Windows cannot keep a process on a core
+    cores = min(options.cores or len(os.sched_getaffinity(0)), len(seeds)) if can_settle else 1
+    _work(seeds, cores, partial(_do, tasks, options.out, options.quick, human.tolist()))
     from experiments.navigation.report import write_report
 
     write_report(options.out, tasks)
-    say(f"{options.out / 'navigation.md'}, {time.perf_counter() - began:.0f} s")
-    return 0
+    print(f"{options.out / 'navigation.md'}, {time.perf_counter() - began:.0f} s")
 
 
-def _work(seeds: Sequence[int], do: Callable[[int], None]) -> None:
-    """Does all seeds in order, one on each core at a time where the system can keep a process to a core."""
-    count = min(count_cores(), len(seeds))
-    if count == 1 or not hasattr(os, "sched_setaffinity"):  # not on macOS and Windows
+def _work(seeds: Sequence[int], count: int, do: Callable[[int], None]) -> None:
+    """Does all seeds in order, one on each of `count` cores at a time."""
+    if count == 1:
         for seed in seeds:
             do(seed)
         return
@@ -94,25 +88,25 @@ def _work(seeds: Sequence[int], do: Callable[[int], None]) -> None:
             pass
 
 
-def _settle(cores: Any) -> None:
-    """Keeps a process to one core: several runs side by side are faster than one on all."""
+def _settle(cores: Untyped) -> None:
+    """Keeps a process to one core of a queue: several runs side by side are faster than one run on all cores."""
     os.sched_setaffinity(0, {cores.get()})
     use_compile_cache()
 
 
-def _do(tasks: Sequence[str], out: Path, quick: bool, human: Any, seed: int) -> None:
-    """Does all of a seed: makes its maps, and runs each task under all conditions; prints a line for each run."""
+def _do(tasks: Sequence[str], out: Path, quick: bool, human: list[Grids], seed: int) -> None:
+    """Makes the maps of a seed and runs each task under all conditions. Prints a line for each run."""
     from experiments.navigation.localization import find_places
     from experiments.navigation.tasks import CONDITIONS, FEW, TASKS, TrainBudget
 
-    maps = kept(out / "maps" / f"{seed}.json", partial(make_maps, seed, _QUICK_MAPS if quick else _FULL_MAPS))
-    maps = {part: np.array(grids, np.int8) for part, grids in maps.items() if part != "niches"}
+    made = kept(out / "maps" / f"{seed}.json", partial(make_maps, seed, _QUICK_MAPS if quick else _FULL_MAPS))
+    maps = {part: np.array(grids, np.int8) for part, grids in made["grids"].items()}
     tests = {part: maps[part] for part in ("seen", "held out", "test ea", "test wfc", "test random")}
     if len(human):
         tests["human-made"] = np.array(human, np.int8)
     if "where" in tasks:
         kept(out / "runs" / f"where-{seed}.json", partial(find_places, tests))
-        say(f"where, seed {seed}")
+        print(f"where, seed {seed}", flush=True)
     for name in [name for name in tasks if name != "where"]:
         budget = TrainBudget(updates=2, levels=256, each=2) if quick else TrainBudget()
         if name == "lane":
@@ -120,28 +114,35 @@ def _do(tasks: Sequence[str], out: Path, quick: bool, human: Any, seed: int) -> 
         for condition in TASKS[name].conditions:
             if condition in TASKS[name].few and seed >= FEW:
                 continue
-            run = partial(_train, name, condition, seed, maps, tests, out, budget)
-            found = kept(out / "runs" / f"{name}-{condition}-{seed}.json", run)
-            say(
-                f"{name}, {CONDITIONS[condition].words}, seed {seed}: success "
-                + ", ".join(f"{test} {judged['success']:.3f}" for test, judged in found.items())
-            )
+            do = partial(_train, name, condition, seed, maps, tests, out, budget)
+            found = kept(out / "runs" / f"{name}-{condition}-{seed}.json", do)
+            success = ", ".join(f"{test} {judged['success']:.3f}" for test, judged in found.items())
+            print(f"{name}, {CONDITIONS[condition].words}, seed {seed}: success {success}", flush=True)
 
 
-def _train(name: str, condition: str, seed: int, maps: Any, tests: Any, out: Path, budget: Any) -> Any:
+def _train(
+    name: str,
+    condition: str,
+    seed: int,
+    maps: Mapping[str, NDArray[np.int8]],
+    tests: dict[str, NDArray[np.int8]],
+    out: Path,
+    budget: "TrainBudget",
+) -> "dict[str, Judged]":
+    """Trains a driver on a condition's maps; returns what `judge` says of each test."""
     from flax.serialization import to_bytes
 
     from experiments.navigation.tasks import CONDITIONS, TASKS, test_driver, train_driver
 
     about, task = CONDITIONS[condition], TASKS[name]
     weights = train_driver(task, about, seed, maps[about.source], budget)
-    # The training's own maps too, as many times as there are maps in the first test: what a driver knows by heart.
+    # The test on the training's own maps has as many maps as the first test: it shows what a driver knows by heart.
     own = np.arange(len(maps["seen"])) % max(about.maps, 1) % len(maps[about.source])
     judged = test_driver(task, weights, tests | {"trained on": maps[about.source][own]}, budget)
     if condition in ("maps-1000", "maps-100"):
-        write_atomic(out / "drivers" / f"{name}-{condition}-{seed}.msgpack", to_bytes(weights))
+        write(out / "drivers" / f"{name}-{condition}-{seed}.msgpack", to_bytes(weights))
     return judged
 
 
 if __name__ == "__main__":
-    leave(main)
+    leave(main())

@@ -2,22 +2,26 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple, TypeAlias, TypedDict
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool
 from numpy.typing import NDArray
 
 from elitelanes_jax.drive import Environment, LaneDrive, LaneDriveParams, Level, RoadNav, RoadNavParams
+from experiments.common import Pytree
 from experiments.navigation.drivers import LaneNetwork, MapNetwork, WindowNetwork, at_choices, in_lane
 from experiments.navigation.maps import SIDE, draw_levels
-from experiments.navigation.ppo import Ppo, drive_levels, train
+from experiments.navigation.ppo import Network, Ppo, drive_levels, train
 
 __all__ = [
     "CONDITIONS",
     "TASKS",
     "Condition",
+    "Figures",
+    "Judged",
     "Task",
     "TrainBudget",
     "judge",
@@ -70,6 +74,28 @@ class TrainBudget(NamedTuple):
     each: int = 14
 
 
+Figures: TypeAlias = Literal["success", "worst", "spl", "tiles"]
+"""The figures of a test."""
+
+
+class Judged(TypedDict):
+    """The figures of a test.
+
+    Attributes:
+      success: the share of levels that are a success.
+      spl: the mean success weighted by path length.
+      tiles: the mean number of tiles driven.
+      worst: the success on the worst tenth of maps.
+      by_map: the success on each map.
+    """
+
+    success: float
+    spl: float
+    tiles: float
+    worst: float
+    by_map: list[float]
+
+
 class Task(NamedTuple):
     """A task.
 
@@ -88,12 +114,12 @@ class Task(NamedTuple):
 
     words: str
     environment: Environment
-    network: Any
-    params: Callable[[Level], Any]
+    network: Network
+    params: Callable[[Level], Pytree]
     ppo: Ppo
     steps: int
     likeliest: bool
-    succeeds: Callable[[Any], Any]
+    succeeds: Callable[[Pytree], Bool[Array, "..."]]
     conditions: tuple[str, ...]
     few: tuple[str, ...] = ()
 
@@ -146,7 +172,7 @@ TASKS = {
 """The tasks by name."""
 
 
-def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.int8], budget: TrainBudget) -> Any:
+def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.int8], budget: TrainBudget) -> Pytree:
     """Trains a driver on the first maps of a condition, int8 ``[M, 8, 8]``; returns its weights."""
     count = max(1, condition.maps)
     params = task.params(draw_levels(seed, grids[:count], budget.levels))
@@ -159,7 +185,9 @@ def train_driver(task: Task, condition: Condition, seed: int, grids: NDArray[np.
     return weights
 
 
-def test_driver(task: Task, weights: Any, tests: dict[str, NDArray[np.int8]], budget: TrainBudget) -> dict[str, Any]:
+def test_driver(
+    task: Task, weights: Pytree, tests: dict[str, NDArray[np.int8]], budget: TrainBudget
+) -> dict[str, Judged]:
     """Drives on all maps of all tests, with the same levels for all drivers; returns what `judge` says of each test."""
     parts = [draw_levels(1000 + number, grids, len(grids) * budget.each) for number, grids in enumerate(tests.values())]
     levels = jax.tree.map(lambda *of: np.concatenate(of), *parts)
@@ -187,22 +215,18 @@ def test_driver(task: Task, weights: Any, tests: dict[str, NDArray[np.int8]], bu
     }
 
 
-def judge(success: NDArray[Any], spl: NDArray[Any], tiles: NDArray[Any]) -> dict[str, Any]:
-    """Sums up the episodes of a test, each ``[levels of a map, maps]``.
-
-    Returns:
-      Means of `success`, `spl` and `tiles`, the success on the worst tenth of maps, and the success on each map.
-    """
+def judge(success: NDArray[np.float64], spl: NDArray[np.float64], tiles: NDArray[np.float64]) -> Judged:
+    """Computes the figures of a test from its episodes, each ``[levels of a map, maps]``."""
     return {
-        "success": success.mean(),
-        "spl": spl.mean(),
-        "tiles": tiles.mean(),
+        "success": float(np.mean(success)),
+        "spl": float(np.mean(spl)),
+        "tiles": float(np.mean(tiles)),
         "worst": worst_tenth(success),
         "by_map": success.mean(axis=0).round(3).tolist(),
     }
 
 
-def worst_tenth(success: NDArray[Any]) -> float:
+def worst_tenth(success: NDArray[np.float64]) -> float:
     """Returns the mean success on the worst tenth of maps, of success ``[levels of a map, maps]``.
 
     Half of each map's levels choose the maps, of equals the first, and the other half measures, both ways round: else

@@ -1,6 +1,6 @@
 """Draws the default tile pictures, those in tiles/, after Duckietown's appearance specification.
 
-    python -m experiments.perception.draw_tiles [FOLDER]
+    python -m experiments.perception.draw_tiles [--out DIR]
 
 Every tile is a square of 60 cm. That is within the specification's 58.5 to 61 cm, and exactly as long as eight dashes
 and gaps of yellow tape. All lengths are in centimetres.
@@ -10,13 +10,15 @@ symmetric about the middle of the side. Everything that makes a picture individu
 towards the border. Dashes end half a gap before the border.
 """
 
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from experiments.common import Parser, leave, run
 
 Field = NDArray[np.float64]
 
@@ -244,7 +246,16 @@ def _stop_lines(opens: str, x: Field, y: Field, rng: np.random.Generator) -> Fie
     return red
 
 
-def main(folder: Path) -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("draw_tiles", __doc__)
+    out = Path(__file__).parents[2] / "tiles"
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help="folder of tiles; default tiles")
+    options = parser.parse_args(arguments)
+    return run("draw_tiles", lambda: draw_all(options.out))
+
+
+def draw_all(folder: Path) -> None:
     """Draws all tiles into a folder."""
     for index, (kind, (opens, variants)) in enumerate(TILES.items()):
         for variant in range(1, variants + 1):
@@ -260,4 +271,4 @@ def main(folder: Path) -> None:
 _SMALL = [cv2.IMWRITE_PNG_COMPRESSION, 9]
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[2] / "tiles")
+    leave(main())

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from PIL import Image
 
 from elitelanes_jax import InputError, SearchSpec, evolve
 from elitelanes_jax.dataset import STANDARD, DatasetSpec, Transforms, draw_sample, make_dataset, tiles_by_split
@@ -17,7 +18,7 @@ from elitelanes_jax.formats import RoadMap
 from elitelanes_jax.network import rotate
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import seed_keys
-from elitelanes_jax.tiles import TileSet, default_tiles, load_tiles, read_picture
+from elitelanes_jax.tiles import TileSet, default_tiles, load_tiles
 
 __all__ = [
     "CONDITIONS",
@@ -167,8 +168,4 @@ def _one_of_each(tiles: TileSet, folder: Path) -> Path:
 
 def _read_all(folder: Path) -> NDArray[np.uint8]:
     """Reads all pictures of a folder, in the order of their names."""
-    problems: list[str] = []
-    pictures = [read_picture(file, problems) for file in sorted(folder.iterdir())]
-    if problems:
-        raise InputError(problems[0])
-    return np.stack([picture for picture in pictures if picture is not None])
+    return np.stack([np.asarray(Image.open(file)) for file in sorted(folder.iterdir())])

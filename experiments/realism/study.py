@@ -23,25 +23,22 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Int8, Int32
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError, Result, evolve
-from elitelanes_jax._util.checks import path, whole
-from elitelanes_jax._util.files import write_atomic
-from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax.cli.arguments import Parser, checked_by
-from elitelanes_jax.cli.program import guarded, leave, say
+from elitelanes_jax import InputError, Result, SearchSpec, evolve
 from elitelanes_jax.formats import read_map
 from elitelanes_jax.network import EAST, SOUTH, canonical_form, measure_town, plain_measure
 from elitelanes_jax.problem import with_town_features
 from elitelanes_jax.search import use_compile_cache
-from experiments.realism.references import REFERENCES, use_map_utils
+from experiments.common import Parser, leave, require, run, whole, write
+from experiments.realism.references import REFERENCES, Counts, use_map_utils
 
 __all__ = ["FEATURES", "TUNED", "apart", "coverage_and_co", "cut", "energy_distance", "features_of", "read_people"]
 
@@ -67,13 +64,16 @@ SIZES = (
 )
 """The sizes of people's maps, shorter side first."""
 
-STYLES: dict[str, dict[str, Any]] = {
-    "paper": {},
-    "duckietown": {"rules": "duckietown"},
-    "irregular": {"rules": "duckietown", "preset": "irregular"},
-    "town": {"style": "town"},
+STYLES = {
+    "paper": SearchSpec(),
+    "duckietown": SearchSpec(rules="duckietown"),
+    "irregular": SearchSpec(rules="duckietown", preset="irregular"),
+    "town": SearchSpec(style="town"),
 }
 """Searches by name."""
+
+Figures: TypeAlias = dict[str, object]
+"""The figures of a comparison, to be written as JSON."""
 
 PEOPLE = Path(__file__).parent / "results" / "people.json"
 
@@ -99,29 +99,25 @@ def read_people(folder: Path) -> dict[str, NDArray[np.int8]]:
     return dict(found.values())
 
 
-@partial(jax.jit, static_argnames="detour")
-def _measure(grids: Any, detour: bool) -> Any:
-    return jax.lax.map(partial(measure_town, detour=detour), grids)
+@jax.jit
+def _measure(grids: Int8[Array, "N H W"]) -> dict[str, Int32[Array, " N"]]:
+    return jax.lax.map(measure_town, grids)._asdict()
 
 
 def features_of(grids: Sequence[NDArray[np.int8]]) -> NDArray[np.float64]:
     """Measures maps of any sizes up to 28 x 28; returns their features ``[N, F]`` in the order of `FEATURES`."""
+    maps = [cut(grid) for grid in grids]
     towns: dict[int, dict[str, float]] = {}
-    for side in (12, 28):
-        here = [number for number, grid in enumerate(grids) if number not in towns and max(cut(grid).shape) <= side]
-        laid = np.zeros((len(here), side, side), np.int8)
-        for place, number in enumerate(here):
-            own = cut(grids[number])
-            laid[place, : own.shape[0], : own.shape[1]] = own
-        if here:
-            values = {name: np.asarray(column) for name, column in _measure(laid, True)._asdict().items()}
-            towns |= {
-                number: {name: int(column[place]) for name, column in values.items()}
-                for place, number in enumerate(here)
-            }
+    for side in (12, 28):  # few sizes, because each is compiled
+        chosen = [index for index, grid in enumerate(maps) if index not in towns and max(grid.shape) <= side]
+        if chosen:
+            padded = [np.pad(maps[index], [(0, side - length) for length in maps[index].shape]) for index in chosen]
+            measured = _measure(jnp.asarray(np.stack(padded)))
+            values = {name: np.asarray(column).tolist() for name, column in measured.items()}
+            towns |= {index: {name: values[name][at] for name in values} for at, index in enumerate(chosen)}
     rows = []
-    for number, grid in enumerate(grids):
-        metrics = plain_measure(cut(grid))
+    for index, grid in enumerate(maps):
+        metrics = plain_measure(grid)
         shares = {
             "straight_share": metrics["straights"],
             "turn_share": metrics["turns"],
@@ -129,7 +125,7 @@ def features_of(grids: Sequence[NDArray[np.int8]]) -> NDArray[np.float64]:
             "unlinked_per_tile": metrics["unlinked_neighbours"],
             "crowded_per_tile": metrics["crowded_crossings"],
         }
-        known = towns[number] | {name: 1000 * value / metrics["tiles"] for name, value in shares.items()}
+        known = towns[index] | {name: 1000 * value / metrics["tiles"] for name, value in shares.items()}
         rows.append([known[name] / (1 if name in ("longest_street", "shortest_street") else 1000) for name in FEATURES])
     return np.array(rows, float)
 
@@ -158,13 +154,12 @@ def coverage_and_co(real: NDArray[np.float64], made: NDArray[np.float64]) -> dic
 
 
 def apart(real: NDArray[np.float64], made: NDArray[np.float64], repeats: int = _REPEATS) -> dict[str, list[float]]:
-    """Returns the area under the ROC curve by classifier, with the ends of its 90 % interval.
+    """Returns the area under the ROC curve by classifier, with the ends of its 90 % bootstrap interval over maps.
 
-    Maps are scored by a classifier that was fitted without them, in several ways of parting them, and the scores are
-    added up; intervals are of bootstraps over maps. By the name of the classifier with "by parting" stand the mean, the
-    lowest and the highest area of the several ways, each alone.
+    Each map is scored by classifiers that were fitted without it, one for each of `repeats` random splits, and its
+    scores are summed. The entry "CLASSIFIER by parting" has the mean, lowest and highest area of single splits.
     """
-    import_optional("sklearn", "telling maps apart needs scikit-learn", "scikit-learn")
+    require("telling maps apart needs", "scikit-learn")
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.linear_model import LogisticRegression
     from sklearn.metrics import roc_auc_score
@@ -177,7 +172,7 @@ def apart(real: NDArray[np.float64], made: NDArray[np.float64], repeats: int = _
         "logistic": lambda: make_pipeline(StandardScaler(), LogisticRegression(class_weight="balanced", max_iter=2000)),
         "forest": lambda: RandomForestClassifier(200, class_weight="balanced", min_samples_leaf=2, random_state=0),
     }
-    found: dict[str, Any] = {}
+    found: dict[str, list[float]] = {}
     rng = np.random.default_rng(0)
     for name, make in makers.items():
         each = []
@@ -195,13 +190,13 @@ def apart(real: NDArray[np.float64], made: NDArray[np.float64], repeats: int = _
     return found
 
 
-def apart_by_chance(real: NDArray[np.float64], made: NDArray[np.float64], draws: int = 10) -> dict[str, Any]:
-    """Returns the areas under the ROC curve where there is nothing to tell: mean, lowest and highest of some draws.
+def apart_by_chance(real: NDArray[np.float64], made: NDArray[np.float64], draws: int = 10) -> dict[str, list[float]]:
+    """Returns the mean, lowest and highest area under the ROC curve of random draws from one set.
 
-    Sets are random halves of people's maps; and as many of ours as people's, in their place, against the rest.
+    The sets are two halves of people's maps, or as many of ours as people have and the rest of ours.
     """
     rng = np.random.default_rng(0)
-    found: dict[str, Any] = {}
+    found: dict[str, list[float]] = {}
     for words, among, part in (("people's halves", real, len(real) // 2), ("ours among ours", made, len(real))):
         each = []
         for _ in range(draws):
@@ -214,12 +209,12 @@ def apart_by_chance(real: NDArray[np.float64], made: NDArray[np.float64], draws:
 
 
 def halves(real: NDArray[np.float64], count: int = 200) -> dict[str, float]:
-    """Returns the measures between random halves of people's maps, and one of them among the others, as means."""
+    """Returns the mean energy distance of random halves of people's maps, and the mean precision of single maps."""
     rng = np.random.default_rng(0)
     orders = [rng.permutation(len(real)) for _ in range(count)]
     middle = len(real) // 2
     energies = [energy_distance(real[order[:middle]], real[order[middle:]]) for order in orders]
-    alone = [coverage_and_co(np.delete(real, place, axis=0), real[[place, place]]) for place in range(len(real))]
+    alone = [coverage_and_co(np.delete(real, index, axis=0), real[[index, index]]) for index in range(len(real))]
     return {"energy": float(np.mean(energies)), "precision": float(np.mean([one["precision"] for one in alone]))}
 
 
@@ -227,29 +222,29 @@ def make_pools(style: str, evaluations: int) -> dict[tuple[int, int], Result]:
     """Searches for maps of each size."""
     pools = {}
     for size in dict.fromkeys(SIZES):
-        pools[size] = evolve(0, size, seeds=4, evaluations=evaluations, **STYLES[style])
-        say(f"{style} {size[0]} x {size[1]}: searched")
+        pools[size] = evolve(0, size, seeds=4, evaluations=evaluations, spec=STYLES[style])
+        print(f"{style} {size[0]} x {size[1]}: searched")
     return pools
 
 
-def shares(count: int) -> dict[tuple[int, int], int]:
-    """Parts a number of maps among people's sizes, equally for each of people's maps."""
+def shares(count: int) -> Counts:
+    """Divides a number of maps among people's sizes, equally for each of people's maps."""
     ends = [0, *np.cumsum(list(Counter(SIZES).values()))]
     parts = np.diff([round(count * end / len(SIZES)) for end in ends])
     return dict(zip(Counter(SIZES), parts.tolist(), strict=True))
 
 
 def pick_maps(pools: dict[tuple[int, int], Result], count: int) -> list[NDArray[np.int8]]:
-    """Picks equally many maps of each of people's sizes, those of a size with fewer more than once."""
+    """Picks the same number of maps for each of people's maps. If a size has fewer maps, they are repeated."""
     picked: list[NDArray[np.int8]] = []
-    for size, wanted in shares(count).items():
-        found = [road_map.codes for road_map in pools[size].maps(wanted)]
-        picked += [found[place % len(found)] for place in range(wanted if found else 0)]
+    for size, part in shares(count).items():
+        found = [road_map.codes for road_map in pools[size].maps(part)]
+        picked += [found[index % len(found)] for index in range(part if found else 0)]
     return picked
 
 
 def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]) -> Result:
-    """Returns a search whose maps are picked by some columns of people's features, as the style's are by its own."""
+    """Returns the search with other targets for its maps: people's values of some features."""
     targets = {}
     for name in columns:
         values = rows[:, FEATURES.index(name)]
@@ -257,12 +252,13 @@ def with_targets(pool: Result, rows: NDArray[np.float64], columns: Sequence[str]
             continue
         targets[name] = values.tolist()
     spec = pool.spec.replace(targets=targets)
-    features: dict[str, Any] = dict(with_town_features(pool.elites.features, spec.measured, pool.elites.grids))
+    measured = with_town_features(pool.elites.features, spec.measured, pool.elites.grids)
+    features = {name: jnp.asarray(values) for name, values in measured.items()}
     return replace(pool, spec=spec, elites=pool.elites._replace(features=features))
 
 
 def line_drawing(grid: NDArray[np.int8], side: int = 120) -> str:
-    """Draws a map's links as an SVG picture of so many pixels a side."""
+    """Draws a map's links as an SVG picture of `side` x `side` pixels."""
     codes = cut(grid)
     height, width = codes.shape
     lines = []
@@ -277,7 +273,7 @@ def line_drawing(grid: NDArray[np.int8], side: int = 120) -> str:
 
 
 def blind_page(people: Sequence[NDArray[np.int8]], made: Sequence[NDArray[np.int8]]) -> str:
-    """Writes a page with people's and made maps mixed, as many of each; the answers are below."""
+    """Makes a page with people's and made maps in random order, as many of each, and the answers at its end."""
     rng = np.random.default_rng(0)
     count = min(len(people), len(made))
     kinds = rng.permutation([0] * count + [1] * count)
@@ -306,7 +302,7 @@ numbers of those that you think people made. By guessing, half of them are right
 
 
 def draw_sheet(file: Path, rows: dict[str, Sequence[NDArray[np.int8]]]) -> None:
-    """Draws maps of several kinds, one kind below another, six a row."""
+    """Draws maps in rows of six, kind by kind."""
     from matplotlib.figure import Figure
 
     from elitelanes_jax.plots import road_map
@@ -327,14 +323,14 @@ def standardised(
     real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns some of the features of people's and of made maps, in standard deviations from people's mean."""
-    places = [FEATURES.index(name) for name in columns]
-    mean, scale = real[:, places].mean(axis=0), real[:, places].std(axis=0)
+    chosen = [FEATURES.index(name) for name in columns]
+    mean, scale = real[:, chosen].mean(axis=0), real[:, chosen].std(axis=0)
     scale = np.where(scale > 0, scale, 1)
-    return (real[:, places] - mean) / scale, (made[:, places] - mean) / scale
+    return (real[:, chosen] - mean) / scale, (made[:, chosen] - mean) / scale
 
 
-def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]) -> dict[str, Any]:
-    """Measures made maps beside people's on some of the features, standardised by people's."""
+def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequence[str]) -> Figures:
+    """Compares made maps with people's by some of the features."""
     theirs, mine = standardised(real, made, columns)
     return {
         "energy": energy_distance(theirs, mine),
@@ -347,48 +343,50 @@ def report(real: NDArray[np.float64], made: NDArray[np.float64], columns: Sequen
 def split(
     pools: dict[tuple[int, int], Result], real: NDArray[np.float64], count: int, seed: int
 ) -> dict[str, list[float]]:
-    """Picks maps by a random half of the features, and tells them from people's by the other half."""
+    """Picks maps by a random half of the features, and tells them apart from people's by the other half."""
     order = np.random.default_rng(seed).permutation(FEATURES).tolist()
     chosen, others = order[: len(FEATURES) // 2], order[len(FEATURES) // 2 :]
     aimed = {size: with_targets(pool, real, chosen) for size, pool in pools.items()}
     return apart(*standardised(real, features_of(pick_maps(aimed, count)), others))
 
 
-def larger(style: str, side: int, evaluations: int, real: NDArray[np.float64]) -> dict[str, Any]:
-    """Measures 24 square maps: quantiles of each of `LARGER`, and the part of them between people's tenths."""
-    pool = evolve(0, (side, side), seeds=4, evaluations=evaluations, **STYLES[style])
+def larger(style: str, side: int, evaluations: int, real: NDArray[np.float64]) -> Figures:
+    """Measures 24 square maps: quantiles of each of `LARGER`, and the share of maps between people's tenths."""
+    pool = evolve(0, (side, side), seeds=4, evaluations=evaluations, spec=STYLES[style])
     rows = features_of([road_map.codes for road_map in pool.maps(24)])
-    found: dict[str, Any] = {"found": len(pool.maps(10_000)), "maps": len(rows)}
+    found: Figures = {"found": len(pool.maps(10_000)), "maps": len(rows)}
     inside = np.ones(len(rows), bool)
     for name in LARGER if len(rows) else ():
-        place = FEATURES.index(name)
-        low, high = np.quantile(real[:, place], [0.1, 0.9])
-        here = (rows[:, place] >= low) & (rows[:, place] <= high)
-        inside &= here
+        column = FEATURES.index(name)
+        low, high = np.quantile(real[:, column], [0.1, 0.9])
+        between = (rows[:, column] >= low) & (rows[:, column] <= high)
+        inside &= between
         found[name] = {
             "people": [low, high],
-            "maps": np.quantile(rows[:, place], [0.1, 0.5, 0.9]).tolist(),
-            "inside": here.mean(),
+            "maps": np.quantile(rows[:, column], [0.1, 0.5, 0.9]).tolist(),
+            "inside": between.mean(),
         }
     return found | {"all inside": inside.mean() if len(rows) else 0.0}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
-    parser = Parser(prog="realism", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--maps", type=checked_by(whole(8)), default=200, metavar="N", help="by default 200")
-    parser.add_argument("--evaluations", type=checked_by(whole(1)), default=100_000, metavar="N")
-    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=_NAMES, metavar="NAME")
-    parser.add_argument("--people", type=checked_by(path), metavar="FOLDER", help="read people's maps again")
-    parser.add_argument("--splits", type=checked_by(whole(0)), default=0, metavar="N", help="random halves of features")
-    parser.add_argument("--sides", nargs="+", type=checked_by(whole(8)), metavar="N", help="compare larger towns alone")
-    parser.add_argument("--map-utils", type=checked_by(path), metavar="FOLDER", help="a copy of duckietown/map-utils")
-    parser.add_argument("--out", type=checked_by(path), default=Path("results/realism"), metavar="DIR")
+    parser = Parser("realism", __doc__)
+    parser.add_argument("--maps", type=whole(8), default=200, metavar="N", help="of each style; default 200")
+    parser.add_argument("--evaluations", type=whole(1), default=100_000, metavar="N", help="of a run; default 100000")
+    styles = f"some of {', '.join(_NAMES)}; default {' '.join(STYLES)}"
+    parser.add_argument("--styles", nargs="+", default=list(STYLES), choices=_NAMES, metavar="NAME", help=styles)
+    parser.add_argument("--people", type=Path, metavar="FOLDER", help="read people's maps again, from this folder")
+    parser.add_argument("--splits", type=whole(0), default=0, metavar="N", help="random halves of features; default 0")
+    parser.add_argument("--sides", nargs="+", type=whole(8), metavar="N", help="compare larger towns only, of N x N")
+    parser.add_argument("--map-utils", type=Path, metavar="FOLDER", help="a copy of duckietown/map-utils")
+    out = Path("results/realism")
+    parser.add_argument("--out", type=Path, default=out, metavar="DIR", help=f"folder of results; default {out}")
     options = parser.parse_args(arguments)
-    return guarded("realism", lambda: _main(options), interrupted="styles that were done are kept")
+    return run("realism", lambda: _run(options))
 
 
-def _main(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace) -> None:
     use_compile_cache()
     maps: dict[str, NDArray[np.int8]] = {}
     options.out.mkdir(parents=True, exist_ok=True)
@@ -396,33 +394,33 @@ def _main(options: argparse.Namespace) -> int:
         maps = read_people(options.people)
         rows = features_of(list(maps.values()))
         people = {name: dict(zip(FEATURES, row.tolist(), strict=True)) for name, row in zip(maps, rows, strict=True)}
-        write_atomic(PEOPLE, (json.dumps(people, indent=1) + "\n").encode())
+        write(PEOPLE, json.dumps(people, indent=1) + "\n")
     others = REFERENCES | ({"map-utils": use_map_utils(options.map_utils)} if "map-utils" in options.styles else {})
     if options.sides and not others.keys().isdisjoint(options.styles):
         raise InputError(f"--sides: expected styles among {', '.join(STYLES)}, got {' '.join(options.styles)}")
     known = json.loads(PEOPLE.read_text(encoding="utf-8"))
     real = np.array([[row[name] for name in FEATURES] for row in known.values()])
-    found: dict[str, Any] = {}
+    found: dict[str, Figures] = {}
     for style in options.styles if options.sides else ():
-        found[style] = {side: larger(style, side, options.evaluations, real) for side in options.sides}
-        say(f"{style}: {json.dumps(found[style], indent=1)}")
+        found[style] = {str(side): larger(style, side, options.evaluations, real) for side in options.sides}
+        print(f"{style}: {json.dumps(found[style], indent=1)}")
     for style in () if options.sides else options.styles:
         pools = {} if style in others else make_pools(style, options.evaluations)
         grids = others[style](shares(options.maps)) if style in others else pick_maps(pools, options.maps)
         if not grids:
-            say(f"{style}: no maps")
+            print(f"{style}: no maps")
             continue
         np.savez_compressed(options.out / f"{style}.npz", *grids)
         if style == "town" and maps:
             order = np.random.default_rng(0).permutation(len(grids))
-            shown = list({canonical_form(grids[place]): grids[place] for place in order}.values())
+            shown = list({canonical_form(grids[index]): grids[index] for index in order}.values())
             theirs = list(maps.values())
             draw_sheet(options.out / "towns-and-people.png", {"made by people": theirs, "--style town": shown[:24]})
-            write_atomic(options.out / "blind-test.html", blind_page(theirs, shown).encode())
+            write(options.out / "blind-test.html", blind_page(theirs, shown))
         made = features_of(grids)
         medians = {
-            name: [np.quantile(of[:, place], [0.1, 0.5, 0.9]).tolist() for of in (made, real)]
-            for place, name in enumerate(FEATURES)
+            name: [np.quantile(rows[:, column], [0.1, 0.5, 0.9]).tolist() for rows in (made, real)]
+            for column, name in enumerate(FEATURES)
         }
         held_out = [name for name in FEATURES if name not in TUNED]
         sets = {"tuned on": TUNED, "held out": held_out, "all": FEATURES}
@@ -433,13 +431,12 @@ def _main(options: argparse.Namespace) -> int:
         if style == "town":
             found[style]["by chance"] = apart_by_chance(*standardised(real, made, FEATURES))
             found[style]["splits"] = [split(pools, real, options.maps, seed) for seed in range(options.splits)]
-        say(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
-        write_atomic(options.out / "realism.json", (json.dumps(found, indent=1) + "\n").encode())
+        print(json.dumps({key: value for key, value in found[style].items() if key != "features"}, indent=1))
+        write(options.out / "realism.json", json.dumps(found, indent=1) + "\n")
         jax.clear_caches()  # the programs of several styles together are more than a process may map
     if options.sides:
-        write_atomic(options.out / "larger.json", (json.dumps(found, indent=1) + "\n").encode())
-    return 0
+        write(options.out / "larger.json", json.dumps(found, indent=1) + "\n")
 
 
 if __name__ == "__main__":
-    leave(main)
+    leave(main())

@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = Parser("board", __doc__)
     parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}")
     parser.add_argument("--tasks", nargs="+", default=TASKS, metavar="TASK", help=f"default {' '.join(TASKS)}")
-    parser.add_argument("--runs", type=whole(1), default=10, metavar="N", help="of each task; default 10")
+    parser.add_argument("--runs", type=whole(10), default=10, metavar="N", help="of each task; default 10, the least")
     parser.add_argument("--out", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
     parser.add_argument("--tune", action="store_true", help="try settings of the rows")
     parser.add_argument("--table", action="store_true", help="write the table of all rows in the folder")

@@ -50,8 +50,9 @@ def test_a_search_begins_with_the_town_that_is_written(repository):
     assert [main(written), main(search)] == [0, 0]
 
 
-def test_the_program_prints_what_it_says(capsys):
-    ((_, program),) = blocks(PAGE, "python")
+@pytest.mark.parametrize("program", [text for _, text in blocks(PAGE, "python")])
+def test_programs_print_what_they_say(program, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     run_program(program, "exports.md", capsys)
 
 

@@ -122,8 +122,8 @@ def test_maps_made_by_hand_are_cut_to_their_roads(tmp_path):
 def test_the_places_of_small_runs_are_measured_and_the_report_is_the_same_again(tmp_path, capsys):
     arguments = ["--quick", "--tasks", "where", "--seeds", "1", "--cores", "1", "--out", str(tmp_path / "out")]
     assert navigation.main(arguments) == 0
-    maps = json.loads((tmp_path / "out" / "maps" / "0.json").read_text())
-    niches = {name: {tuple(niche) for niche in bins} for name, bins in maps.pop("niches").items()}
+    made = json.loads((tmp_path / "out" / "maps" / "0.json").read_text())
+    maps, niches = made["grids"], {name: set(map(tuple, bins)) for name, bins in made["niches"].items()}
     assert not niches["held out"] & (niches["seen"] | niches["map-elites"])
     forms = {name: {canonical_form(np.array(grid, np.int8)) for grid in grids} for name, grids in maps.items()}
     trained = set().union(*(forms[name] for name in ("map-elites", "ea", "wfc", "random")))
@@ -162,7 +162,7 @@ def test_it_runs_goes_on_and_comes_out_the_same(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "least"), [("lane", 0.95), ("map", 0.9)])
 def test_drivers_learn_to_drive_on_maps_that_they_have_not_seen(name, least):
-    maps = navigation_maps.make_maps(0, navigation_maps.MapBudget())
+    maps = navigation_maps.make_maps(0, navigation_maps.MapBudget())["grids"]
     grids = {part: np.array(maps[part], np.int8) for part in ("map-elites", "seen", "held out")}
     condition = navigation_tasks.CONDITIONS["maps-1000"]
     task, budget = navigation_tasks.TASKS[name], navigation_tasks.TrainBudget(each=5)

@@ -56,7 +56,7 @@ def test_each_of_peoples_maps_gets_its_part():
 
 def test_what_is_missing_is_named(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "sumo", None)
-    with pytest.raises(InputError, match=r"^netgenerate is SUMO's: pip install eclipse-sumo$"):
+    with pytest.raises(InputError, match=r"^netgenerate needs eclipse-sumo: pip install eclipse-sumo$"):
         netgenerate_grid({(3, 3): 1})
     for folder in (None, tmp_path):
         with pytest.raises(InputError, match=r"map-utils: expected a folder with its generator.py, got "):

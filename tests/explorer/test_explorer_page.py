@@ -15,7 +15,7 @@ from explored import big_result, own_result, write_run
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
-from elitelanes_jax.explorer.page import explore, page_of
+from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
@@ -196,20 +196,8 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         collect_results({})
     with pytest.raises(InputError, match="maps: expected at least one"):
         collect_maps([])
-    with pytest.raises(InputError, match="sources: expected a folder"):
+    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
         collect([])
-
-
-def test_pages_show_maps_and_results_in_memory(tmp_path):
-    result = own_result()
-    for number, (sources, grids) in enumerate(
-        ((result, None), ([result, RoadMap(LOOP)], None), (RoadMap(LOOP), 1), ([RoadMap(LOOP), RoadMap(LOOP)], 2))
-    ):
-        out = tmp_path / f"{number}.html"
-        assert explore(sources, str(out)) == out.stat().st_size
-        if grids is not None:
-            (shown,) = collect(sources).values["runs"]
-            assert len(shown["names"] if "names" in shown else shown["labels"]) == grids
 
 
 def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):

@@ -1,15 +1,14 @@
 """Maps are taken in the same forms wherever several are."""
 
 import json
-from pathlib import Path
 
 import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec, read_map, save_map
+from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec, read_map
 from elitelanes_jax.drive import make_levels, make_rides
-from elitelanes_jax.formats import as_maps, read_maps
+from elitelanes_jax.formats import as_maps
 
 CODES = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
 OTHER = [[6, 7, 3], [14, 15, 11], [12, 13, 9]]
@@ -70,26 +69,9 @@ def test_several_maps_are_several(file):
         make_levels(jax.random.key(0), [CODES, [[6, 3], [12, 9]]])
 
 
-def test_a_map_is_saved_and_read(tmp_path):
-    for number, road_map in enumerate((RoadMap(np.array(CODES), fitness=3), CODES, np.array(CODES))):
-        path = tmp_path / f"{number}.json"
-        save_map(road_map, str(path))
-        save_map(road_map, path)
-        found = read_map(path)
-        assert found.codes.tolist() == CODES and found.fitness == (3 if number == 0 else None)
-        assert len(read_maps(path)) == 1
-    for road_map, path, message in (
-        (CODES, "map.yaml", "file: expected a name that ends in .json, got 'map.yaml'"),
-        (CODES, 3, "file: expected a name, got 3"),
-        ([[16]], "map.json", "grid: expected tile codes"),
-    ):
-        with pytest.raises(InputError, match=message):
-            save_map(road_map, path)
-    with pytest.raises(OSError, match="0.json"):
-        save_map(CODES, tmp_path / "0.json" / "map.json")
+def test_a_path_that_is_none_is_named():
     with pytest.raises(InputError, match=r"file: expected a name, got \[1\]"):
         read_map([1])
-    assert not Path("map.json").exists()
 
 
 def test_rides_take_maps_and_lists():

@@ -1,16 +1,14 @@
 """The drawn tile set: its figures, its seams, its stop lines, its variants, and that the script draws it."""
 
 import itertools
-import runpy
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 from elitelanes_jax.tiles.tileset import default_tiles
+from experiments.perception.draw_tiles import main
 
-SCRIPT = Path(__file__).parents[2] / "experiments" / "perception" / "draw_tiles.py"
 CENTIMETRE = 384 / 60
 SIDES = {"N": 8, "E": 4, "S": 2, "W": 1}
 
@@ -26,7 +24,7 @@ def open_sides(tile):
 
 
 def test_the_script_draws_the_set(tmp_path):
-    runpy.run_path(str(SCRIPT))["main"](tmp_path)
+    assert main(["--out", str(tmp_path)]) == 0
     files = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*.png"))
     assert files == sorted(path.relative_to(default_tiles()) for path in default_tiles().rglob("*.png"))
     for file in files:

@@ -1,0 +1,82 @@
+"""The first lines that one would try in each room: results, maps and paths are taken wherever they make sense."""
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, Result, drive, explorer, formats, plots, read_map, render, tiles
+from elitelanes_jax import dataset as datasets
+from elitelanes_jax.search.evolution import evolve
+
+TOWN = [[6, 7, 3], [12, 13, 9]]
+
+
+@pytest.fixture(scope="module")
+def result() -> Result:
+    return evolve(0, (4, 4), seeds=2, evaluations=2000)
+
+
+@pytest.mark.parametrize("name", ["RoadNav", "LaneDrive"])
+def test_environments_are_made_by_name(result, name):
+    environment, params = drive.make(name, result.maps(2), count=4, limit=7)
+    assert params.levels.grid.shape == (4, 4, 4) and params.limit == 7
+    observation, state = environment.reset(jax.random.key(0), params)
+    assert observation is not None and state is not None
+    _, same = drive.make(name, np.stack([one.codes for one in result.maps(2)]), count=4, limit=7)
+    jax.tree.map(np.testing.assert_array_equal, same, params)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("Maze", {}, "name: expected one of RoadNav, LaneDrive, got 'Maze'"),
+        ("RoadNav", {"seed": -1}, "seed: expected a whole number"),
+        ("RoadNav", {"limit": 0}, "limit: expected a whole number"),
+    ],
+)
+def test_bad_environments_are_refused(name, options, words):
+    with pytest.raises(InputError, match=words):
+        drive.make(name, [TOWN], **options)
+
+
+def test_a_map_is_driven_on_as_it_is(result):
+    (road_map,) = result.maps(1)
+    rides = drive.make_rides(road_map, 1, seconds=1)
+    np.testing.assert_array_equal(rides.levels.grid[0], drive.make_rides(road_map.codes, 1, seconds=1).levels.grid[0])
+
+
+def test_a_map_saves_itself(result, tmp_path):
+    (road_map,) = result.maps(1)
+    road_map.save(str(tmp_path / "map.json"))
+    assert (tmp_path / "map.json").read_text() == formats.map_to_json(road_map)
+    assert read_map(tmp_path / "map.json").fitness == road_map.fitness
+
+
+def test_pictures_are_written_by_paths_as_texts(tmp_path):
+    picture = render(TOWN)
+    tiles.write_png(str(tmp_path / "town.png"), picture.image)
+    tiles.write_picture(str(tmp_path / "town"), picture)
+    assert (tmp_path / "town.png").read_bytes() == (tmp_path / "town/image.png").read_bytes()
+
+
+def test_results_and_maps_are_explored(result, tmp_path):
+    for number, what in enumerate((result, result.maps(2), result.maps(1)[0])):
+        page = tmp_path / f"{number}.html"
+        assert explorer.explore(what, str(page), title="Mine") == page.stat().st_size
+        assert "<title>Mine" in page.read_text()
+    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got int"):
+        explorer.explore(3, tmp_path / "page.html")
+
+
+def test_results_are_plotted(result):
+    shown, usual = plots.archive_map(result), plots.archive_map(result.elites.fitness, result.axes)
+    np.testing.assert_array_equal(shown.images[0].get_array(), usual.images[0].get_array())
+    shown, usual = plots.history(result), plots.history(result.history)
+    np.testing.assert_array_equal(shown.lines[0].get_ydata(), usual.lines[0].get_ydata())
+    with pytest.raises(InputError, match="axes: expected the axes of the niches"):
+        plots.archive_map(result.elites.fitness)
+
+
+def test_maps_in_place_of_a_specification_are_refused(tmp_path, result):
+    with pytest.raises(InputError, match="spec: expected DatasetSpec, got"):
+        datasets.make_dataset(result.maps(1), tmp_path / "dataset")
