@@ -264,7 +264,7 @@ def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], forc
     same = _has_work(hidden)
     if same:
         try:
-            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden} to start anew")
+            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use --force, to start anew")
         except InputError:
             if not force:
                 raise

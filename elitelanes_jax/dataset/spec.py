@@ -131,7 +131,10 @@ class DatasetSpec(Record):
             raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
-                raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
+                few = "maps" if self.maps_from is None else "maps_from"
+                hint = "" if self.maps_from is None else "; a split of 1 0 0 trains on all"
+                expected = f"enough for one in the {name}, {share:g} of them"
+                raise InputError(f"{few}: expected {expected}, got {self.maps}{hint}")
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()

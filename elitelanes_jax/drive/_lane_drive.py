@@ -297,6 +297,8 @@ def _step(
       The episode terminates at the goal of a route, where either side of the robot leaves the road, and on a dead end.
       It is truncated at the limit. A robot that leaves its tile by another way than its movement's goes on from there.
     """
+    if (shape := jnp.shape(action)) != (2,):
+        raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = moved.success, moved.off_road, moved.d, moved.phi
     own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)

@@ -9,9 +9,10 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
 from elitelanes_jax.drive.lanes import LaneNode, linked, movements
+from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
@@ -101,7 +102,7 @@ def _draw(bits: Array, among: Array, width: int) -> LaneNode:
 
 def make_levels(
     key: Key[Array, ""],
-    grids: AnyArray,
+    grids: UserValue,
     count: int | None = None,
     *,
     least: int = 1,
@@ -111,7 +112,7 @@ def make_levels(
 
     Args:
       key: consumed.
-      grids: integer codes ``[M, H, W]``, or a `RoadMap`, or M of one size.
+      grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or `RoadMap`s.
       count: N, how many; by default M. Level i is on map i modulo M.
       least: tiles from the start to the goal, 1 or more.
       most: tiles from the start to the goal, 1 or more.
@@ -124,15 +125,10 @@ def make_levels(
         of its range.
     """
     check_key(key)
-    grids = [grids] if hasattr(grids, "codes") else grids
-    try:
-        listed = np.asarray(grids if hasattr(grids, "ndim") else [getattr(grid, "codes", grid) for grid in grids])
-    except ValueError:
-        raise InputError("grids: expected one or more of one size, [M, H, W], got several sizes") from None
-    if listed.ndim != 3 or not len(listed):
-        raise InputError(f"grids: expected one or more of one size, [M, H, W], got shape {listed.shape}")
-    for number, grid in enumerate(listed):
-        check_named(f"grids[{number}]", check_grid, grid)
+    maps = [road_map.codes for road_map in check_named("grids", as_maps, grids)]
+    if len({grid.shape for grid in maps}) != 1:
+        raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
+    listed = np.stack(maps)
     empty = ~np.asarray(_has_lanes(listed))
     if empty.any():
         raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")

@@ -157,6 +157,8 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     Returns:
       The episode terminates on the goal and on a dead end, and is truncated at the limit.
     """
+    if (shape := jnp.shape(action)) != ():
+        raise InputError(f"action: expected one whole number, got shape {shape}")
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)

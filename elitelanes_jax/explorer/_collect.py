@@ -3,6 +3,7 @@
 import base64
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,11 +14,12 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.packages import __version__
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map, read_maps
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metric_names import METRIC_NAMES
@@ -100,7 +102,9 @@ def collect(
     Args:
       what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run, which `generate` or
         `pick` wrote, a folder of such folders, an archive, a file of maps, or a file of rides, which `drive` wrote.
-      tiles: folder of the tile pictures; by default those of the first run's folder, or the package's own.
+      tiles: folder of the tile pictures; by default those of the first run, if they are found, else the package's own,
+        with a line on standard error. A relative path in a run's record is looked up here, then in each folder above
+        the run.
       blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
         default as the first run that says it was drawn, else as the set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
@@ -130,22 +134,27 @@ def _collect_files(
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
     driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
+    own: Path | None = None
     for source in sources:
         if source.is_dir():
-            runs += [_read_run(folder) for folder in _run_folders(source)]
+            for folder in _run_folders(source):
+                runs.append(_read_run(folder))
+                own = own or _find_tiles(folder, runs[-1])
         elif source.suffix == ".npz":
             runs.append(_read_archive(source, source.stem))
         elif (rides := read_rides(source)) is not None:
             driven.append((str(source), *rides))
         else:
-            maps.append((str(source), read_map(source)))
+            found = read_maps(source)
+            names = [str(source)] if len(found) == 1 else [f"{source} {place}" for place in range(len(found))]
+            maps += zip(names, found, strict=True)
     grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
     maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    folders, blends = ([_setting(run, name) for run in runs] for name in ("tiles", "blend"))
-    own = next((one for one in folders if isinstance(one, str) and Path(one).is_dir()), None)
-    blended = next((one for one in blends if isinstance(one, bool)), None)
+    blended = next((one for run in runs if isinstance(one := _setting(run, "blend"), bool)), None)
+    if tiles is None and own is None and (lost := next(filter(None, (_setting(run, "tiles") for run in runs)), None)):
+        announce(f"the tile pictures of the run are not in {lost}; the package's own are shown, --tiles names others")
     tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
     return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
@@ -399,6 +408,19 @@ def _distinct_names(names: Sequence[str]) -> list[str]:
         seen[name] = seen.get(name, 0) + 1
         distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
     return distinct
+
+
+def _find_tiles(folder: Path, run: _Finds) -> Path | None:
+    """Returns the folder of a run's tile set, if there is one of the same name; see `collect`."""
+    tiles, recorded = _setting(run, "tiles"), run.record.get("tile_set")
+    if not isinstance(tiles, str):
+        return None
+    name = recorded.get("name") if isinstance(recorded, dict) else None
+    for place in (Path(), *folder.absolute().parents):
+        with suppress(InputError):  # another folder of this name
+            if (place / tiles).is_dir() and load_tiles(place / tiles).name == name:
+                return place / tiles
+    return None
 
 
 def _setting(run: _Finds, name: str) -> Plain:

@@ -1,7 +1,7 @@
 """A road map with its metrics, and its JSON file; Duckietown's map files are read too."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,11 +10,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")
@@ -94,6 +95,10 @@ class RoadMap:
         words = [f"{name} {value}" for name, value in figures.items() if value is not None]
         return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
 
+    def _repr_svg_(self) -> str:
+        """Returns the drawing that notebooks show."""
+        return draw_svg(self.codes)
+
 
 def map_to_json(road_map: RoadMap) -> str:
     """Writes the text of a map file: a key a line, tables a row a line."""
@@ -140,9 +145,40 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
 
 
+def as_maps(sources: UserValue) -> list[RoadMap]:
+    """Returns one map or several as a list.
+
+    Args:
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see `read_maps`; or several of
+        these. An array ``[N, H, W]`` is several.
+
+    Raises:
+      InputError: for a bad grid or file, or anything else.
+    """
+    one = isinstance(sources, str | Path) or _dimensions(sources) == 2
+    if not one and not isinstance(sources, Iterable):
+        raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
+    maps: list[RoadMap] = []
+    for index, source in enumerate([sources] if one else sources):
+        if isinstance(source, str | Path):
+            maps += read_maps(source)
+        elif isinstance(source, RoadMap):
+            maps.append(source)
+        else:
+            maps.append(RoadMap(source) if one else check_named(f"map {index}", RoadMap, source))
+    return maps
+
+
+def _dimensions(value: UserValue) -> int:
+    value = getattr(value, "codes", value)
+    if isinstance(value, list | tuple):
+        return 1 + (_dimensions(value[0]) if value else 0)
+    return getattr(value, "ndim", 0)
+
+
 def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
     """Reads a file of so many bytes at most, and parses its values, or those of a map of Duckietown."""
-    is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
+    is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
         text = read_text(file, most)
@@ -179,7 +215,8 @@ def _maps_of(listed: list[Plain]) -> list[RoadMap]:
 
 def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
-        raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
+        got = "a list; name a file with one map" if isinstance(values, list) else 'no "codes"'
+        raise InputError(f'expected a map, {{"codes": [[...], ...]}}, got {got}')
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
     codes = _grid(values["codes"])

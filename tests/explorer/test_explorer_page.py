@@ -22,7 +22,7 @@ from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""
@@ -260,3 +260,25 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         collect_maps([])
     with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
         collect([])
+
+
+def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):
+    """Its relative path is looked up in each folder above the run; another set of the same path is not its own."""
+    home, away = tmp_path / "home", tmp_path / "away"
+    shutil.copytree(default_tiles(), home / "mine")
+    (home / "mine" / "tileset.toml").write_text('name = "my tiles"\n')
+    shutil.copytree(default_tiles(), away / "mine")
+    monkeypatch.chdir(home)
+    line = "generate --size 5 6 --seeds 2 --maps 2 --generations 3 --method ea --preset paper --tile-px 16 --tiles mine"
+    assert main([*line.split(), "--quiet", "--out", "runs/one"]) == 0
+    for folder in (home, home / "runs", away):
+        monkeypatch.chdir(folder)
+        capsys.readouterr()
+        assert main(["explore", str(home / "runs" / "one"), "--out", str(folder / "page.html")]) == 0
+        assert "not in" not in capsys.readouterr().err
+        assert collect([home / "runs" / "one"]).values["tiles"]["name"] == "my tiles"
+    shutil.rmtree(home / "mine")
+    capsys.readouterr()
+    assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
+    said = "the tile pictures of the run are not in mine; the package's own are shown, --tiles names others\n"
+    assert capsys.readouterr().err == said

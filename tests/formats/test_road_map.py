@@ -104,7 +104,7 @@ def drawn(tiles, turns):
     ("text", "message"),
     [
         ("{", "expected a readable JSON file"),
-        ("[1]", 'expected a map, {"codes": .*}, got no "codes"'),
+        ("[1]", 'expected a map, {"codes": .*}, got a list'),
         ('{"code": []}', 'got no "codes"'),
         ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
         ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),
