@@ -36,7 +36,7 @@ def is_real(value: UserValue) -> bool:
 
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check: a whole number within limits."""
-    limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
+    open_limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
 
     def check(value: UserValue) -> int:
         number = value
@@ -44,6 +44,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
             with suppress(ValueError):
                 number = int(value)
         if not is_whole(number) or not least <= number <= most:
+            limit = f"{least} to {most}" if is_whole(number) and number > most else open_limit
             raise InputError(f"expected a whole number, {limit}, got {shorten(repr(value), 40)}")
         return int(number)
 

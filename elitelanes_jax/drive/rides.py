@@ -167,6 +167,8 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
         raise InputError(f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}")
+    if not np.isfinite(action).all():
+        raise InputError(f"policy: expected two finite numbers, got {action[0]:g} and {action[1]:g}")
     return action
 
 

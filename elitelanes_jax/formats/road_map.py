@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, is_real, is_whole, path
+from elitelanes_jax._util.checks import check_named, ends_as_file, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
@@ -39,12 +39,14 @@ class Drawn(NamedTuple):
     quarter_turns: list[list[int]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RoadMap:
     """One map; unknown fields are None. Fields are checked when it is made, as those of a file are.
 
+    Maps are equal if their files are. To change a map, make another one from a copy of its codes.
+
     Attributes:
-      codes: int8 ``[H, W]``.
+      codes: int8 ``[H, W]``, read-only.
       metrics: by name.
       fitness: in the search that found it; lower is better.
       descriptor: the values of the niche's axes, by metric.
@@ -67,7 +69,8 @@ class RoadMap:
         Raises:
           InputError: for a bad grid (see `check_grid`), or any other field that is not as it should be.
         """
-        codes = np.asarray(check_grid(self.codes))
+        codes = np.array(check_grid(self.codes))
+        codes.flags.writeable = False  # or a change of one would leave other metrics, or no tile code
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
@@ -83,9 +86,21 @@ class RoadMap:
         """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
 
         Raises:
+          InputError: if the name has the ending of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
-        write_atomic(Path(file), map_to_json(self).encode())
+        place = check_named("file", path, file)
+        if ends_as_file(place) and place.suffix.lower() != ".json":
+            raise InputError(f"file: expected a name that ends in .json, got {place}")
+        write_atomic(place, map_to_json(self).encode())
+
+    def __eq__(self, other: object) -> bool:
+        """Returns whether the other is a map with the same codes and other fields."""
+        return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
+
+    def __hash__(self) -> int:
+        """Returns a number that equal maps have in common."""
+        return hash(map_to_json(self))
 
     def __repr__(self) -> str:
         """Returns the size and a few figures in one line."""
@@ -156,7 +171,7 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
       InputError: for a bad grid or file, or anything else.
     """
     one = isinstance(sources, str | Path) or _dimensions(sources) == 2
-    if not one and not isinstance(sources, Iterable):
+    if isinstance(sources, Mapping) or not (one or isinstance(sources, Iterable)):
         raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
     maps: list[RoadMap] = []
     for index, source in enumerate([sources] if one else sources):

@@ -250,6 +250,7 @@ class Result:
           InputError: for a state with other leaves than arrays of numbers, which an optimiser of one's own may have.
           OSError: that names the file, if it cannot be written.
         """
+        file = check_named("path", checked_path, path)
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
@@ -267,7 +268,7 @@ class Result:
         axes = [axis._asdict() for axis in self.axes]
         settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
         settings |= {"search": self.spec.to_plain(), "config": self.config and config_to_plain(self.config)}
-        write_atomic(Path(path), pack(arrays, settings))
+        write_atomic(file, pack(arrays, settings))
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":

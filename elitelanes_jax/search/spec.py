@@ -259,6 +259,7 @@ class SearchSpec(Record):
             layers.insert(1, _check_options(settings_like(given["like"]), own))
             origins = dict.fromkeys(_names_in(layers[1]), "like")
         if style is not None:
+            check_named(f"style {style.name!r}", _check_budget, style.options)
             check = partial(_check_options, own=own, without=_NOT_OF_STYLES)
             layers.insert(1, check_named(f"style {style.name!r}", check, style.options))
             origins = dict.fromkeys(_names_in(layers[1]), f"style {style.name!r}") | origins

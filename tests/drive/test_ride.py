@@ -162,6 +162,7 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
         ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
         ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
+        ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
     ):
         (tmp_path / "policy.py").write_text(text)
         command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]
