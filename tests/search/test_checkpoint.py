@@ -239,7 +239,7 @@ def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
             generate(SMALL, out)
     assert has_unfinished(out)
     with pytest.raises(
-        InputError, match=r"out: expected results with seeds 2, got results with 3; delete .*\.out-unfinished to start"
+        InputError, match=r"out: expected results with seeds 2, got results with 3; delete .*\.out-unfinished, or use"
     ):
         generate(SMALL.replace(seeds=2), out)
     with locked(hidden, out), pytest.raises(InputError, match="out: expected no other run at work"):
