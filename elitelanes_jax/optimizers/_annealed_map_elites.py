@@ -45,8 +45,9 @@ from elitelanes_jax.optimizers._emitters import (
     reachable,
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
-from elitelanes_jax.optimizers._mutations import Move
+from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers._strips import refit_strip
 from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
 from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
@@ -74,6 +75,7 @@ class AnnealedMapElitesConfig(Record):
       elite_mate: probability that a mate is an elite.
       symmetric_probability: probability that a move of a cycle from an elite is made symmetrically too, see
         `with_symmetric_copy`.
+      strip_probability: probability that a move is `refit_strip` instead of one of the mix.
       diagonal: whether the symmetric copy may also be mirrored in a diagonal; static. By default it may on grids of up
         to 64 cells whose cells may stay empty.
       initial_towns_from: the number of cells from which on the chains start from grown towns (see `grow_town`) instead
@@ -92,6 +94,7 @@ class AnnealedMapElitesConfig(Record):
     vacant_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     symmetric_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    strip_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     diagonal: bool | None = static(None, none_or(flag))
     initial_towns_from: int | None = static(None, none_or(whole(1)))
     accept_equal: bool = static(False, flag)
@@ -168,7 +171,13 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         moves = replace(moves, refit=_REFIT)
     move = problem_move(problem, moves)
     diagonal = small and not problem.fill if config.diagonal is None else config.diagonal
-    symmetric = partial(with_symmetric_copy, move=move, diagonal=diagonal)
+    strip = refit_strip(empty=not problem.fill)
+
+    def symmetric(probability: Array | float) -> Move:
+        copied, share = with_symmetric_copy(probability, move, diagonal=diagonal), config.strip_probability
+        never = isinstance(share, int | float) and share == 0
+        return copied if never else _either(share, strip, copied)
+
     make_children = jax.vmap(partial(_make_child, problem, symmetric, config.symmetric_probability))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
@@ -228,6 +237,16 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         return state._replace(archives=archives)
 
     return Optimizer(init, step, lambda state: elites_of(state.archives), count, migrate)
+
+
+def _either(probability: Real[ArrayLike, ""], one: Move, other: Move) -> Move:
+    """Makes one move with the given probability, otherwise the other one."""
+
+    def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        variations = one.apply(bits[: one.bits], grid, mate), other.apply(bits[one.bits : -1], grid, mate)
+        return jax.tree.map(partial(jnp.where, bernoulli(bits[-1], probability)), *variations)
+
+    return Move(one.bits + other.bits + 1, apply)
 
 
 def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Array, "C H W"]:
