@@ -13,7 +13,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Int32, Real, UInt32
+from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, exchange_sides
@@ -70,8 +70,8 @@ def strip_tables(*, empty: bool) -> StripTables:
         for column in product(codes, repeat=LINES)
         if all(_FORTH[_SOUTH[one]] & _BACK[_NORTH[other]] for one, other in pairwise(column))
     ]
-    shows = list(product(range(_SHOWN), repeat=LINES))
-    forth, back = (np.array([_states(labels, show[::-1]) for show in shows]) for labels in (_FORTH, _BACK))
+    shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
+    forth, back = (np.array([_states(labels, show) for show in shows]) for labels in (_FORTH, _BACK))
     fits = np.zeros((_SHOWN, _SHOWN, _STATES, _STATES, len(columns)), bool)
     for index, column in enumerate(columns):
         around = np.ix_(_FORTH & _BACK[_NORTH[column[0]]] > 0, _FORTH[_SOUTH[column[-1]]] & _BACK > 0)
@@ -89,7 +89,7 @@ def strip_tables(*, empty: bool) -> StripTables:
     return StripTables(*sets, first.astype(np.int32), listed, _packed(forth), _packed(back))
 
 
-def _states(labels: np.ndarray, shown: np.ndarray) -> Bool[np.ndarray, " 64"]:
+def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
     """Returns which states fit what the tiles of a column show."""
     states = np.arange(_STATES)
     return np.logical_and.reduce([labels[kind] >> (states >> 2 * line & 3) & 1 for line, kind in enumerate(shown)]) > 0
