@@ -84,9 +84,9 @@ def strip_tables(*, empty: bool) -> StripTables:
     after = np.einsum("dw,aew->ade", forth, leads)
     first = np.concatenate([[0], np.cumsum(fits.sum(axis=-1))])
     packed = np.array([sum(code << 4 * line for line, code in enumerate(column)) for column in columns])
-    sets = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
+    east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
     listed = packed[np.nonzero(fits)[-1]].astype(np.int32)
-    return StripTables(*sets, first.astype(np.int32), listed, _packed(forth), _packed(back))
+    return StripTables(east, west, both, first.astype(np.int32), listed, _packed(forth), _packed(back))
 
 
 def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
@@ -158,7 +158,7 @@ def _refitted(
     Returns:
       Columns as in `StripTables`; the same as before if there is no filling.
     """
-    tables = StripTables(*map(jnp.asarray, strip_tables(empty=empty)))
+    tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
     length = tiles.shape[1]
     fives, fours = _SHOWN ** np.arange(LINES), 16 ** np.arange(LINES)
     around = jnp.asarray(_SOUTH)[tiles[0]] * _SHOWN + jnp.asarray(_NORTH)[tiles[-1]]

@@ -1,4 +1,4 @@
-"""Measures why MAP-Elites misses certified optima: which moves keep a network flawless, and which would bridge the gap.
+"""Measures why MAP-Elites without strips misses optima: which moves keep a network flawless, and which would bridge.
 
 The page that it writes says how often each move leads from one flawless network to another, how far the elites of
 missed niches are from the optimum, and, where all networks can be listed, how far a search has to climb if it may refit
@@ -25,11 +25,13 @@ from elitelanes_jax import evolve, fitness, measure, mirror, repair, rotate
 from elitelanes_jax.benchmark import Task, find_task
 from elitelanes_jax.network import Metrics, random_bits
 from elitelanes_jax.optimizers import (
+    AnnealedMapElitesConfig,
     Move,
     MoveWeights,
     lay_straight,
     mirror_block,
     random_move,
+    refit_strip,
     refit_window,
     seed_keys,
     slide_lines,
@@ -43,6 +45,7 @@ from elitelanes_jax.optimizers import (
 from experiments.search.listing import flawless_networks
 
 _RUNS, _EVALUATIONS, _DRAWS, _FIRST_SEED = 8, 1_000_000, 4_000, 100
+_NO_WAY = 1 << 20
 _OTHER_NICHE = 400
 """The fitness that MAP-Elites adds for each cycle more or less than its goal has."""
 
@@ -66,8 +69,9 @@ def _is_flawless(metrics: Metrics) -> NDArray[np.bool_]:
 
 def _run(task: Task, out: Path) -> Ends:
     keys, checkpoint = seed_keys(_FIRST_SEED, _RUNS), out / task.name
-    options = {"method": "map-elites", "preset": "tuned", "fill": task.fill, "evaluations": _EVALUATIONS}
-    elites = evolve(keys, task.shape, checkpoint=checkpoint, **options).elites
+    config = AnnealedMapElitesConfig(strips=False)
+    found = evolve(keys, task.shape, config=config, fill=task.fill, evaluations=_EVALUATIONS, checkpoint=checkpoint)
+    elites = found.elites
     usable = np.asarray(elites.valid) & _is_flawless(elites.metrics)
     niche = usable[:, None] & (np.asarray(elites.metrics.cyclomatic)[:, None] == task.cyclomatic[:, None])
     scores = np.where(niche, np.asarray(elites.fitness)[:, None], 1 << 20)
@@ -82,6 +86,7 @@ def _moves(task: Task) -> dict[str, Move]:
         "the mix": mix,
         "the mix, with a symmetric copy": with_symmetric_copy(1.0, mix, diagonal=small and not task.fill),
         "`refit_window`": refit_window(empty=not task.fill),
+        "`refit_strip`": refit_strip(empty=not task.fill),
         "`transplant`": transplant(),
         "`transplant`, displaced": transplant(displaced=True),
         "`lay_straight`": lay_straight(),
@@ -223,13 +228,13 @@ def _root(parents: NDArray[np.int_], index: int) -> int:
 def _climb(
     order: NDArray[np.int_], scores: NDArray[np.int_], groups: NDArray[np.int32], elites: NDArray[np.int_]
 ) -> NDArray[np.int_]:
-    """Returns how far each elite has to climb on the way to a network of lower score; -1 if there is no way.
+    """Returns how far each elite has to climb on the way to a network of lower score; `_NO_WAY` if it cannot.
 
     Networks are added from the best to the worst. When one joins the set of an elite to a better network, its score is
     the height of the way's pass.
     """
     parents, lowest = np.arange(len(order)), scores.copy()
-    first, climbs = np.full(groups.shape, -1), np.full(len(elites), -1)
+    first, climbs = np.full(groups.shape, -1), np.full(len(elites), _NO_WAY)
     for network in order:
         joined = False
         for window in range(len(groups)):
@@ -243,7 +248,7 @@ def _climb(
                 parents[high], joined = low, True
         for index in range(len(elites) if joined else 0):
             elite = elites[index]
-            if climbs[index] < 0 and lowest[_root(parents, elite)] < scores[elite]:
+            if climbs[index] == _NO_WAY and lowest[_root(parents, elite)] < scores[elite]:
                 climbs[index] = max(scores[network] - scores[elite], 0)
     return climbs
 
