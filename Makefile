@@ -1,6 +1,9 @@
 # Each target makes .venv when it is missing; nothing else has to be done first.
 
 PYTHON ?= python3
+# The versions that are installed: those of this Python where a file has them, else those of 3.11.
+CONSTRAINTS := $(firstword $(wildcard constraints-$(shell \
+  $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null).txt) constraints.txt)
 # Windows has its programs in a folder of another name.
 BIN := .venv/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 # The environment holds what runs the program, and after that what the tests and all else here need.
@@ -39,7 +42,7 @@ explorer: $(READY) .venv/.notebooks explorer/node_modules/.ready
 	$(BIN)/python -m pytest -n 2 --dist loadfile tests/explorer/test_explorer_browser.py tests/explorer/test_explorer_widget.py
 
 .venv/.notebooks: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[notebooks]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[notebooks]'
 	touch $@
 
 explorer/node_modules/.ready: explorer/package.json explorer/package-lock.json
@@ -58,7 +61,7 @@ marimo: .venv-marimo/.ready explorer/node_modules/.ready
 
 # QDax, evosax and pyribs.
 interop: .venv-interop/.ready
-	.venv-interop/bin/python -m pytest tests/test_interop.py
+	.venv-interop/bin/python -m pytest tests/optimizers/test_interop.py
 
 # Gymnasium's check of environments, and the loops of Gymnax, Rejax and JaxUED.
 rl: .venv-rl/.ready
@@ -69,10 +72,10 @@ EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
 
-$(patsubst %,.venv-%/.ready,sumo marimo interop rl): .venv-%/.ready: pyproject.toml constraints.txt
+$(patsubst %,.venv-%/.ready,sumo marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
-	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[$(EXTRAS-$*)]'
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]'
 	touch $@
 
 # The newest Python on the PATH, with the newest versions that pip finds today.
@@ -133,7 +136,7 @@ dist: .venv-build/.ready
 	.venv-build/bin/python -m build
 	.venv-build/bin/twine check --strict dist/*
 	$(PYTHON) -m venv .venv-wheel
-	.venv-wheel/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt dist/*.whl
+	.venv-wheel/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) dist/*.whl
 	cd .venv-wheel && bin/elitelanes --version \
 	  && bin/elitelanes generate --size 5 5 --maps 2 --seeds 2 --evaluations 500 --out maps
 
@@ -162,12 +165,12 @@ segmentation: $(READY)
 	$(BIN)/python -m experiments.perception.segmentation
 
 realism: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism]'
 	$(BIN)/python -m experiments.realism.study
 
 # Maps of SUMO's generator in place of ours.
 references: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[realism,sumo]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[realism,sumo]'
 	$(BIN)/python -m experiments.realism.study --styles netgenerate-grid netgenerate-rand --out results/references
 
 navigation: $(READY)
@@ -182,16 +185,16 @@ driving-speed: $(READY)
 clean:
 	rm -rf dist explorer/node_modules .venv .venv-* $(DEMO) $(SITE)
 
-$(PROGRAM): pyproject.toml constraints.txt
+$(PROGRAM): pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 	  || { echo "elitelanes_jax: expected Python 3.11 or later as $(PYTHON), got $$($(PYTHON) --version 2>&1)"; exit 2; }
 	$(PYTHON) -m venv .venv
 	@echo "installing what runs the program, most of it JAX"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e .
 	touch $@
 
 $(READY): $(PROGRAM)
 	@echo "installing what the tests need"
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt \
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) \
 	  -e '.[$(TESTED)]'
 	touch $@

@@ -8,7 +8,7 @@ const browser = await chromium.launch({
   args: ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--disable-sync"],
 });
 const page = await browser.newPage({ viewport: { width: 1280, height: 980 } });
-await page.goto(`${pathToFileURL(file).href}#niche=6-0-0-0-1&look=tiles`);
+await page.goto(`${pathToFileURL(file).href}#niche=6-0-0-0-0&look=tiles`);
 await page.waitForSelector(".detail canvas");
 await page.waitForTimeout(500);
 await page.screenshot({ path: picture });

@@ -8,17 +8,33 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
+from elitelanes_jax.explorer.page import explore
+from elitelanes_jax.maps.generation import generate, merge
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.rendering import choose_tiles, render
+from elitelanes_jax.tiles.tileset import load_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
+RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
+LEVELS = make_levels(jax.random.key(0), RING)
+
+
+def begin(environment, params):
+    return jax.random.key(0), environment.reset(jax.random.key(0), params(LEVELS))[1]
+
+
+def drive_by(action):
+    return LaneDrive.step(*begin(LaneDrive, LaneDriveParams), np.array(action), LaneDriveParams(LEVELS))
+
 
 WRONG = {
     "seed: expected a whole number, 0 to": lambda: GenerateSpec(seed=-1),
@@ -42,6 +58,31 @@ WRONG = {
     "tiles: expected a name, got 3": lambda: render(GRID, 3),
     "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),
     "key: expected a jax.random.key, got 0": lambda: random_grids(0, 3),
+    "key: expected a whole number, a jax.random.key or": lambda: evolve("a", seeds=1),
+    "optimizer: expected a function from a problem to an Optimizer": lambda: evolve(0, (4, 4), optimizer="ea"),
+    "optimizer: expected a function that returns an Optimizer, got int": lambda: evolve(
+        0, (4, 4), optimizer=lambda problem: 3
+    ),
+    "weights: expected NAME=N with a whole number, -2147483648 to 2147483647": lambda: SearchSpec(
+        weights={"bridges": 2**40}
+    ),
+    "size: expected a whole number, 0 or more, got '1_2'": lambda: GenerateSpec(size="1_2 4"),
+    "camera: rows: expected a whole number": lambda: DatasetSpec(camera={"rows": "x"}),
+    "camera: row: expected one of rows, columns": lambda: DatasetSpec(camera={"row": 48}),
+    "transforms: luck: expected one of": lambda: DatasetSpec(transforms={"luck": 1}),
+    "action: expected two numbers, shape (2,), got shape (3,)": lambda: drive_by([0, 0, 0]),
+    "action: expected one whole number, got shape (2,)": lambda: RoadNav.step(
+        *begin(RoadNav, RoadNavParams), np.array([0, 0]), RoadNavParams(LEVELS)
+    ),
+    "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
+    "folder: expected a name, got 3": lambda: load_tiles(3),
+    "path: expected a name, got 3": lambda: Result.load(3),
+    "spec: expected DatasetSpec, got {'maps': 3}": lambda: make_dataset({"maps": 3}, "out"),
+    "maps: map 0: grid: expected two dimensions": lambda: make_dataset(
+        DatasetSpec(maps=1, size=4, split=(1, 0, 0)), "out", maps=[3]
+    ),
+    "parts: expected paths, got 3": lambda: merge(3, "out"),
+    "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
     "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
 }
 

@@ -36,14 +36,15 @@ def is_real(value: UserValue) -> bool:
 
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
     """Makes a check: a whole number within limits."""
-    limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
+    open_limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
 
     def check(value: UserValue) -> int:
         number = value
-        if isinstance(value, str) and value.isascii():
+        if isinstance(value, str) and value.isascii() and "_" not in value:
             with suppress(ValueError):
                 number = int(value)
         if not is_whole(number) or not least <= number <= most:
+            limit = f"{least} to {most}" if is_whole(number) and number > most else open_limit
             raise InputError(f"expected a whole number, {limit}, got {shorten(repr(value), 40)}")
         return int(number)
 
@@ -62,7 +63,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
 
     def check(value: UserValue) -> float:
         number = value
-        if isinstance(value, str):
+        if isinstance(value, str) and "_" not in value:
             with suppress(ValueError):
                 number = float(value)
         within = is_real(number) and least <= number <= most and abs(number) < float("inf")
@@ -92,13 +93,23 @@ def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
 def name(value: UserValue) -> str:
     """Checks for a text that is not blank."""
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"expected a name, got {value!r}")
+        raise InputError(f"expected a name, got {shorten(repr(value))}")
     return value
 
 
 def path(value: UserValue) -> Path:
     """Checks for a path."""
     return value if isinstance(value, Path) else Path(name(value))
+
+
+def paths(value: UserValue) -> list[Path]:
+    """Checks for a path or several, at least one."""
+    listed = [value] if isinstance(value, str | Path) else value
+    if not isinstance(listed, Iterable):
+        raise InputError(f"expected paths, got {shorten(repr(value), 40)}")
+    if not (found := [path(one) for one in listed]):
+        raise InputError("expected at least one, got none")
+    return found
 
 
 def ends_as_file(place: Path) -> bool:

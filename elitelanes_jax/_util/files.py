@@ -77,6 +77,8 @@ def new_file(file: Path) -> Iterator[Path]:
     Raises:
       OSError: that names `file`, if it cannot be written; no part of it is left.
     """
+    if not file.name:  # of ".", which no other name can lie beside
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
     part = file.with_name(f".{file.stem}-{os.urandom(4).hex()}.part{file.suffix}")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

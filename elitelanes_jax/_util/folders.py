@@ -190,13 +190,15 @@ def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tu
 
 
 def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
-    """Checks that no input is in a folder that is to be replaced, with symbolic links followed.
+    """Checks that no input is in a folder, or is the file, that is to be replaced, with symbolic links followed.
 
     Raises:
       InputError: that names the first input in the folder.
     """
     for path in inputs:
         if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+            if not Path(folder).is_dir():
+                raise InputError(f"{folder}: expected a file to replace that is no input, got {path}")
             raise InputError(f"{folder}: expected a folder to replace that contains no input, got one with {path}")
 
 
@@ -264,7 +266,7 @@ def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], forc
     same = _has_work(hidden)
     if same:
         try:
-            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden} to start anew")
+            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use --force, to start anew")
         except InputError:
             if not force:
                 raise

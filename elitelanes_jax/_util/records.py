@@ -25,7 +25,8 @@ class Option(NamedTuple):
       check: checks the value.
       metavar: what the help of the command line calls the values; None if there is no such option.
       flag: the option's name on the command line, if it is not the field's.
-      many: whether the option takes several values; "*" if it also takes none.
+      many: whether the option takes several values; "*" if it also takes none; "once" if a second option is refused
+        instead of overriding the first one.
       after: the name of an earlier field; the check takes its value as a second argument.
     """
 

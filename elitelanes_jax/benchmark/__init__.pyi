@@ -1,3 +1,5 @@
+from .running import Measured as Measured
+from .running import run as run
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval

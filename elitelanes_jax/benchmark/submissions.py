@@ -3,6 +3,8 @@
 import io
 import zipfile
 import zlib
+from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -120,7 +122,7 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
       InputError: for a grid that is not what the archive says, or is better than its niche's certificate.
     """
     task, grids, *claims = submission
-    counts = _measure(grids.reshape(-1, *task.shape))
+    counts = measure_grids(grids.reshape(-1, *task.shape))
     measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}
     there = (grids > 0).any(axis=(-1, -2))
     for name, claimed in zip(("fitness", "cyclomatic"), claims, strict=True):
@@ -153,8 +155,19 @@ def _place(place: tuple[int, ...]) -> str:
     return f"run {place[0]}, {BUDGETS[place[1]]:,} evaluations, place {place[2]}"
 
 
-def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:
+def measure_grids(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:
     """Measures grids batch by batch, so that memory and compilation do not depend on their number."""
+    batches = []
+    for start in range(0, len(grids), _BATCH):
+        batch = grids[start : start + _BATCH].astype(np.int8)
+        filler = np.zeros((min(_BATCH, 1 << (len(batch) - 1).bit_length()) - len(batch), *batch.shape[1:]), np.int8)
+        part = _measurer()(np.concatenate([batch, filler]))
+        batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
+    return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
+
+
+@cache
+def _measurer() -> Callable[[AnyArray], dict[str, AnyArray]]:
     import jax
 
     from elitelanes_jax.network.fitness import fitness
@@ -172,10 +185,4 @@ def _measure(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:
             "flawless": (found.components == 1) & (flaws == 0),
         }
 
-    batches = []
-    for start in range(0, len(grids), _BATCH):
-        batch = grids[start : start + _BATCH].astype(np.int8)
-        filler = np.zeros((_BATCH - len(batch), *batch.shape[1:]), np.int8)
-        part = measure_batch(np.concatenate([batch, filler]))
-        batches.append({name: np.asarray(values)[: len(batch)] for name, values in part.items()})
-    return {name: np.concatenate([part[name] for part in batches]) for name in batches[0]}
+    return measure_batch

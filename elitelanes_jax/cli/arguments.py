@@ -23,6 +23,16 @@ JAX_COMPILATION_CACHE_DIR names another folder."""
 """The end of the help of commands that search."""
 
 
+class _Once(argparse.Action):
+    """Stores the value of an option without a default, and refuses a second one."""
+
+    def __call__(self, *given: Untyped) -> None:
+        namespace, value = given[1:3]
+        if hasattr(namespace, self.dest):
+            raise argparse.ArgumentError(self, f"expected one, got {getattr(namespace, self.dest)} and {value}")
+        setattr(namespace, self.dest, value)
+
+
 class Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, and exit code 2; of an unknown option it says which is probably meant."""
 
@@ -78,11 +88,9 @@ def add_map(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64) -> None:
+def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64, usual: str = "the package's own") -> None:
     """Adds ``--tiles`` and ``--tile-px`` to a command that draws a map."""
-    command.add_argument(
-        "--tiles", type=checked_by(path), metavar="DIR", help="tile pictures; by default the package's own"
-    )
+    command.add_argument("--tiles", type=checked_by(path), metavar="DIR", help=f"tile pictures; by default {usual}")
     command.add_argument(
         "--tile-px",
         type=checked_by(whole(16, 512)),
@@ -209,6 +217,8 @@ def _kind(option: Option, default: UserValue) -> dict[str, Untyped]:
     kind: dict[str, Untyped] = {"default": argparse.SUPPRESS, "metavar": option.metavar}
     if isinstance(option.metavar, tuple):
         return kind | {"nargs": len(option.metavar)}
+    if option.many == "once":
+        return kind | {"action": _Once}
     return kind | {"nargs": "*" if option.many == "*" else "+", "action": "extend"} if option.many else kind
 
 

@@ -35,16 +35,15 @@ def add_drive(commands: Commands) -> None:
     command.add_argument(
         "--rides",
         type=checked_by(whole(1, 1000)),
-        default=6,
         metavar="N",
-        help="trails in a picture, rides in a .json; by default 6",
+        help="trails in a picture, rides in a .json; by default 6; a film shows one ride",
     )
     command.add_argument(
         "--seconds",
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="after which a ride ends, long enough to reach the goals that are drawn; by default 60",
+        help="after which a ride ends; in 2 seconds or more, all drawn goals can be reached; by default 60",
     )
     add_tile_pictures(command, 128)
     add_blend(command)
@@ -79,13 +78,17 @@ def _drive(options: argparse.Namespace) -> int:
     from elitelanes_jax.tiles.tileset import load_tiles
 
     check_new(options.out)
+    kind, rides_shown = options.out.suffix.lower(), options.rides or 6
+    if kind in (".mp4", ".gif"):
+        if options.rides is not None:
+            raise InputError(f"--rides: expected none with a film, which shows one ride, got {options.rides}")
+        rides_shown = 1
     most = int(MOST_POSES / (30 * options.seconds + 1))
-    if options.out.suffix.lower() == ".json" and options.rides > most:
-        raise InputError(f"--rides: expected at most {most} of {options.seconds:g} s in a file, got {options.rides}")
+    if kind == ".json" and rides_shown > most:
+        raise InputError(f"--rides: expected at most {most} of {options.seconds:g} s in a file, got {rides_shown}")
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
-    picture = options.out.suffix.lower() == ".png"
     try:
         drawn, chosen = road_map.drawn, None
         if drawn and drawn.tile_set == tiles.name:
@@ -93,16 +96,17 @@ def _drive(options: argparse.Namespace) -> int:
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
         rides = make_rides(
             road_map.codes,
-            1 if options.out.suffix.lower() in (".mp4", ".gif") else options.rides,
+            rides_shown,
             policy=policy,
             seconds=options.seconds,
             seed=options.seed,
         )
     except InputError as error:
-        raise InputError(f"{options.map}: {error}") from None
-    if options.out.suffix.lower() == ".json":
+        message = str(error)
+        raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None
+    if kind == ".json":
         write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
-    elif picture:
+    elif kind == ".png":
         image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
         write_atomic(options.out, png_of(image))
     else:

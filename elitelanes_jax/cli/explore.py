@@ -45,7 +45,7 @@ def add_explore(commands: Commands) -> None:
         "--title", type=checked_by(name), metavar="TEXT", help="of the page; by default the run's name"
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
-    add_tile_pictures(command)
+    add_tile_pictures(command, usual="those of the first run if they are found, else the package's own")
     add_blend(command)
     command.add_argument("--force", action="store_true", help="replace a page that was written before")
     command.set_defaults(action=_explore)

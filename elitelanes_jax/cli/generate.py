@@ -20,7 +20,7 @@ from elitelanes_jax.cli.arguments import (
     checked_by,
     read_options,
 )
-from elitelanes_jax.cli.program import INTERRUPTED, fail, say
+from elitelanes_jax.cli.program import INTERRUPTED, fail, program_name, say
 
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
@@ -96,7 +96,7 @@ def _generate(options: argparse.Namespace) -> int:
     except NotEnoughMapsError as error:
         return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
     if spec.part is None:
-        explore = f"elitelanes explore {shlex.quote(str(options.out))} --open shows all that was found"
+        explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all that was found"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")
     else:
         number, count = spec.part

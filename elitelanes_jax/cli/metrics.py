@@ -34,9 +34,9 @@ def _metrics(options: argparse.Namespace) -> int:
     wide = max(map(len, listed))
     lines = [f"{'':{wide}}  at 12 x 12"]
     for feature, (meaning, values) in listed.items():
-        first, *more = wrap(meaning, _WIDTH - wide - 21)
-        lines.append(f"{feature:{wide}}  {values:17}  {first}")
-        lines += [f"{'':{wide + 21}}{line}" for line in more]
+        first, *more = wrap(meaning, _WIDTH - wide - 23)
+        lines.append(f"{feature:{wide}}  {values:19}  {first}")
+        lines += [f"{'':{wide + 23}}{line}" for line in more]
     lines += ["", f"--where NAME=LOW..HIGH asks for a range; elitelanes metrics NAME shows one. {_NOTE}"]
     say("\n".join(lines), asked=True)
     return 0
@@ -44,7 +44,7 @@ def _metrics(options: argparse.Namespace) -> int:
 
 _NOTE = (
     "Maps of these ranges were\nfound; none can go beyond, or beyond the number in parentheses. With --rules cells may "
-    "stay empty."
+    "stay empty;\nwithout, a town feature marked filled has this one value."
 )
 _MEASURED = "measured only in searches that name it, as it costs time"
 

@@ -8,6 +8,8 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
+from shutil import which
 from typing import NoReturn, TextIO
 
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, NotEnoughMemoryError
@@ -42,9 +44,21 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, level: Ve
     except Exception as error:
         if isinstance(error, NotEnoughMemoryError):
             return fail(program, str(error), 1)
+        platforms = os.environ.get("JAX_PLATFORMS")
+        if platforms and not _has_devices():
+            return fail(program, f"JAX_PLATFORMS: expected a platform that JAX finds here, got {platforms!r}", 2)
         if is_out_of_memory(error):
             return fail(program, "not enough memory; fewer seeds, smaller maps or smaller tiles need less", 1)
         raise
+
+
+def _has_devices() -> bool:
+    import jax
+
+    try:
+        return bool(jax.devices())
+    except Exception:  # an AssertionError without words for some platforms
+        return False
 
 
 def leave(main: Callable[[], int]) -> NoReturn:
@@ -62,6 +76,12 @@ def leave(main: Callable[[], int]) -> NoReturn:
         if code == INTERRUPTED:
             os._exit(code)  # while a compiler thread is still at work, the interpreter's own way out crashes
     raise SystemExit(code)
+
+
+def program_name() -> str:
+    """Returns the word that starts the program: a path if its folder is not on the PATH."""
+    started = Path(sys.argv[0])
+    return str(started) if started.name == "elitelanes" and which("elitelanes") is None else "elitelanes"
 
 
 def fail(program: str, message: str, code: int) -> int:

@@ -20,18 +20,23 @@ _LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by
 
 _POSES = """
 `d` is the robot's distance to the left of its lane's centre in tiles, `phi` the angle in radians by which it is turned
-to the left of the lane, and `curvature` the lane's there in 1 / tiles, to the left. `pose` has its place on the map,
+to the left of the lane, and `curvature` the lane's there in 1 / tiles, to the left. They belong to the lane of
+`movement`, which was drawn at random: the row and the column of a tile, the heading with which it is entered (0 north,
+1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass one place,
+and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane, which depends on
+the pose alone. Train on `nearest`, unless the network is also given the turn. `pose` has the robot's place on the map,
 `x` east and `y` south in tiles, and `theta`, counter-clockwise from east; `camera` the camera's height and its place
 ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps what lies behind the camera to
 a third coordinate of 0 or less."""
 
 
-def write_card(about: dict[str, Plain], loading: str) -> str:
+def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
       about: the record in ``dataset.json``.
       loading: a program that loads it.
+      arrays: a program that loads it as NumPy arrays.
     """
     licence = about["tile_set"]["licence"]
     counts = about["pictures"]
@@ -100,6 +105,12 @@ def write_card(about: dict[str, Plain], loading: str) -> str:
             "",
             "```python",
             loading,
+            "```",
+            "",
+            "As NumPy arrays:",
+            "",
+            "```python",
+            arrays,
             "```",
             "",
             "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "

@@ -39,6 +39,7 @@ class Format(NamedTuple):
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
       needs: a package that writing it needs.
+      metadata: the file with a line of JSON for each sample of a split.
     """
 
     layers: tuple[str, ...]
@@ -47,10 +48,27 @@ class Format(NamedTuple):
     list_samples: Callable[[Path, int, Iterable[Record]], None]
     program: str
     needs: str | None = None
+    metadata: str = "metadata/SHORT.jsonl"
 
     def loading(self, split: int) -> str:
         """Returns a program that loads a split."""
         return self.program.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+
+    def loading_arrays(self, split: int, poses: bool) -> str:
+        """Returns a program that loads a split as NumPy arrays, with poses or tile codes."""
+        metadata = self.metadata.replace("SPLIT", SPLITS[split]).replace("SHORT", _SHORT[split])
+        image, labels = (
+            self.file(split, 0, layer).replace("000000", "{row['number']:06d}") for layer in ("image", "labels")
+        )
+        targets = ("poses", "[row['nearest']['d'], row['nearest']['phi']]") if poses else ("codes", "row['codes']")
+        return (
+            "import json\nfrom pathlib import Path\n\nimport cv2\nimport numpy as np\n\n"
+            f'rows = [json.loads(line) for line in Path("DIR/{metadata}").read_text().splitlines()]\n'
+            f'images = [cv2.imread(f"DIR/{image}")[..., ::-1] for row in rows]  # RGB\n'
+            f'labels = [cv2.imread(f"DIR/{labels}", cv2.IMREAD_GRAYSCALE) for row in rows]\n'
+            f"{targets[0]} = [np.array({targets[1]}) for row in rows]\n"
+            f"print(len(rows), images[0].shape, labels[0].shape, {targets[0]}[0].shape)"
+        )
 
 
 def find_format(name: str) -> Format:
@@ -198,6 +216,7 @@ FORMATS = {
         'dataset = load_dataset("imagefolder", data_dir="DIR")\n'
         'sample = dataset["SPLIT"][0]\n'
         'print(sample["image"].size, sample["labels"].getextrema())',
+        metadata="SPLIT/metadata.jsonl",
     ),
     "mmseg": Format(
         (),
@@ -232,6 +251,7 @@ FORMATS = {
         'rows = [json.loads(line) for line in (folder / "metadata.jsonl").open()]\n'
         'labels = cv2.imread(str(folder / rows[0]["folder"] / "labels.png"), cv2.IMREAD_UNCHANGED)\n'
         "print(len(rows), labels.shape)",
+        metadata="SPLIT/metadata.jsonl",
     ),
 }
 """The formats, by name."""

@@ -1,14 +1,14 @@
 """Maps that are given to a dataset in place of evolved ones; without JAX and OpenCV."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 
 from elitelanes_jax._util.checks import path
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 
@@ -34,8 +34,9 @@ class GivenMaps:
 
 
 def given(maps: Sequence[RoadMap], repeated: int = 0) -> GivenMaps:
-    """Takes maps as they are."""
-    return GivenMaps(tuple(maps), sha256("".join(map(map_to_json, maps)).encode()).hexdigest()[:16], repeated)
+    """Takes maps as they are; metrics that they do not have are measured."""
+    measured = tuple(map(_measured, maps))
+    return GivenMaps(measured, sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16], repeated)
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -45,9 +46,8 @@ def parse_given(sources: UserValue) -> GivenMaps:
     Metrics that a file does not have are measured.
 
     Args:
-      sources: files of maps or of lists of maps (see `read_maps`), Duckietown's too; folders, whose maps are all files
-        ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them. One or
-        several.
+      sources: one map or several, as `as_maps` takes them; or folders, whose maps are all files ``map.json`` in them,
+        or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.
@@ -55,18 +55,19 @@ def parse_given(sources: UserValue) -> GivenMaps:
     if isinstance(sources, GivenMaps):
         return sources
     listed = [sources] if isinstance(sources, str | Path) else sources
-    if not isinstance(listed, Iterable):
-        raise InputError(f"expected files of maps, got {shorten(repr(sources))}")
-    found = [road_map for source in listed for file in _files(path(source)) for road_map in read_maps(file)]
+    if isinstance(listed, list | tuple):
+        listed = [one for source in listed for one in _files(source)]
+    found = as_maps(listed)
     if not found:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given([_measured(road_map) for road_map in maps], len(found) - len(maps))
+    return given(maps, len(found) - len(maps))
 
 
-def _files(source: Path) -> list[Path]:
-    if not source.is_dir():
+def _files(source: UserValue) -> list[UserValue]:
+    source = path(source) if isinstance(source, str) else source
+    if not isinstance(source, Path) or not source.is_dir():
         return [source]
     kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)

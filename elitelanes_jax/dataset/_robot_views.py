@@ -33,7 +33,7 @@ class Viewpoint(NamedTuple):
         maps to a third coordinate of 0 or less lies behind the camera. That coordinate is the depth in metres.
       size: (rows, columns) of the picture.
       sky: its colour, RGB.
-      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement`` and ``camera``.
+      about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
     """
 
     matrix: Float[NDArray, "3 3"]
@@ -81,11 +81,11 @@ def draw_viewpoint(
 
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))
+    on_lane = {"d": float(d), "phi": float(phi), "curvature": bend / radius}
     about = {
-        "d": float(d),
-        "phi": float(phi),
-        "curvature": bend / radius,
+        **on_lane,
         "pose": {"x": float(x), "y": float(y), "theta": theta},
+        "nearest": _nearest(lanes, x, y, theta) or on_lane,
         "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
         "camera": {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view, "sky": sky},
     }
@@ -93,6 +93,27 @@ def draw_viewpoint(
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
     matrix = _project(height, viewpoints.forward, pitch, view, size) @ to_robot
     return Viewpoint(matrix, size, sky, about)
+
+
+def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:
+    """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
+
+    A tile without lanes gives an empty table.
+    """
+    found, best = {}, np.inf
+    for row, column, heading, turn in lanes[(lanes[:, 0] == int(np.floor(y))) & (lanes[:, 1] == int(np.floor(x)))]:
+        ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
+        forward = (x - column - 0.5) * ahead_x + (y - row - 0.5) * ahead_y + 0.5
+        left = (x - column - 0.5) * ahead_y - (y - row - 0.5) * ahead_x
+        bend = turn - 1
+        radius, inward = 0.5 + LANE_OFFSET * bend, 0.5 - bend * left
+        d = bend * (radius - np.hypot(forward, inward)) if bend else left + LANE_OFFSET
+        phi = theta - np.arctan2(-ahead_y, ahead_x) - (bend * np.arctan2(forward, inward) if bend else 0)
+        phi = np.pi - (np.pi - phi) % (2 * np.pi)
+        rank = abs(d) + 100 * (np.cos(phi) <= 0)
+        if rank < best:
+            best, found = rank, {"d": float(d), "phi": float(phi), "curvature": float(bend / radius)}
+    return found
 
 
 def see(

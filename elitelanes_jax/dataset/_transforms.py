@@ -1,6 +1,6 @@
 """The ranges that views of a map vary in."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, flag, is_whole, real, whole
@@ -58,19 +58,21 @@ GEOMETRY = ("quarter_turns", "rotation", "scale", "perspective", "crop")
 """The fields of `Transforms` that say where the camera is; the others are of light and of the camera itself."""
 
 
-def parse_transforms(texts: Transforms | str | Sequence[str]) -> Transforms:
+def parse_transforms(texts: UserValue) -> Transforms:
     """Reads transforms such as ``["standard", "noise=0"]`` or ``["quarter-turns", "scale=0.5..1.5"]``.
 
     Args:
       texts: words, one or several: ``standard`` for `STANDARD`, ``none``, ``quarter-turns``, or ``NAME=NUMBER`` with a
-        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``; ``standard`` and ``none`` stand first. Or a
-        `Transforms`.
+        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``; ``standard`` and ``none`` come first. Or a
+        mapping of a transform's fields, or a `Transforms`.
 
     Raises:
       InputError: for anything else, or a number out of its range.
     """
     if isinstance(texts, Transforms):
         return texts
+    if isinstance(texts, Mapping):
+        return Transforms().replace(**{str(name): value for name, value in texts.items()})
     words = [texts] if isinstance(texts, str) else texts
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
         raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {shorten(repr(texts))}")

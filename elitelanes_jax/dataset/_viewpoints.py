@@ -1,6 +1,6 @@
 """The settings of a camera on a robot, for datasets of what it sees."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from elitelanes_jax._util.checks import check_unique, real, whole
@@ -37,13 +37,18 @@ class Viewpoints(Record):
 
 
 def parse_viewpoints(texts: UserValue) -> Viewpoints:
-    """Reads settings such as ``["rows=120", "columns=160", "heading=45"]``; without any all are the defaults.
+    """Reads settings such as ``["rows=120", "columns=160", "heading=45"]``; without any, all are the defaults.
+
+    Args:
+      texts: words, one or several, a mapping of numbers by name, or a `Viewpoints`.
 
     Raises:
       InputError: for anything but ``NAME=NUMBER`` with a field of `Viewpoints`, or a number out of its range.
     """
     if isinstance(texts, Viewpoints):
         return texts
+    if isinstance(texts, Mapping):
+        return Viewpoints().replace(**{str(name): value for name, value in texts.items()})
     words = [texts] if isinstance(texts, str) else texts
     if not isinstance(words, Sequence) or not all(isinstance(word, str) for word in words):
         raise InputError(f"camera: expected words such as 'rows=120', got {shorten(repr(texts))}")

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, path, whole
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import read_json, write_atomic, write_json
 from elitelanes_jax._util.folders import Unfinished, compare_settings, output_folder, remove, settle
@@ -20,7 +20,7 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
 from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset
 from elitelanes_jax.dataset._given import GivenMaps, given
@@ -28,7 +28,7 @@ from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_ma
 from elitelanes_jax.dataset._samples import draw_sample, write_sample
 from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.maps.cluster import run_on
 from elitelanes_jax.maps.run import drawable
 from elitelanes_jax.search.spec import SearchSpec
@@ -89,7 +89,7 @@ def make_dataset(
     *,
     workers: int | None = None,
     force: bool = False,
-    maps: Sequence[RoadMap] | None = None,
+    maps: UserValue = None,
     executor: Executor | None = None,
 ) -> dict[str, Plain]:
     """Evolves maps, draws them, and writes them as a dataset.
@@ -103,7 +103,7 @@ def make_dataset(
       workers: threads that draw; by default one for each core (see `use_cores`).
       force: whether another dataset in the folder is replaced when this one is complete, if nothing else is in the
         folder. Until then the disk needs room for both.
-      maps: drawn instead of evolved maps, as many as the specification says and of its sizes.
+      maps: drawn instead of evolved maps, as `as_maps` takes them; as many as the specification says and of its sizes.
       executor: whose workers search and draw instead of this process, such as `dask_executor`. They share the disk
         with this process.
 
@@ -116,14 +116,13 @@ def make_dataset(
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
     """
-    spec = check_named("spec", record(DatasetSpec), spec)
-    out = Path(out)
+    spec, out = check_named("spec", record(DatasetSpec), spec), Path(check_named("out", path, out))
     workers = count_cores() if workers is None else check_named("workers", whole(1), workers)
     find_format(spec.format)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     if spec.maps_from is not None and maps is not None:
         raise InputError("maps: expected none beside the specification's maps_from")
-    own = spec.maps_from if maps is None else given(maps)
+    own = spec.maps_from if maps is None else given(check_named("maps", as_maps, maps))
     if own is not None:
         check_given(spec, own.maps, tiles)
     by_split = tiles_by_split(tiles, spec)
@@ -268,7 +267,9 @@ def _finish(drawing: _Drawing, identity: dict[str, Plain]) -> dict[str, Plain]:
         ],
         "class_pixels": {name: counts.tolist() for name, counts in pixels.items()},
     }
-    write_atomic(out / "README.md", write_card(about, layout.loading(int(splits.min()))).encode())
+    first = int(splits.min())
+    programs = layout.loading(first), layout.loading_arrays(first, poses=spec.camera is not None)
+    write_atomic(out / "README.md", write_card(about, *programs).encode())
     count = min(_ON_SHEET, len(splits))
     shown = [read(row * len(splits) // count) for row in range(count)]
     title = f"{count} of {len(splits)} pictures"

@@ -131,7 +131,10 @@ class DatasetSpec(Record):
             raise InputError(f"fix: expected maps of the given cells' size, {rows} x {columns}, got {got}")
         for name, share, count in zip(SPLITS, self.split, maps_by_split(self), strict=True):
             if share and not count:
-                raise InputError(f"maps: expected enough for one in the {name}, {share:g} of them, got {self.maps}")
+                few = "maps" if self.maps_from is None else "maps_from"
+                hint = "" if self.maps_from is None else "; a split of 1 0 0 trains on all"
+                expected = f"enough for one in the {name}, {share:g} of them"
+                raise InputError(f"{few}: expected {expected}, got {self.maps}{hint}")
         if self.camera is not None:
             self._check_camera()
         self._check_pixels()
@@ -147,7 +150,7 @@ class DatasetSpec(Record):
         """Takes the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
         if self.search != defaults["search"]:
-            raise InputError("maps_from: expected it without settings of a search, which given maps have no use for")
+            raise InputError("maps_from: expected no options of a search, which given maps do not need")
         rows, columns = ((min(sides), max(sides)) for sides in zip(*given.sizes, strict=True))
         square = all(height == width for height, width in given.sizes)
         for name, value in (("maps", len(given.maps)), ("size", (rows,) if square else (rows, columns))):

@@ -6,7 +6,7 @@ from ._camera import make_atlas as make_atlas
 from ._camera import make_sight as make_sight
 from ._distances import UNREACHABLE as UNREACHABLE
 from ._distances import distances as distances
-from ._distances import places as places
+from ._distances import lane_nodes as lane_nodes
 from ._distances import route as route
 from ._environment import Environment as Environment
 from ._environment import Transition as Transition
@@ -29,7 +29,7 @@ from ._wrappers import GymnaxEnv as GymnaxEnv
 from ._wrappers import JaxUedEnv as JaxUedEnv
 from ._wrappers import gymnasium_env as gymnasium_env
 from ._wrappers import gymnasium_vector_env as gymnasium_vector_env
-from .lanes import Place as Place
+from .lanes import LaneNode as LaneNode
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose
 from .lanes import movements as movements

@@ -1,6 +1,6 @@
 """The camera: what a robot sees of a map, and the labels of every pixel, by one look-up.
 
-A pixel's ray meets the ground at a place, the place lies on a tile, and the tile's picture and labels are looked up
+A pixel's ray meets the ground at a point, the point lies on a tile, and the tile's picture and labels are looked up
 there: the nearest pixel, so that picture and labels agree exactly. Where a ray meets no tile there is background, and
 above the horizon the sky.
 """
@@ -27,7 +27,7 @@ class Atlas(NamedTuple):
     """The pictures of all tiles of a set, in all rotations, as pixels of colour and label.
 
     Attributes:
-      pixels: uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * place in the set + quarter turns``.
+      pixels: uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * index in the set + quarter turns``.
     """
 
     pixels: UInt8[Array, "T P P 4"]
@@ -88,7 +88,7 @@ class View(NamedTuple):
 
     Attributes:
       image: uint8 ``[rows, columns, 3]``, RGB.
-      labels: uint8 ``[rows, columns]``, places in `tiles.render.LABELS`; 0 beyond the map and above the horizon.
+      labels: uint8 ``[rows, columns]``, indices of `tiles.render.LABELS`; 0 beyond the map and above the horizon.
     """
 
     image: UInt8[Array, "rows columns 3"]
@@ -101,12 +101,12 @@ class Sight(NamedTuple):
     Attributes:
       camera: its settings.
       atlas: of the tile set.
-      places: int32 ``[16, V]``, the atlas' tiles for each code; a code's pictures take turns from cell to cell.
+      tiles: int32 ``[16, V]``, the atlas' tiles for each code; a code's pictures take turns from cell to cell.
     """
 
     camera: Camera
     atlas: Atlas
-    places: Int[Array, "16 V"]
+    tiles: Int[Array, "16 V"]
 
 
 def make_sight(
@@ -117,7 +117,7 @@ def make_sight(
     Args:
       images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
       labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
-      rotations: by code, (place in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
+      rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
         without a picture is shown as that of code 0.
       camera: by default `Camera()`.
 
@@ -129,11 +129,11 @@ def make_sight(
         raise InputError(f"rotations: expected a picture of code 0, got codes {sorted(rotations)}")
     most = max(len(drawn) for drawn in rotations.values())
     listed = [rotations.get(code) or rotations[0] for code in range(16)]
-    places = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
-    if not 0 <= places.min() <= places.max() < len(atlas.pixels):
-        raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {places.max()}")
+    tiles = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
+    if not 0 <= tiles.min() <= tiles.max() < len(atlas.pixels):
+        raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {tiles.max()}")
     return Sight(
-        Camera() if camera is None else check_named("camera", record(Camera), camera), atlas, jnp.asarray(places)
+        Camera() if camera is None else check_named("camera", record(Camera), camera), atlas, jnp.asarray(tiles)
     )
 
 
@@ -167,21 +167,21 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     return there
 
 
-def look(key: Key[Array, ""], pose: Pose, place: Int[ArrayLike, "H W"], atlas: Atlas, camera: Camera) -> View:
+def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: Atlas, camera: Camera) -> View:
     """Renders one frame.
 
     Args:
       key: consumed for noise; not used without.
       pose: of the middle between the wheels, in tiles.
-      place: the tile of the atlas for each cell of the map: ``4 * place in the set + quarter turns``, for what
+      tiles: the tile of the atlas for each cell of the map: ``4 * index in the set + quarter turns``, for what
         `choose_tiles` returns ``chosen[..., 0] * 4 + chosen[..., 1]``.
       atlas: of the tile set.
       camera: its settings.
     """
     ahead, left = rays(camera)
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
-    place = jnp.asarray(place)
-    height, width = place.shape
+    tiles = jnp.asarray(tiles)
+    height, width = tiles.shape
     size = atlas.pixels.shape[1]
     seen = jnp.isfinite(ahead)
     ahead, left = jnp.where(seen, ahead, 0), jnp.where(seen, left, 0)
@@ -190,7 +190,7 @@ def look(key: Key[Array, ""], pose: Pose, place: Int[ArrayLike, "H W"], atlas: A
     y = jnp.floor((pose.y - ahead * sine - left * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
-    tile = place.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
+    tile = tiles.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
     words = jax.lax.bitcast_convert_type(atlas.pixels, jnp.uint32).reshape(-1)
     # One word is read where four bytes would be.
     flat = (tile * size + y % size) * size + x % size
@@ -218,9 +218,9 @@ def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
     """
     grid = jnp.asarray(grid)
     height, width = grid.shape
-    number = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
-    place = sight.places[grid.astype(jnp.int32), number % sight.places.shape[1]]
+    index = jnp.arange(height)[:, None] + 2 * jnp.arange(width)
+    tiles = sight.tiles[grid.astype(jnp.int32), index % sight.tiles.shape[1]]
     key = jax.random.key(0)
     for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
         key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
-    return look(key, pose, place, sight.atlas, sight.camera)
+    return look(key, pose, tiles, sight.atlas, sight.camera)

@@ -1,4 +1,4 @@
-"""Distances and shortest routes between places, in tiles, by relaxation on the whole grid at once."""
+"""Distances and shortest routes between nodes, in tiles, by relaxation on the whole grid at once."""
 
 from functools import partial
 from typing import NamedTuple
@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
-from elitelanes_jax.drive.lanes import EXIT, Movement, Place, linked
+from elitelanes_jax.drive.lanes import EXIT, LaneNode, Movement, linked
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 
@@ -15,13 +15,13 @@ UNREACHABLE = 2**30
 """The distance from where no way leads to the goal."""
 
 NO_WAY = 3
-"""In the place of a turn: from here no way leads to the goal."""
+"""The value instead of a turn where no way leads to the goal."""
 
 _SWEEPS = 4  # between two looks at whether anything changed
 
 
-def places(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
-    """Tells which places of a grid one can be at: a heading is one if the tile is linked to the one behind it.
+def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
+    """Returns which nodes a grid has: a tile has the node of a heading if it is linked to the tile behind it.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -30,14 +30,15 @@ def places(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
     return jnp.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
 
 
-def distances(grid: Int[ArrayLike, "H W"], goal: Place) -> Int32[Array, "H W 4"]:
-    """Computes how many tiles a shortest way to the goal takes, from every place of a grid.
+def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 4"]:
+    """Computes how many tiles a shortest way to the goal takes, from every node of a grid.
 
-    Each movement counts one tile. `UNREACHABLE` stands where no way leads to the goal, and where no place is.
+    Each movement counts one tile. The distance is `UNREACHABLE` where no way leads to the goal, and where the grid has
+    no node.
 
     Args:
       grid: integer codes ``[H, W]``.
-      goal: a place; of one that the grid does not have all is unreachable.
+      goal: a node. If the grid does not have it, all distances are `UNREACHABLE`.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -46,14 +47,14 @@ def distances(grid: Int[ArrayLike, "H W"], goal: Place) -> Int32[Array, "H W 4"]
 
 
 @jax.jit
-def _distances(grid: Array, goal: Place) -> Array:
+def _distances(grid: Array, goal: LaneNode) -> Array:
     links = linked(grid)
     reached, _ = _relax(links, goal)
-    return jnp.where(places(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
+    return jnp.where(lane_nodes(links), jnp.moveaxis(reached, 0, -1), UNREACHABLE)
 
 
-def shortest_ways(grid: Int[ArrayLike, "H W"], goal: Place) -> UInt8[Array, "H W"]:
-    """Computes the turn to take at every place of a grid, for a shortest way to the goal.
+def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
+    """Computes the turn to take at every node of a grid, for a shortest way to the goal.
 
     Of several the right turn comes first, then straight on. `way_at` reads what is returned: two bits for each heading.
 
@@ -64,7 +65,7 @@ def shortest_ways(grid: Int[ArrayLike, "H W"], goal: Place) -> UInt8[Array, "H W
 
 
 @jax.jit
-def _shortest_ways(grid: Array, goal: Place) -> Array:
+def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
     _, onward = _relax(linked(grid), goal)
     ways = jnp.zeros(onward.shape[1:], jnp.uint8)
     for heading in range(4):
@@ -74,18 +75,18 @@ def _shortest_ways(grid: Array, goal: Place) -> Array:
     return ways
 
 
-def way_at(ways: UInt8[Array, "H W"], place: Place) -> Int32[Array, "..."]:
-    """Reads the turn of a place in what `shortest_ways` returns: 0 right, 1 straight, 2 left, or `NO_WAY`."""
-    return (ways[place.row, place.column].astype(jnp.int32) >> (2 * jnp.asarray(place.heading))) & 3
+def way_at(ways: UInt8[Array, "H W"], node: LaneNode) -> Int32[Array, "..."]:
+    """Reads the turn of a node in what `shortest_ways` returns: 0 right, 1 straight, 2 left, or `NO_WAY`."""
+    return (ways[node.row, node.column].astype(jnp.int32) >> (2 * jnp.asarray(node.heading))) & 3
 
 
-def _relax(links: Array, goal: Place) -> tuple[Array, Array]:
+def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
     """Returns distances by heading at a tile, and the distances by the heading with which the tile is left.
 
     Both are int32 ``[4, H, W]``.
     """
     height, width = links.shape
-    # The longest way visits each place once: small numbers are faster where they suffice.
+    # The longest way visits each node once: small numbers are faster where they suffice.
     dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
     far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
     rows, columns = jnp.arange(height)[:, None], jnp.arange(width)
@@ -125,32 +126,32 @@ def _relax(links: Array, goal: Place) -> tuple[Array, Array]:
 
 
 class Route(NamedTuple):
-    """A way from place to place.
+    """A way from node to node.
 
     Attributes:
-      places: `Place` with int32 ``[N]``, from the start to the goal; after it the goal again and again.
-      turns: int32 ``[N]``, the turn taken at each place; `NO_WAY` from the goal on.
-      length: int32, tiles; `UNREACHABLE` where no way leads to the goal: then all places are the start.
+      nodes: `LaneNode` with int32 ``[N]``, from the start to the goal; after it the goal again and again.
+      turns: int32 ``[N]``, the turn taken at each node; `NO_WAY` from the goal on.
+      length: int32, tiles; `UNREACHABLE` if no way leads to the goal: then all nodes are the start.
     """
 
-    places: Place
+    nodes: LaneNode
     turns: Int32[Array, " N"]
     length: Int32[Array, ""]
 
     @property
     def movements(self) -> Movement:
         """The movements of the route, with int32 ``[N]``; those from the goal on have the turn `NO_WAY`."""
-        return Movement(*self.places, self.turns)
+        return Movement(*self.nodes, self.turns)
 
 
-def route(grid: Int[ArrayLike, "H W"], start: Place, goal: Place, *, most: int | None = None) -> Route:
+def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most: int | None = None) -> Route:
     """Finds a shortest way; of several the one that turns right first, else goes straight on first.
 
     Args:
       grid: integer codes ``[H, W]``.
-      start: a place.
-      goal: a place.
-      most: N, the number of places that fit; by default 4·H·W, which is all of a grid. Of a longer route the first N
+      start: a node.
+      goal: a node.
+      most: N, the number of nodes that fit; by default 4·H·W, which is all of a grid. Of a longer route the first N
         are returned.
 
     Raises:
@@ -166,28 +167,28 @@ def route(grid: Int[ArrayLike, "H W"], start: Place, goal: Place, *, most: int |
 
 @partial(jax.jit, static_argnames="most")
 def follow(
-    ways: UInt8[Array, "H W"], start: Place, count: Int[ArrayLike, ""], *, most: int
-) -> tuple[Place, Int32[Array, " N"]]:
-    """Follows the turns at each place.
+    ways: UInt8[Array, "H W"], start: LaneNode, count: Int[ArrayLike, ""], *, most: int
+) -> tuple[LaneNode, Int32[Array, " N"]]:
+    """Follows the turns at each node.
 
     Args:
       ways: of `shortest_ways`.
-      start: a place.
+      start: a node.
       count: tiles to go.
-      most: N, the number of places that fit.
+      most: N, the number of nodes that fit.
 
     Returns:
-      The places ``[N]``, the last one again and again, and the turns ``[N]``, `NO_WAY` after `count` of them.
+      The nodes ``[N]``, the last one again and again, and the turns ``[N]``, `NO_WAY` after `count` of them.
     """
 
-    def go(number: Array, carry: tuple[Array, Array, Place]) -> tuple[Array, Array, Place]:
-        listed, turns, place = carry
-        turn = jnp.where(number < count, way_at(ways, place), NO_WAY)
-        onward = Movement(*place, jnp.minimum(turn, 2)).next_place
-        there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, place)
-        return listed.at[:, number].set(jnp.stack(place)), turns.at[number].set(turn), there
+    def go(number: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:
+        listed, turns, node = carry
+        turn = jnp.where(number < count, way_at(ways, node), NO_WAY)
+        onward = Movement(*node, jnp.minimum(turn, 2)).next_node
+        there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, node)
+        return listed.at[:, number].set(jnp.stack(node)), turns.at[number].set(turn), there
 
-    first = Place(*(jnp.asarray(part, jnp.int32) for part in start))
+    first = LaneNode(*(jnp.asarray(part, jnp.int32) for part in start))
     empty = jnp.zeros((3, most), jnp.int32), jnp.full(most, NO_WAY, jnp.int32), first
     listed, turns, _ = jax.lax.fori_loop(0, most, go, empty)
-    return Place(*listed), turns
+    return LaneNode(*listed), turns

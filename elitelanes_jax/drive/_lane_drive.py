@@ -23,8 +23,8 @@ from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
     MOVEMENTS,
+    LaneNode,
     Movement,
-    Place,
     Pose,
     lane_curvature,
     lane_errors,
@@ -129,7 +129,7 @@ class LaneDriveState(NamedTuple):
 
     grid: Int8[Array, "H W"]
     ways: UInt8[Array, "H W"]
-    goal: Place
+    goal: LaneNode
     shortest: Int32[Array, ""]
     pose: Pose
     wheels: Wheels
@@ -186,7 +186,7 @@ class LaneDriveInfo(NamedTuple):
 
 def next_movement(state: LaneDriveState) -> Movement:
     """Returns the movement that comes after the present one."""
-    return Movement(*state.movement.next_place, state.next_turn)
+    return Movement(*state.movement.next_node, state.next_turn)
 
 
 _Reader = Callable[[Array, Array], tuple[Array, Array]]  # from row and column to the tile's code and ways
@@ -239,17 +239,17 @@ def _at(tree: Pytree, *index: Array) -> Pytree:
     return jax.tree.map(lambda part: jnp.asarray(part)[index], tree)
 
 
-def _start(bits: Array, place: Place, read: _Reader, params: LaneDriveParams) -> _Start:
+def _start(bits: Array, node: LaneNode, read: _Reader, params: LaneDriveParams) -> _Start:
     along, beside, turned = ((word & 0xFFFF).astype(jnp.float32) / 2**16 for word in (bits[1], bits[1] >> 16, bits[2]))
-    turn = _choose_turn(bits[-1], read, place, params)
-    movement = Movement(*place, turn)
+    turn = _choose_turn(bits[-1], read, node, params)
+    movement = Movement(*node, turn)
     s = along * lane_length(turn) / 2
     d, phi = (2 * beside - 1) * params.start_d, (2 * turned - 1) * params.start_phi
     pose = lane_point(movement, s, d)
     return _Start(
         pose._replace(theta=wrap_angle(pose.theta + phi)),
         movement,
-        next_turn=_choose_turn(bits[-2], read, movement.next_place, params),
+        next_turn=_choose_turn(bits[-2], read, movement.next_node, params),
         d=jnp.asarray(d, jnp.float32),
         phi=jnp.asarray(phi, jnp.float32),
         s=s,
@@ -290,13 +290,15 @@ def _step(
     Args:
       key: consumed, for noise and for turns drawn at random.
       state: to go on from.
-      action: two numbers, clipped to -1 to 1, 0 in place of NaN; see `LaneDriveParams.action`.
+      action: two numbers, clipped to -1 to 1, 0 instead of NaN; see `LaneDriveParams.action`.
       params: of the environment.
 
     Returns:
       The episode terminates at the goal of a route, where either side of the robot leaves the road, and on a dead end.
       It is truncated at the limit. A robot that leaves its tile by another way than its movement's goes on from there.
     """
+    if (shape := jnp.shape(action)) != (2,):
+        raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
     moved = once(lambda: _move(key, state, action, params))
     success, off_road, d, phi = moved.success, moved.off_road, moved.d, moved.phi
     own, oncoming = ~off_road & (jnp.abs(d) <= LANE_OFFSET), ~off_road & (d > LANE_OFFSET)
@@ -324,7 +326,7 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
     beside = -reach * jnp.sin(pose.theta), -reach * jnp.cos(pose.theta)
     left = _is_road(grid, pose.x + beside[0], pose.y + beside[1])
     right = _is_road(grid, pose.x - beside[0], pose.y - beside[1])
-    here, goal = movement.place, state.goal
+    here, goal = movement.node, state.goal
     success = entered & (here.row == goal.row) & (here.column == goal.column) & (here.heading == goal.heading)
     success &= params.task == "route"
     laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
@@ -363,15 +365,15 @@ def _go_on(
         this = (down == side.down) & (right == side.right) & (code & side.bit > 0)
         heading, entered = jnp.where(this, number, heading), entered | this
     astray = ~entered & ((down != 0) | (right != 0))
-    place = Place(
+    node = LaneNode(
         before.row + down * entered, before.column + right * entered, jnp.where(entered, heading, before.heading)
     )
-    as_meant = heading == before.next_place.heading
+    as_meant = heading == before.next_node.heading
     bits = random_bits(key, (2,)) if params.task == "lane" else jnp.zeros(2, jnp.uint32)
-    other = _choose_turn(bits[0], read, place, params)
+    other = _choose_turn(bits[0], read, node, params)
     turn = jnp.where(entered, jnp.where(as_meant, state.next_turn, other), before.turn)
-    movement = Movement(*place, turn)
-    onward = _choose_turn(bits[1], read, movement.next_place, params)
+    movement = Movement(*node, turn)
+    onward = _choose_turn(bits[1], read, movement.next_node, params)
     return movement, jnp.where(entered, onward, state.next_turn), entered, astray
 
 
@@ -379,14 +381,14 @@ def _reader(grid: Array, ways: Array) -> _Reader:
     return lambda row, column: (grid[row, column], ways[row, column])
 
 
-def _choose_turn(bits: Array, read: _Reader, place: Place, params: LaneDriveParams) -> Array:
-    """Chooses the turn to make at a place: the route's, or an open one at random; straight on where none is open."""
-    code, way = read(place.row, place.column)
-    turns = _turns_of(code, place.heading)
+def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDriveParams) -> Array:
+    """Chooses the turn to make at a node: the route's, or an open one at random; straight on where none is open."""
+    code, way = read(node.row, node.column)
+    turns = _turns_of(code, node.heading)
     if params.task == "lane":
         lot = randint(bits, jnp.maximum(turns & 3, 1))
         return turns >> (2 * lot + 2) & 3
-    way = way.astype(jnp.int32) >> (2 * place.heading) & 3
+    way = way.astype(jnp.int32) >> (2 * node.heading) & 3
     return jnp.where(way == NO_WAY, turns >> 2 & 3, way)
 
 

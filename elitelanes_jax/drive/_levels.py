@@ -9,9 +9,10 @@ from jaxtyping import Array, ArrayLike, Int, Int8, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
-from elitelanes_jax.drive._distances import UNREACHABLE, distances, places, shortest_ways
-from elitelanes_jax.drive.lanes import Place, linked, movements
+from elitelanes_jax._util.types import Numeric, UserValue
+from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
+from elitelanes_jax.drive.lanes import LaneNode, linked, movements
+from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.bits import check_key, randint, random_bits
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
@@ -22,39 +23,39 @@ class Level(NamedTuple):
 
     Attributes:
       grid: int8 ``[H, W]``, with links alone: each connection is returned by the neighbour (see `linked`).
-      start: place, whose heading is the one with which its tile was entered.
-      goal: place to be reached, with its heading.
+      start: node, whose heading is the one with which its tile was entered.
+      goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
-      ways: uint8 ``[H, W]``, the turns of a shortest way from every place (see `shortest_ways`).
+      ways: uint8 ``[H, W]``, the turns of a shortest way from every node (see `shortest_ways`).
     """
 
     grid: Int8[Array, "H W"]
-    start: Place
-    goal: Place
+    start: LaneNode
+    goal: LaneNode
     shortest: Int32[Array, ""]
     ways: UInt8[Array, "H W"]
 
 
-def make_level(grid: Int[Array | np.ndarray, "H W"], start: Place, goal: Place) -> Level:
+def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
     """Makes a level. What `check_level` would refuse gives one too.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
     """
     links = linked(grid)
-    start, goal = check_named("start", _check_place, start), check_named("goal", _check_place, goal)
+    start, goal = check_named("start", _check_node, start), check_named("goal", _check_node, goal)
     shortest = distances(links, goal)[start.row, start.column, start.heading]
     return Level(links, start, goal, shortest, shortest_ways(links, goal))
 
 
-def _check_place(place: UserValue) -> Place:
+def _check_node(node: UserValue) -> LaneNode:
     try:
-        parts = [jnp.asarray(part) for part in place]
+        parts = [jnp.asarray(part) for part in node]
     except (TypeError, ValueError):
         parts = []
     if len(parts) != 3 or not all(jnp.issubdtype(part.dtype, jnp.integer) for part in parts):
-        raise InputError(f"expected a row, a column and a heading, whole numbers, got {shorten(repr(place))}")
-    return Place(*(part.astype(jnp.int32) for part in parts))
+        raise InputError(f"expected a row, a column and a heading, whole numbers, got {shorten(repr(node))}")
+    return LaneNode(*(part.astype(jnp.int32) for part in parts))
 
 
 def random_level(
@@ -64,13 +65,13 @@ def random_level(
     least: Int[ArrayLike, ""] = 1,
     most: Int[ArrayLike, ""] = UNREACHABLE,
 ) -> Level:
-    """Draws a goal uniformly among all places that a movement leads to, then a start that is so many tiles away.
+    """Draws a goal uniformly among all nodes that a movement leads to, then a start that is so many tiles away.
 
     Args:
       key: consumed.
       grid: integer codes ``[H, W]`` with at least one movement.
-      least: tiles from the start to the goal; fewer where no place is so far away.
-      most: tiles from the start to the goal; more where no place is within `least` and `most`.
+      least: tiles from the start to the goal; fewer if no node is so far away.
+      most: tiles from the start to the goal; more if no node is within `least` and `most`.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -79,7 +80,7 @@ def random_level(
     width = links.shape[1]
     bits = random_bits(key, (2,))
     onward = jnp.asarray(CONNECTIONS)[links] >= 2
-    led_to = places(links) & jnp.stack([jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1)
+    led_to = lane_nodes(links) & jnp.stack([jnp.roll(onward, side[3:5], (0, 1)) for side in SIDES], axis=-1)
     goal = _draw(bits[0], led_to, width)
     away = distances(links, goal)
     reachable = (away > 0) & (away < UNREACHABLE)
@@ -90,18 +91,18 @@ def random_level(
     return Level(links, start, goal, away[start.row, start.column, start.heading], shortest_ways(links, goal))
 
 
-def _draw(bits: Array, among: Array, width: int) -> Place:
-    """Draws a place uniformly; the first of all where there is none."""
+def _draw(bits: Array, among: Array, width: int) -> LaneNode:
+    """Draws a node uniformly; the first of all if there is none."""
     flat = among.reshape(-1)
     count = jnp.cumsum(flat)
     index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
     index = jnp.minimum(index, flat.size - 1)
-    return Place(index // (4 * width), index // 4 % width, index % 4)
+    return LaneNode(index // (4 * width), index // 4 % width, index % 4)
 
 
 def make_levels(
     key: Key[Array, ""],
-    grids: AnyArray,
+    grids: UserValue,
     count: int | None = None,
     *,
     least: int = 1,
@@ -111,7 +112,7 @@ def make_levels(
 
     Args:
       key: consumed.
-      grids: integer codes ``[M, H, W]``, or a `RoadMap`, or M of one size.
+      grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or `RoadMap`s.
       count: N, how many; by default M. Level i is on map i modulo M.
       least: tiles from the start to the goal, 1 or more.
       most: tiles from the start to the goal, 1 or more.
@@ -124,15 +125,10 @@ def make_levels(
         of its range.
     """
     check_key(key)
-    grids = [grids] if hasattr(grids, "codes") else grids
-    try:
-        listed = np.asarray(grids if hasattr(grids, "ndim") else [getattr(grid, "codes", grid) for grid in grids])
-    except ValueError:
-        raise InputError("grids: expected one or more of one size, [M, H, W], got several sizes") from None
-    if listed.ndim != 3 or not len(listed):
-        raise InputError(f"grids: expected one or more of one size, [M, H, W], got shape {listed.shape}")
-    for number, grid in enumerate(listed):
-        check_named(f"grids[{number}]", check_grid, grid)
+    maps = [road_map.codes for road_map in check_named("grids", as_maps, grids)]
+    if len({grid.shape for grid in maps}) != 1:
+        raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
+    listed = np.stack(maps)
     empty = ~np.asarray(_has_lanes(listed))
     if empty.any():
         raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")
@@ -187,7 +183,7 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
 
 
 @jax.jit
-def _remade(grids: Array, starts: Place, goals: Place) -> Level:
+def _remade(grids: Array, starts: LaneNode, goals: LaneNode) -> Level:
     return jax.vmap(make_level)(grids, starts, goals)
 
 
@@ -210,7 +206,7 @@ def _check_one(name: str, level: Level, made: Level) -> None:
             )
     if not 0 < made.shortest < UNREACHABLE:
         got = "its start" if made.shortest == 0 else "one that no way leads to"
-        raise InputError(f"{name}.goal: expected a place ahead that can be reached from the start, got {got}")
+        raise InputError(f"{name}.goal: expected a node ahead that can be reached from the start, got {got}")
     if level.shortest != made.shortest:
         raise InputError(f"{name}.shortest: expected {made.shortest}, the distance, got {level.shortest}")
     if (level.ways != np.asarray(made.ways)).any():

@@ -1,8 +1,8 @@
-"""Localisation by elimination: how many tiles a driver with a map needs to find out where on it it is.
+"""Localisation by elimination: how many tiles a driver with a map needs to find out where on the map it is.
 
-The driver does not know its place, a tile and a heading, and sees at each tile which turns are open. It keeps every
-place where it could have started, given all that it has seen, and knows where it is once all of these have led it to
-the same place. This is the exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilistic
+The driver does not know its node, a tile and a heading, and sees at each tile which turns are open. It keeps every
+node where it could have started, given all that it has seen. It knows where it is once all these starts have led it to
+the same node. This is the exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilistic
 robotics", 2005, section 8.2, grid localization).
 """
 
@@ -12,14 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int32
 
-from elitelanes_jax.drive._distances import places
+from elitelanes_jax.drive._distances import lane_nodes
 from elitelanes_jax.drive.lanes import Movement, linked, movements
 from elitelanes_jax.network.checks import check_grid
 
 _Carry = tuple[Array, Array, Array, Array, Array]
 
 NEVER = 2**30
-"""The number of tiles where the driver's turns do not tell where it is, and where no place is."""
+"""The number of tiles where the driver's turns do not tell where it is, and where the grid has no node."""
 
 
 def turns_asked_for(count: int) -> Int32[Array, " K"]:
@@ -28,7 +28,7 @@ def turns_asked_for(count: int) -> Int32[Array, " K"]:
 
 
 def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"]) -> Int32[Array, "H W 4"]:
-    """Counts the tiles to drive from each place until the driver knows where it is.
+    """Counts the tiles to drive from each node until the driver knows where it is.
 
     Args:
       grid: integer codes ``[H, W]``.
@@ -38,7 +38,7 @@ def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"])
 
     Returns:
       int32 ``[H, W, 4]``, by the heading with which the tile was entered: 0 to K; 0 where the first look tells. `NEVER`
-      where K tiles do not suffice, and where no place is.
+      where K tiles do not suffice, and where the grid has no node.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -51,14 +51,14 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     links = linked(grid)
     height, width = links.shape
     size = 4 * height * width
-    is_place = places(links).reshape(-1)
+    is_node = lane_nodes(links).reshape(-1)
     number = jnp.arange(size, dtype=jnp.int32)
     row, column, heading = number // (4 * width), number // 4 % width, number % 4
     is_open = movements(links).reshape(size, 3)
     view = (is_open * jnp.array([1, 2, 4])).sum(axis=-1).astype(jnp.int32)
 
     def beyond(turn: int) -> Array:
-        there = Movement(row, column, heading, jnp.full(size, turn)).next_place
+        there = Movement(row, column, heading, jnp.full(size, turn)).next_node
         return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, number)
 
     ways = [beyond(turn) for turn in range(3)]
@@ -68,40 +68,40 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
         onward.append(jnp.where(first != number, first, jnp.where(second != number, second, third)))
     moves = jnp.stack(onward)
 
-    def eliminate(group: Array, place: Array) -> tuple[Array, Array]:
+    def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
         """Splits groups of starts by what is seen now; returns them, and which starts are not told apart.
 
         A group is named by its first start.
         """
-        key = jnp.where(is_place, group * 8 + view[place], 8 * size)
+        key = jnp.where(is_node, group * 8 + view[node], 8 * size)
         group = jnp.full(8 * size + 1, size, jnp.int32).at[key].min(number)[key]
-        apart = place != place[group]
-        return group, jnp.zeros(size, bool).at[group].max(apart)[group] & is_place
+        apart = node != node[group]
+        return group, jnp.zeros(size, bool).at[group].max(apart)[group] & is_node
 
     def go(carry: _Carry) -> _Carry:
-        step, group, place, unsure, steps = carry
-        place = moves[asked[step], place]
-        group, unsure = eliminate(group, place)
-        return step + 1, group, place, unsure, steps + unsure
+        step, group, node, unsure, steps = carry
+        node = moves[asked[step], node]
+        group, unsure = eliminate(group, node)
+        return step + 1, group, node, unsure, steps + unsure
 
     group, unsure = eliminate(jnp.zeros_like(number), number)
     start = jnp.int32(0), group, number, unsure, unsure.astype(jnp.int32)
     _, _, _, unsure, steps = jax.lax.while_loop(lambda c: (c[0] < asked.size) & c[3].any(), go, start)
-    return jnp.where(is_place & ~unsure, steps, NEVER).reshape(height, width, 4)
+    return jnp.where(is_node & ~unsure, steps, NEVER).reshape(height, width, 4)
 
 
 def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[Array, ""]:
-    """Measures how ambiguous the places of a map are: a feature for `elitelanes_jax.evolve`.
+    """Measures how ambiguous the nodes of a map are: a feature for `elitelanes_jax.evolve`.
 
-    It is the mean over all places of `localization_steps` for a driver that asks for right, straight on, left, and
+    It is the mean over all nodes of `localization_steps` for a driver that asks for right, straight on, left, and
     again.
 
     Args:
       grid: integer codes ``[H, W]``.
-      most: tiles after which the driver gives up; by default 2 (H + W). Places where it does count as so many.
+      most: tiles after which the driver gives up; by default 2 (H + W). Nodes where it gives up count `most`.
 
     Returns:
-      int32, hundredths of a tile, rounded down; 0 for a map without places.
+      int32, hundredths of a tile, rounded down; 0 for a map without nodes.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -112,6 +112,6 @@ def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[
 @partial(jax.jit, static_argnames="most")
 def _ambiguity(grid: Array, most: int | None) -> Array:
     last = 2 * sum(grid.shape) if most is None else most
-    counted = places(grid)
+    counted = lane_nodes(grid)
     steps = jnp.where(counted, jnp.minimum(localization_steps(grid, turns_asked_for(last)), last), 0)
     return (100 * steps.sum() // jnp.maximum(counted.sum(), 1)).astype(jnp.int32)

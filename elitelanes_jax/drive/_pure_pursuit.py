@@ -25,7 +25,7 @@ def pure_pursuit(
       state: of the environment.
       params: of the environment.
       speed: metres a second.
-      lookahead: tiles along the lane from the place beside the robot to that point, at most 0.4.
+      lookahead: tiles along the lane from the point beside the robot to that point, at most 0.4.
 
     Returns:
       An action of `LaneDrive`, for either kind.

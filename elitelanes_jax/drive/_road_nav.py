@@ -15,7 +15,7 @@ from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch
-from elitelanes_jax.drive.lanes import MOVEMENTS, Movement, Place
+from elitelanes_jax.drive.lanes import MOVEMENTS, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 
 
@@ -39,7 +39,7 @@ class RoadNavParams(Record):
       stuck_cost: of entering a dead end other than the goal, which terminates the episode.
       window: k, side of the observed window in tiles, odd, or 0 for none; static.
       goal: how the goal is observed: "compass", "mark" in the window, "both" or "none"; static.
-      whole_map: whether the map, the place and, unless `goal` is "none", the goal are observed; static.
+      whole_map: whether the map, the node and, unless `goal` is "none", the goal are observed; static.
     """
 
     levels: Level = option(REQUIRED, check_batch)
@@ -64,14 +64,14 @@ class RoadNavState(NamedTuple):
       grid: int8 ``[H, W]``, of the level.
       goal: of the level.
       shortest: int32, of the level.
-      place: where the agent is, and the heading with which it came.
+      node: where the agent is, and the heading with which it came.
       tiles: int32, driven so far.
     """
 
     grid: Int8[Array, "H W"]
-    goal: Place
+    goal: LaneNode
     shortest: Int32[Array, ""]
-    place: Place
+    node: LaneNode
     tiles: Int32[Array, ""]
 
 
@@ -157,19 +157,21 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     Returns:
       The episode terminates on the goal and on a dead end, and is truncated at the limit.
     """
+    if (shape := jnp.shape(action)) != ():
+        raise InputError(f"action: expected one whole number, got shape {shape}")
     grid, goal = state.grid, state.goal
-    code = grid[state.place.row, state.place.column].astype(jnp.int32)
-    choice = code * 12 + state.place.heading * 3 + jnp.clip(action, 0, 2)
+    code = grid[state.node.row, state.node.column].astype(jnp.int32)
+    choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
     turn = jnp.asarray(_TAKEN.reshape(-1))[choice].astype(jnp.int32)
-    onward = Movement(*state.place, turn).next_place
+    onward = Movement(*state.node, turn).next_node
     moves = jnp.asarray(CONNECTIONS)[code] > 1
-    place = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.place)
+    node = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.node)
     tiles = state.tiles + 1
-    after = state._replace(place=place, tiles=tiles)
+    after = state._replace(node=node, tiles=tiles)
 
-    success = moves & (place.row == goal.row) & (place.column == goal.column)
-    success &= place.heading == goal.heading
-    stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[place.row, place.column]] < 2)
+    success = moves & (node.row == goal.row) & (node.column == goal.column)
+    success &= node.heading == goal.heading
+    stuck = ~success & (jnp.asarray(CONNECTIONS)[grid[node.row, node.column]] < 2)
     earned = jnp.where(success, params.goal_reward, 0) - jnp.where(stuck, params.stuck_cost, 0)
     best = params.goal_reward - params.tile_cost * state.shortest
     info = RoadNavInfo(
@@ -187,48 +189,48 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
 
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
     """Returns the observation of a state."""
-    grid, goal, place = state.grid, state.goal, state.place
+    grid, goal, node = state.grid, state.goal, state.node
     window, mark, compass = None, None, None
     if params.window:
-        window, mark = _look_around(grid, goal, place, params.window)
+        window, mark = _look_around(grid, goal, node, params.window)
     if params.goal not in ("mark", "both"):
         mark = None
     if params.goal in ("compass", "both"):
-        compass = _compass(place, goal)
+        compass = _compass(node, goal)
     everything = params.whole_map
     return RoadNavObservation(
-        ways=jnp.asarray(MOVEMENTS)[grid[place.row, place.column], place.heading],
+        ways=jnp.asarray(MOVEMENTS)[grid[node.row, node.column], node.heading],
         window=window,
         mark=mark,
         compass=compass,
         whole_map=grid if everything else None,
-        here=jnp.stack(place) if everything else None,
+        here=jnp.stack(node) if everything else None,
         there=jnp.stack(goal) if everything and params.goal != "none" else None,
     )
 
 
-def _look_around(grid: Array, goal: Place, place: Place, size: int) -> tuple[Array, Array]:
-    """Returns the codes around a place and the mark of the goal, turned to its heading: two ``[k, k]``."""
+def _look_around(grid: Array, goal: LaneNode, node: LaneNode, size: int) -> tuple[Array, Array]:
+    """Returns the codes around a node and the mark of the goal, turned to its heading: two ``[k, k]``."""
     reach = size // 2
     # A slice of a padded grid takes a third of the time of reading tile by tile (measured).
-    north_up = jax.lax.dynamic_slice(jnp.pad(grid, reach), (place.row, place.column), (size, size))
+    north_up = jax.lax.dynamic_slice(jnp.pad(grid, reach), (node.row, node.column), (size, size))
     steps = np.arange(size) - reach
-    marked = (place.row + steps[:, None] == goal.row) & (place.column + steps == goal.column)
+    marked = (node.row + steps[:, None] == goal.row) & (node.column + steps == goal.column)
     codes, mark = north_up, marked
     for quarter in (1, 2, 3):
-        turned = place.heading == quarter
+        turned = node.heading == quarter
         codes = jnp.where(turned, jnp.rot90(north_up, quarter), codes)
         mark = jnp.where(turned, jnp.rot90(marked, quarter), mark)
     wide = codes.astype(jnp.int32)
-    codes = ((wide << place.heading | wide >> (4 - place.heading)) & 15).astype(jnp.int8)
+    codes = ((wide << node.heading | wide >> (4 - node.heading)) & 15).astype(jnp.int8)
     return codes, mark
 
 
-def _compass(place: Place, goal: Place) -> Array:
-    down, right = (goal.row - place.row).astype(jnp.float32), (goal.column - place.column).astype(jnp.float32)
+def _compass(node: LaneNode, goal: LaneNode) -> Array:
+    down, right = (goal.row - node.row).astype(jnp.float32), (goal.column - node.column).astype(jnp.float32)
     distance = jnp.sqrt(down * down + right * right)
     scale = 1 / jnp.maximum(distance, 1)
-    ahead_down, ahead_right = jnp.asarray(_AHEAD)[place.heading]
+    ahead_down, ahead_right = jnp.asarray(_AHEAD)[node.heading]
     ahead = down * ahead_down + right * ahead_right
     left = down * -ahead_right + right * ahead_down
     return jnp.stack([ahead * scale, left * scale, distance])

@@ -1,8 +1,8 @@
 """Lanes: the geometry that a grid of tiles implies, with traffic on the right.
 
-Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a place times the
-side of a tile in pixels is its place in a picture of the map. Angles are counter-clockwise as seen from above, in
-radians; 0 is east. Headings of movements are numbers, the places in `codes.SIDES`: 0 north, 1 east, 2 south, 3 west.
+Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a position times
+the side of a tile in pixels is the position in a picture of the map. Angles are counter-clockwise as seen from above,
+in radians; 0 is east. Headings of movements are indices of `codes.SIDES`: 0 north, 1 east, 2 south, 3 west.
 
 A movement enters a tile with a heading and turns right, goes straight on or turns left. It follows the centre of its
 lane, 0.2 tile to the right of the road's middle: a line, or a quarter circle about the near corner (radius 0.3) or the
@@ -28,7 +28,7 @@ HALF_ROAD = 0.222 / 0.585
 """From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
 
 TURNS = ("right", "straight", "left")
-"""The turns of a movement by their numbers."""
+"""The turns of a movement by their indices."""
 
 EXIT = np.array([[(heading + turn) % 4 for turn in (1, 0, -1)] for heading in range(4)], np.int8)
 """int8 ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
@@ -53,8 +53,10 @@ _RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
 _LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
 
 
-class Place(NamedTuple):
-    """A tile and the heading with which it was entered: all that decides where one may drive next.
+class LaneNode(NamedTuple):
+    """A node of the graph of lanes: a tile and the heading with which it was entered.
+
+    A node decides where a robot may drive next.
 
     Attributes:
       row: int32, from the north.
@@ -83,15 +85,15 @@ class Movement(NamedTuple):
     turn: Int[Array, "..."]
 
     @property
-    def place(self) -> Place:
+    def node(self) -> LaneNode:
         """The tile and the heading when it is entered."""
-        return Place(self.row, self.column, self.heading)
+        return LaneNode(self.row, self.column, self.heading)
 
     @property
-    def next_place(self) -> Place:
+    def next_node(self) -> LaneNode:
         """The tile that the movement leads to, and the heading there."""
         out = (jnp.asarray(self.heading, jnp.int32) + 1 - self.turn) & 3
-        return Place(self.row + _choose(_DOWN, out), self.column + _choose(_ACROSS, out), out)
+        return LaneNode(self.row + _choose(_DOWN, out), self.column + _choose(_ACROSS, out), out)
 
 
 class Pose(NamedTuple):

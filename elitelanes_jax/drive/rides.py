@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from traceback import extract_tb
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -27,6 +28,7 @@ from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.rides import MOST_POSES, RIDES
+from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -84,8 +86,9 @@ def make_rides(
     seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
         raise InputError(f"policy: expected one of {', '.join(POLICIES)}, got {policy!r}")
+    furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(jax.random.key(seed))
-    levels = make_levels(drawing, [grid], count, least=4, most=max(4, int(_PACE * seconds)))
+    levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
     steps = max(round(seconds * _RATE), 1)
     drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
     poses, lengths, success = jax.device_get(drive(driving, LaneDriveParams(levels), steps))
@@ -160,9 +163,12 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
     try:
         action = np.asarray(policy(observation), np.float32)
     except Exception as error:
-        raise InputError(f"policy: expected an action, got {type(error).__name__}: {error}") from error
+        file = getattr(getattr(policy, "__code__", None), "co_filename", "")
+        raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
         raise InputError(f"policy: expected two numbers, for the left and the right wheel, got shape {action.shape}")
+    if not np.isfinite(action).all():
+        raise InputError(f"policy: expected two finite numbers, got {action[0]:g} and {action[1]:g}")
     return action
 
 
@@ -174,13 +180,19 @@ def load_policy(file: Path) -> Policy:
     """
     try:
         act = runpy.run_path(str(file)).get("act")
-    except OSError as error:
-        raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
     except Exception as error:
-        raise InputError(f"{file}: expected a program that runs, got {type(error).__name__}: {error}") from error
+        if isinstance(error, OSError) and Path(str(error.filename)).resolve() == file.resolve():
+            raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
+        raise InputError(f"{file}: expected a program that runs, got {_describe(error, str(file))}") from error
     if not callable(act):
         raise InputError(f"{file}: expected a function act(observation), got none")
     return act
+
+
+def _describe(error: Exception, file: str) -> str:
+    """Returns an error in words, with the last line of the file that it came through."""
+    lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
+    return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")
 
 
 def trails(
@@ -216,7 +228,7 @@ def film(
     picture = render(grid, tiles, tile_px=size, chosen=chosen)
     # Each cell has a picture of its own: where tiles are blended no two are alike.
     atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
-    place = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
+    cells = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
     camera = Camera(rows=_HEIGHT, columns=640)
     side = min(_HEIGHT / grid.shape[0], _WIDEST / grid.shape[1])
     shape = max(round(side * grid.shape[1]) // 2 * 2, 2), round(side * grid.shape[0])  # films have even sides
@@ -226,7 +238,7 @@ def film(
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(*(part[number][steps] for part in (rides.x, rides.y, rides.theta)))
-        views = np.asarray(_look(poses, place, atlas, camera))
+        views = np.asarray(_look(poses, cells, atlas, camera))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
             _draw_trail(plan, rides, number, step, goal, side)
@@ -242,8 +254,8 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 
 @jax.jit
-def _look(poses: Pose, place: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, place, atlas, camera).image)(poses)
+def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
+    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
@@ -335,5 +347,5 @@ def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, si
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
-    """Turns places in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
+    """Turns positions in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
     return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)

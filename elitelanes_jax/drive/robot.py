@@ -83,7 +83,7 @@ def drive(
       key: consumed for noise; not used without.
       pose: in tiles.
       wheels: before.
-      command: of the left and the right wheel, -1 to 1; clipped, and 0 in place of NaN.
+      command: of the left and the right wheel, -1 to 1; clipped, and 0 instead of NaN.
       robot: its measures.
     """
     shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)

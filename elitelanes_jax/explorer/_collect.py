@@ -3,6 +3,7 @@
 import base64
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -13,14 +14,19 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import has_unfinished
 from elitelanes_jax._util.packages import __version__
+from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map, read_maps
 from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.fitness import fitness as weighted_sum
+from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
+from elitelanes_jax.problem.ranges import range_limits, range_penalty
 from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -45,7 +51,7 @@ class _Finds(NamedTuple):
     Attributes:
       name: of the run.
       grids: int8 ``[E, H, W]``.
-      fitness: int32 ``[E]``; None where the weights tell it.
+      fitness: int32 or float32 ``[E]``; None where the weights tell it.
       seed: int ``[E]``, the number of the run's seed that found each, from 0.
       seeds: how many.
       axes: of the niches.
@@ -55,16 +61,17 @@ class _Finds(NamedTuple):
       feature_weights: of features that the search measured beside the metrics.
       extras: int ``[E]`` by name, the features that the search measured beside the metrics.
       labels: a name for each grid, or none.
-      maps: the chosen maps: the place of each among the grids, its name, and its tile pictures if they are known.
-      rides: on maps, each with the place of its map.
+      maps: the chosen maps: the index of each among the grids, its name, and its tile pictures if they are known.
+      rides: on maps, each with the index of its map.
       history: of the run.
-      floors: the lowest fitness that is possible, by cyclomatic number, where it is proven.
+      usual_fitness: whether the fitness is the weighted sum of features plus the penalty of ranges.
+      floors: the proven minimum of the usual fitness by cyclomatic number, None if none is known.
       record: of the run, to be shown.
     """
 
     name: str
     grids: NDArray[np.int8]
-    fitness: NDArray[np.int32] | None
+    fitness: NDArray[np.number] | None
     seed: NDArray[np.int_]
     seeds: int
     axes: tuple[Axis, ...]
@@ -77,6 +84,7 @@ class _Finds(NamedTuple):
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
     rides: tuple[tuple[int, RecordedRide], ...] = ()
     history: "History | None" = None
+    usual_fitness: bool = True
     floors: Mapping[int, int] | None = None
     record: Mapping[str, Plain] = {}
 
@@ -94,7 +102,9 @@ def collect(
     Args:
       what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run, which `generate` or
         `pick` wrote, a folder of such folders, an archive, a file of maps, or a file of rides, which `drive` wrote.
-      tiles: folder of the tile pictures; by default those of the first run's folder, or the package's own.
+      tiles: folder of the tile pictures; by default those of the first run, if they are found, else the package's own,
+        with a line on standard error. A relative path in a run's record is looked up here, then in each folder above
+        the run.
       blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
         default as the first run that says it was drawn, else as the set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
@@ -124,22 +134,27 @@ def _collect_files(
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
     driven: list[tuple[str, NDArray[np.int8], list[RecordedRide]]] = []
+    own: Path | None = None
     for source in sources:
         if source.is_dir():
-            runs += [_read_run(folder) for folder in _run_folders(source)]
+            for folder in _run_folders(source):
+                runs.append(_read_run(folder))
+                own = own or _find_tiles(folder, runs[-1])
         elif source.suffix == ".npz":
             runs.append(_read_archive(source, source.stem))
         elif (rides := read_rides(source)) is not None:
             driven.append((str(source), *rides))
         else:
-            maps.append((str(source), read_map(source)))
+            found = read_maps(source)
+            names = [str(source)] if len(found) == 1 else [f"{source} {place}" for place in range(len(found))]
+            maps += zip(names, found, strict=True)
     grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
     maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
     names = _distinct_names([run.name for run in runs])
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
-    folders, blends = ([_setting(run, name) for run in runs] for name in ("tiles", "blend"))
-    own = next((one for one in folders if isinstance(one, str) and Path(one).is_dir()), None)
-    blended = next((one for one in blends if isinstance(one, bool)), None)
+    blended = next((one for run in runs if isinstance(one := _setting(run, "blend"), bool)), None)
+    if tiles is None and own is None and (lost := next(filter(None, (_setting(run, "tiles") for run in runs)), None)):
+        announce(f"the tile pictures of the run are not in {lost}; the package's own are shown, --tiles names others")
     tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
     return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
@@ -226,7 +241,7 @@ def _read_run(folder: Path) -> _Finds:
     """Reads the folder of a run: its record, its archive, its chosen maps; at least one of the latter two."""
     file = folder / "run.json"
     record = _read_record(file)
-    chosen = [(place.parent.name, read_map(place)) for place in sorted(folder.glob("maps/*/map.json"))]
+    chosen = [(path.parent.name, read_map(path)) for path in sorted(folder.glob("maps/*/map.json"))]
     name = folder.resolve().name
     if (folder / "archive.npz").exists():
         run = _with_chosen(_read_archive(folder / "archive.npz", name), chosen)
@@ -276,11 +291,11 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     seed, _ = np.nonzero(valid)
-    alphabet = result.spec.alphabet
+    alphabet, usual = result.spec.alphabet, has_usual_fitness(result)
     return _Finds(
         name,
         grids[valid],
-        fitness[valid].astype(np.int32),
+        fitness[valid],
         seed,
         len(valid),
         result.axes,
@@ -290,7 +305,8 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
         feature_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
         extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
         history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
-        floors=_floors(result, (grids.shape[2], grids.shape[3])),
+        usual_fitness=usual,
+        floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
         record={"settings": {"search": result.spec.to_plain()}},
     )
 
@@ -299,6 +315,22 @@ def _of_seeds(history: "History", seeds: int) -> "History":
     return history._replace(
         **{name: getattr(history, name)[:seeds] for name in ("best_fitness", "elite_count", "refused")}
     )
+
+
+def has_usual_fitness(result: "Result") -> bool:
+    """Returns whether the fitness of a result is the weighted sum of features plus the penalty of ranges.
+
+    A result does not say whether a user gave the fitness, so the function computes the sum and compares it.
+    """
+    elites, spec = result.elites, result.spec
+    valid, shape, names = np.asarray(elites.valid), elites.grids.shape[-2:], (*METRIC_NAMES, *spec.measured)
+    measured = elites.metrics._asdict() | dict(elites.features)
+    features = np.stack([np.asarray(measured[name], np.int32) for name in names], axis=-1)
+    usual = np.asarray(weighted_sum(elites.metrics, spec.all_weights))
+    if spec.feature_weights is not None:
+        usual = usual + features[..., len(METRIC_NAMES) :] @ np.array(spec.feature_weights, np.int32)
+    usual = usual + range_penalty(features, names, range_limits(spec.where, names), (shape[0], shape[1]))
+    return bool((np.asarray(elites.fitness) == usual)[valid].all())
 
 
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
@@ -313,15 +345,15 @@ def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
 
 def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
     """Finds the chosen maps among the grids of their run."""
-    places: dict[bytes, int] = {}
-    for place, grid in enumerate(run.grids):
-        places.setdefault(grid.tobytes(), place)
+    index_of: dict[bytes, int] = {}
+    for index, grid in enumerate(run.grids):
+        index_of.setdefault(grid.tobytes(), index)
     own, maps = run.grids.shape[1:], []
     for name, road_map in chosen:
         if road_map.codes.shape != own:
             expected, got = ("{} x {}".format(*shape) for shape in (own, road_map.codes.shape))
             raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
-        found = places.get(road_map.codes.tobytes())
+        found = index_of.get(road_map.codes.tobytes())
         if found is not None:
             maps.append((found, name, road_map.drawn))
     return run._replace(maps=tuple(maps))
@@ -330,10 +362,10 @@ def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
 def _with_rides(run: _Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> _Finds:
     """Gives each grid of a run the rides that were driven on it."""
     found = [
-        (int(place), ride)
+        (int(index), ride)
         for _, grid, rides in driven
         if grid.shape == run.grids.shape[1:]
-        for place in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
+        for index in np.flatnonzero((run.grids == grid).all(axis=(1, 2)))
         for ride in rides
     ]
     return run._replace(rides=tuple(found))
@@ -346,20 +378,24 @@ def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
         sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
     finds = []
     for (height, width), listed in sizes.items():
-        known = [road_map.fitness for _, road_map in listed]
-        fitness = None if None in known else np.array(known, np.int64).clip(-(2**31), 2**31 - 1).astype(np.int32)
+        known = [road_map.fitness for _, road_map in listed if road_map.fitness is not None]
+        whole = all(isinstance(value, int) for value in known)
+        dtype = np.dtype(np.int32 if whole else np.float32)
+        largest = 2**31 - 1 if whole else float(np.finfo(np.float32).max)
+        fitness = np.array([min(max(value, -largest), largest) for value in known], dtype)
         finds.append(
             _Finds(
                 name=f"maps of {height} x {width}" if len(sizes) > 1 else "maps",
                 grids=np.stack([road_map.codes for _, road_map in listed]),
-                fitness=fitness,
+                fitness=fitness if len(known) == len(listed) else None,
                 seed=np.zeros(len(listed), int),
                 seeds=1,
                 axes=tuned_axes((height, width)),
                 weights=Weights(),
                 alphabet=None,
+                usual_fitness=whole,
                 labels=tuple(name for name, _ in listed),
-                maps=tuple((place, name, road_map.drawn) for place, (name, road_map) in enumerate(listed)),
+                maps=tuple((index, name, road_map.drawn) for index, (name, road_map) in enumerate(listed)),
             )
         )
     return finds
@@ -372,6 +408,19 @@ def _distinct_names(names: Sequence[str]) -> list[str]:
         seen[name] = seen.get(name, 0) + 1
         distinct.append(name if seen[name] == 1 else f"{name} ({seen[name]})")
     return distinct
+
+
+def _find_tiles(folder: Path, run: _Finds) -> Path | None:
+    """Returns the folder of a run's tile set, if there is one of the same name; see `collect`."""
+    tiles, recorded = _setting(run, "tiles"), run.record.get("tile_set")
+    if not isinstance(tiles, str):
+        return None
+    name = recorded.get("name") if isinstance(recorded, dict) else None
+    for place in (Path(), *folder.absolute().parents):
+        with suppress(InputError):  # another folder of this name
+            if (place / tiles).is_dir() and load_tiles(place / tiles).name == name:
+                return place / tiles
+    return None
 
 
 def _setting(run: _Finds, name: str) -> Plain:
@@ -404,7 +453,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "weights": {name: int(weight) for name, weight in (run.weights._asdict() | dict(run.feature_weights)).items()},
         "alphabet": None if run.alphabet is None else sorted({int(code) for code in run.alphabet}),
         "grids": blob.add_codes(run.grids),
-        "fitness": None if run.fitness is None else blob.add(run.fitness, "int32"),
+        "fitness": None if run.fitness is None else blob.add(run.fitness, run.fitness.dtype.name),
         "seed": blob.add(run.seed, "int32"),
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
         "features": {name: blob.add(values, "int32") for name, values in run.extras.items()},
@@ -415,6 +464,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
             for elite, ride in run.rides
         ],
         "history": None if run.history is None else _history_values(run.history, blob),
+        "usual_fitness": run.usual_fitness,
         "floors": None if run.floors is None else list(run.floors.items()),
         "record": run.record,
     }
@@ -435,10 +485,11 @@ def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
         return None
     steps = np.unique(np.linspace(0, count - 1, min(count, _MOST_STEPS)).round().astype(int))
     best, elites = (np.atleast_2d(values)[:, steps] for values in (history.best_fitness, history.elite_count))
+    best = np.where(best == vacant_fitness(best.dtype), np.inf, best)
     return {
         "steps": len(steps),
         "evaluations": blob.add(history.evaluations[steps], "float64"),
-        "best_fitness": blob.add(best, "int32"),
+        "best_fitness": blob.add(best, "float64"),
         "elite_count": blob.add(elites, "int32"),
     }
 
@@ -447,8 +498,8 @@ def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
     """Returns the tile pictures, each once, and whether they are to be brought together."""
     drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
     pictures: list[dict[str, Plain]] = [
-        {"name": tile.name, "code": int(tile.code)} | drawn[place] | ({"compared": compared[place]} if compared else {})
-        for place, tile in enumerate(tiles.pictures)
+        {"name": tile.name, "code": int(tile.code)} | drawn[index] | ({"compared": compared[index]} if compared else {})
+        for index, tile in enumerate(tiles.pictures)
     ]
     rotations = {str(code): [4 * tile + turns for tile, turns in draws] for code, draws in tiles.rotations.items()}
     return {"name": tiles.name, "px": tile_px, "blend": tiles.blend, "pictures": pictures, "rotations": rotations}

@@ -10,7 +10,7 @@ from jaxtyping import Int8
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.explorer._collect import collect, collect_result
+from elitelanes_jax.explorer._collect import collect, collect_result, has_usual_fitness
 from elitelanes_jax.explorer._payload import Payload
 from elitelanes_jax.explorer.page import static_text
 
@@ -52,13 +52,15 @@ def continue_search(grid: _Grid, result: "Result") -> "Result":
       result: whose specification is taken.
 
     Raises:
-      InputError: for a map of another size.
+      InputError: for a map of another size, or a result of a user's fitness, which a result does not keep.
     """
     from elitelanes_jax.search.evolution import evolve
 
     height, width = result.elites.grids.shape[-2:]
     if grid.shape != (height, width):
         raise InputError(f"grid: expected {height} x {width}, as the search's, got {grid.shape[0]} x {grid.shape[1]}")
+    if not has_usual_fitness(result):
+        raise InputError("fitness: expected the usual one, got a user's, which no result keeps; pass on_continue")
     seeds = 1 if result.elites.valid.ndim == 1 else len(result.elites.valid)
     return evolve(0, (height, width), seeds=seeds, spec=result.spec, initial=[grid])
 

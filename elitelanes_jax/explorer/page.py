@@ -50,7 +50,7 @@ def explore(
       OSError: if it cannot be written.
     """
     out = Path(out)
-    _check_place(out, force)
+    _check_out(out, force)
     content = page_of(collect(what, tiles=tiles, blend=blend, tile_px=tile_px, title=title)).encode()
     write_atomic(out, content)
     return len(content)
@@ -87,7 +87,7 @@ def _json(values: object) -> str:
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
-def _check_place(out: Path, force: bool) -> None:
+def _check_out(out: Path, force: bool) -> None:
     if not out.exists():
         return
     if out.is_dir():

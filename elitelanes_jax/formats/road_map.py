@@ -1,7 +1,7 @@
 """A road map with its metrics, and its JSON file; Duckietown's map files are read too."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -10,11 +10,12 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.checks import check_named, ends_as_file, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")
@@ -38,12 +39,14 @@ class Drawn(NamedTuple):
     quarter_turns: list[list[int]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RoadMap:
     """One map; unknown fields are None. Fields are checked when it is made, as those of a file are.
 
+    Maps are equal if their files are. To change a map, make another one from a copy of its codes.
+
     Attributes:
-      codes: int8 ``[H, W]``.
+      codes: int8 ``[H, W]``, read-only.
       metrics: by name.
       fitness: in the search that found it; lower is better.
       descriptor: the values of the niche's axes, by metric.
@@ -66,7 +69,8 @@ class RoadMap:
         Raises:
           InputError: for a bad grid (see `check_grid`), or any other field that is not as it should be.
         """
-        codes = np.asarray(check_grid(self.codes))
+        codes = np.array(check_grid(self.codes))
+        codes.flags.writeable = False  # or a change of one would leave other metrics, or no tile code
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
@@ -82,9 +86,21 @@ class RoadMap:
         """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
 
         Raises:
+          InputError: if the name has the ending of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
-        write_atomic(Path(file), map_to_json(self).encode())
+        place = check_named("file", path, file)
+        if ends_as_file(place) and place.suffix.lower() != ".json":
+            raise InputError(f"file: expected a name that ends in .json, got {place}")
+        write_atomic(place, map_to_json(self).encode())
+
+    def __eq__(self, other: object) -> bool:
+        """Returns whether the other is a map with the same codes and other fields."""
+        return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
+
+    def __hash__(self) -> int:
+        """Returns a number that equal maps have in common."""
+        return hash(map_to_json(self))
 
     def __repr__(self) -> str:
         """Returns the size and a few figures in one line."""
@@ -93,6 +109,10 @@ class RoadMap:
         figures = {"fitness": self.fitness} | metrics
         words = [f"{name} {value}" for name, value in figures.items() if value is not None]
         return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
+
+    def _repr_svg_(self) -> str:
+        """Returns the drawing that notebooks show."""
+        return draw_svg(self.codes)
 
 
 def map_to_json(road_map: RoadMap) -> str:
@@ -140,9 +160,40 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
 
 
+def as_maps(sources: UserValue) -> list[RoadMap]:
+    """Returns one map or several as a list.
+
+    Args:
+      sources: a `RoadMap`, a grid ``[H, W]`` of codes, an array or lists, or a file, see `read_maps`; or several of
+        these. An array ``[N, H, W]`` is several.
+
+    Raises:
+      InputError: for a bad grid or file, or anything else.
+    """
+    one = isinstance(sources, str | Path) or _dimensions(sources) == 2
+    if isinstance(sources, Mapping) or not (one or isinstance(sources, Iterable)):
+        raise InputError(f"expected maps, grids or files of maps, got {shorten(repr(sources))}")
+    maps: list[RoadMap] = []
+    for index, source in enumerate([sources] if one else sources):
+        if isinstance(source, str | Path):
+            maps += read_maps(source)
+        elif isinstance(source, RoadMap):
+            maps.append(source)
+        else:
+            maps.append(RoadMap(source) if one else check_named(f"map {index}", RoadMap, source))
+    return maps
+
+
+def _dimensions(value: UserValue) -> int:
+    value = getattr(value, "codes", value)
+    if isinstance(value, list | tuple):
+        return 1 + (_dimensions(value[0]) if value else 0)
+    return getattr(value, "ndim", 0)
+
+
 def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
     """Reads a file of so many bytes at most, and parses its values, or those of a map of Duckietown."""
-    is_yaml = Path(file).suffix.lower() in (".yaml", ".yml")
+    is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
         text = read_text(file, most)
@@ -179,7 +230,8 @@ def _maps_of(listed: list[Plain]) -> list[RoadMap]:
 
 def _map_of(values: Plain) -> RoadMap:
     if not isinstance(values, dict) or "codes" not in values:
-        raise InputError('expected a map, {"codes": [[...], ...]}, got no "codes"')
+        got = "a list; name a file with one map" if isinstance(values, list) else 'no "codes"'
+        raise InputError(f'expected a map, {{"codes": [[...], ...]}}, got {got}')
     if values.get("format", _FORMAT) != _FORMAT:
         raise InputError(f"format: expected {_FORMAT!r}, got {shorten(repr(values['format']))}")
     codes = _grid(values["codes"])

@@ -67,6 +67,8 @@ class Streets(Record):
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
         if self.tile <= 2 * self.lane:
+            if self.tile == Streets.tile:  # the lane was given, not the tile
+                raise InputError(f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m")
             raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
 
 

@@ -73,7 +73,7 @@ def _read_record(folder: Path) -> dict[str, Plain]:
     except (OSError, ValueError, KeyError, TypeError, RecursionError):  # an InputError is a ValueError
         complete = False
     if not complete:
-        raise InputError(f"{folder}: {_EXPECTED}, got another folder")
+        raise InputError(f"{folder}: {_EXPECTED}, got {'another folder' if folder.exists() else 'none'}")
     if part is None:
         raise InputError(f"{folder}: {_EXPECTED}, got a whole run")
     return record

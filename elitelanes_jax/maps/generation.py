@@ -7,7 +7,7 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.progress import announce
@@ -24,7 +24,7 @@ from elitelanes_jax.search.evolution import evolve
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
-def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
+def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> list[RoadMap]:
     """Evolves maps, chooses among them, and writes them to a new folder, whole or not at all.
 
     The same specification gives the same files, byte for byte, except for the times in ``run.json``. If a search was
@@ -45,14 +45,14 @@ def generate(spec: GenerateSpec, out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    spec, out = check_named("spec", record(GenerateSpec), spec), check_named("out", path, out)
+    spec, out = check_named("spec", record(GenerateSpec), spec), Path(check_named("out", path, out))
     run = plan_run(spec)
     inputs = [spec.tiles] if spec.tiles else []
     with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
         return write_run(work.files, _evolve(run, work.kept / "search"))
 
 
-def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[RoadMap]:
+def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
     """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
 
     In ``run.json`` the seconds of the parts are added up, and the speed is the median of theirs.
@@ -70,8 +70,9 @@ def merge(parts: Sequence[Path], out: Path, *, force: bool = False) -> list[Road
       NotEnoughMapsError: if there are fewer valid and different maps than the parts' specification requests.
       OSError: if the folder cannot be written.
     """
-    with output_folder(out, {"command": "merge"}, inputs=parts, foreign=foreign_to_maps, force=force) as work:
-        return write_run(work.files, join_parts(parts))
+    folders, out = check_named("parts", paths, parts), Path(check_named("out", path, out))
+    with output_folder(out, {"command": "merge"}, inputs=folders, foreign=foreign_to_maps, force=force) as work:
+        return write_run(work.files, join_parts(folders))
 
 
 def _evolve(run: Run, checkpoint: Path) -> Evolved:

@@ -5,13 +5,16 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
+import jax
 import numpy as np
 
+from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax._util.files import write_json
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
@@ -30,7 +33,12 @@ from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 
 def pick(
-    spec: PickSpec, archives: Sequence[Path], out: Path, *, force: bool = False, force_archive: bool = False
+    spec: PickSpec,
+    archives: str | Path | Result | Sequence[str | Path],
+    out: str | Path,
+    *,
+    force: bool = False,
+    force_archive: bool = False,
 ) -> list[RoadMap]:
     """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
 
@@ -38,7 +46,8 @@ def pick(
 
     Args:
       spec: of the choice.
-      archives: files ``archive.npz`` of `generate`, of maps of one size.
+      archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size; or a
+        result, which is written to the folder as ``archive.npz``.
       out: the folder, new or empty.
       force: whether the folder is replaced, if an earlier run wrote it, and neither an archive nor anything else is in
         it.
@@ -53,12 +62,13 @@ def pick(
       NotEnoughMapsError: if there are fewer maps than requested; with `at_most`, if there is none.
       OSError: if the folder cannot be written.
     """
-    if not archives:
-        raise InputError("archives: expected at least one, got none")
+    spec, out = check_named("spec", record(PickSpec), spec), Path(check_named("out", path, out))
+    own = archives if isinstance(archives, Result) else None
+    files: list[Path] = [out / ARCHIVE] if own else check_named("archives", paths, archives)
     tiles = load_tiles(spec.tiles, blend=spec.blend)
-    results, seeds = zip(*map(_read, archives), strict=True)
+    results, seeds = zip(*([_seeded(own, None)] if own else map(_read, files)), strict=True)
     shape = results[0].elites.grids.shape[2:]
-    for file, result in zip(archives, results, strict=True):
+    for file, result in zip(files, results, strict=True):
         if result.elites.grids.shape[2:] != shape:
             sizes = ("{} x {}".format(*size) for size in (shape, result.elites.grids.shape[2:]))
             raise InputError("{}: expected maps of {}, as in the first archive, got {}".format(file, *sizes))
@@ -66,9 +76,9 @@ def pick(
     search.check_maps(shape)
     axes = results[0].axes if spec.axes is None else resolve_axes(spec.axes, shape, search.features)
     measured = _measured(search, axes, results)
-    foreign, force = foreign_to_maps if force_archive else _foreign_or_archive, force or force_archive
-    with output_folder(out, {"command": "pick"}, inputs=archives, foreign=foreign, force=force) as work:
-        elites = _join(archives, results, measured, axes, tiles)
+    foreign, force = foreign_to_maps if force_archive or own else _foreign_or_archive, force or force_archive
+    with output_folder(out, {"command": "pick"}, inputs=[] if own else files, foreign=foreign, force=force) as work:
+        elites = _join(files, results, measured, axes, tiles)
         size, count = f"{shape[0]} x {shape[1]} tiles", pluralize(spec.maps, "map")
         announce(f"choosing {count} of {size} among {elites.valid.sum():,} elites")
         result = replace(results[0], elites=elites, spec=search, axes=axes)
@@ -79,18 +89,28 @@ def pick(
             hint="wider ranges or more archives",
             exclude=[np.array(grid, np.int8) for grid in spec.unlike],
         )
-        runs = [(seed, run) for seed, one in zip(seeds, results, strict=True) for run in range(len(one.elites.grids))]
+        runs = [
+            None if seed is None else (seed, run)
+            for seed, one in zip(seeds, results, strict=True)
+            for run in range(len(one.elites.grids))
+        ]
         maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {pluralize(len(results), 'archive')}"
         maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
-        record = {
+        if own:
+            own.save(work.files / ARCHIVE, state=False)
+            files = [work.files / ARCHIVE]
+        about = {
             "settings": spec.to_plain(),
-            "archives": [{"file": str(file), "sha256": sha256(file.read_bytes()).hexdigest()} for file in archives],
+            "archives": [
+                {"file": ARCHIVE if own else str(file), "sha256": sha256(file.read_bytes()).hexdigest()}
+                for file in files
+            ],
             "search": search.to_plain(),
             **describe_source(tiles, result, choice),
             "versions": installed_versions(),
         }
-        write_json(work.files / RECORD, record)
+        write_json(work.files / RECORD, about)
     return maps
 
 
@@ -99,11 +119,15 @@ def _foreign_or_archive(folder: Path) -> str | None:
     return foreign_to_maps(folder) or (hint if (folder / ARCHIVE).exists() else None)
 
 
-def _read(file: Path) -> tuple[Result, int]:
-    """Reads an archive of runs, and their seed."""
-    result, seed = load_with_seed(file)
-    if seed is None or result.elites.grids.ndim != 4:
-        raise InputError(f"{file}: expected an archive.npz of generate, got a result without a seed")
+def _read(file: Path) -> tuple[Result, int | None]:
+    """Reads the result of one or several runs, and their seed if it is known."""
+    return _seeded(*load_with_seed(file))
+
+
+def _seeded(result: Result, seed: int | None) -> tuple[Result, int | None]:
+    """Gives the elites of a single seed an axis of seeds."""
+    if result.elites.valid.ndim == 1:
+        result = replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
     return result, seed
 
 
@@ -124,7 +148,7 @@ def _measured(search: SearchSpec, axes: Sequence[Axis], results: Sequence[Result
 
 
 def _join(
-    archives: Sequence[Path],
+    files: Sequence[Path],
     results: Sequence[Result],
     measured: Sequence[str],
     axes: tuple[Axis, ...],
@@ -149,7 +173,7 @@ def _join(
     others = [name for name in columns if name not in metrics]
     each = [
         with_town_features(one.elites.features, others, one.elites.grids, str(file))
-        for file, one in zip(archives, results, strict=True)
+        for file, one in zip(files, results, strict=True)
     ]
     features = {name: join([values[name] for values in each]) for name in others}
     stacked = np.stack([(metrics | features)[name] for name in columns], axis=-1).astype(np.int32)

@@ -108,7 +108,7 @@ class PickSpec(Record):
         overrides the search's
       rules: rules that every map keeps; by default those of the first archive's search
       axes: axes of the niches; by default those of the first archive's search
-      unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
+      unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml; of other sizes, all do
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,

@@ -69,6 +69,17 @@ TOWN_RATIOS = (
 """The features that are other ratios, in thousandths."""
 
 
+def features_without_gaps(shape: tuple[int, int]) -> dict[str, int]:
+    """Returns the features that are equal on all grids ``(height, width)`` without empty cells, by name."""
+    height, width = shape
+    along = height * width - max(height - 2, 0) * max(width - 2, 0)
+    length = 1000 * max(shape) // min(shape)
+    return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {
+        "border_share": 1000 * along // (height * width),
+        "box_length": length,
+    }
+
+
 def largest_town_feature(name: str, shape: tuple[int, int]) -> int:
     """Returns an upper bound of a feature on grids ``(height, width)``."""
     if name in TOWN_PARTS:

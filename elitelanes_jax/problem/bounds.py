@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
 from elitelanes_jax.network.metric_names import largest_metrics
-from elitelanes_jax.problem.features import FEATURES, SHARES
+from elitelanes_jax.network.town_features import features_without_gaps, largest_town_feature
+from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.ranges import Range
 
@@ -29,6 +30,9 @@ _COUNTED = {
     "three-way crossings": "crossing3",
     "four-way crossings": "crossing4",
 }
+
+# The town features that are a metric to the tiles.
+_PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
 
 
 class _ContradictionError(Exception):
@@ -43,24 +47,37 @@ class _Inequality(NamedTuple):
 
 
 class FeatureBounds(NamedTuple):
-    """Bounds of the metrics and shares of a set of maps.
+    """Bounds of the metrics, shares and town features of a set of maps.
 
     Attributes:
+      shape: (height, width) of the maps.
       intervals: a lower and an upper bound of each metric, by name.
       inequalities: that the metrics satisfy.
     """
 
+    shape: tuple[int, int]
     intervals: dict[str, tuple[int, int]]
     inequalities: tuple[_Inequality, ...]
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
-        """Returns a lower and an upper bound of a metric or share; of a share as a part of 1."""
+        """Returns a lower and an upper bound of a feature that is not the user's; shares and ratios in units of 1."""
+        if feature in TOWN_FEATURES:
+            return self._of_town(feature)
         part, whole = SHARES.get(feature, (feature, ()))
         low, high = map(Fraction, self.intervals[part])
         if not whole:
             return low, high
         smallest, largest = (sum(self.intervals[name][end] for name in whole) for end in (0, 1))
         return low / max(largest, 1), min(Fraction(1), high / max(smallest, 1))
+
+    def _of_town(self, feature: str) -> tuple[Fraction, Fraction]:
+        least, most, unit = 0, largest_town_feature(feature, self.shape), feature_unit(feature)
+        if self.intervals["empty_cells"] == (0, 0) and feature in (fixed := features_without_gaps(self.shape)):
+            least = most = fixed[feature]
+        elif feature in _PER_TILE:
+            (low, high), (smallest, largest) = self.intervals[_PER_TILE[feature]], self.intervals["tiles"]
+            least, most = (unit * end // max(tiles, 1) for end, tiles in ((low, largest), (high, smallest)))
+        return Fraction(least, unit), Fraction(most, unit)
 
 
 def find_bounds(
@@ -83,7 +100,7 @@ def find_bounds(
     Raises:
       InputError: if the set is empty.
     """
-    bounds = FeatureBounds(_first_intervals(shape), tuple(_inequalities(shape, repaired)))
+    bounds = FeatureBounds(shape, _first_intervals(shape), tuple(_inequalities(shape, repaired)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
     if fix is not None:
@@ -112,14 +129,18 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
     """
     before = ""
     for item in where:
-        if item.name not in FEATURES:
-            continue  # town features and the user's have no bounds
+        if item.name not in (*FEATURES, *TOWN_FEATURES):
+            continue  # the user's have no bounds
         low, high = bounds.of(item.name)
         if (item.low or 0) > high or (item.high is not None and item.high < low):
             expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"
-            raise InputError(f"where {str(item)!r}: expected a range with {expected}, which {maps}{before} have")
+            gaps = item.name in features_without_gaps(bounds.shape) and bounds.intervals["empty_cells"] == (0, 0)
+            unless = " unless rules or fixed cells leave cells empty" if gaps else ""
+            raise InputError(
+                f"where {str(item)!r}: expected a range with {expected}, which {maps}{before} have{unless}"
+            )
         try:
-            bounds = _narrowed(_with(bounds, _within(item)))
+            bounds = _narrowed(_with(bounds, () if item.name in TOWN_FEATURES else _within(item)))
         except _ContradictionError as error:
             words = f"expected a range that {maps}{before} can be in, got one where {error}"
             raise InputError(f"where {str(item)!r}: {words}") from None

@@ -11,7 +11,7 @@ def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 
     The range is that of `feature_range`. A proven bound that lies beyond it follows in parentheses. For a town feature,
-    the text is the kind of its values instead.
+    the text is the kind of its values instead, and "filled" with its value if all maps without empty cells have one.
     """
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
     meanings = shares | descriptions(Metrics) | descriptions(TownFeatures)
@@ -20,7 +20,9 @@ def describe_features() -> dict[str, tuple[str, str]]:
 
 def _range_text(name: str) -> str:
     if name in TOWN_FEATURES:
-        return "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
+        kind = "0..1" if is_share(name) else "a ratio" if feature_unit(name) > 1 else "a number"
+        smallest, largest = feature_bounds(name)
+        return f"{kind}; filled {value_text(float(smallest))}" if smallest == largest else kind
     low, high = feature_range(name)
     if low == high:
         return value_text(low)

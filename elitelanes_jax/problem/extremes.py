@@ -50,7 +50,7 @@ def _bounds() -> FeatureBounds:
 
 
 def feature_bounds(name: str) -> tuple[Fraction, Fraction]:
-    """Returns proven bounds of a metric or share on the same maps; where `feature_range` is equal, it is proven.
+    """Returns proven bounds of a feature on the same maps; where `feature_range` is equal, it is proven.
 
     Args:
       name: of the feature.

@@ -167,6 +167,8 @@ def _range(source: str, name: UserValue, limits: UserValue, features: Collection
 def _limit(source: str, name: str, limit: UserValue) -> Fraction:
     text = str(limit)
     try:
+        if "_" in text:
+            raise ValueError
         # Fraction("1e99999999") would fill the memory.
         number = Fraction(float(text) if "e" in text.lower() else text)
     except (ValueError, ZeroDivisionError, OverflowError):

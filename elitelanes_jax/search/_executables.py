@@ -23,7 +23,7 @@ from jax.extend import backend
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
-from elitelanes_jax._util.types import Plain, Pytree
+from elitelanes_jax._util.types import Plain, Pytree, Untyped
 
 # The bytes of all files, at most; the files that were used least recently are removed.
 _MOST_BYTES = 2**28
@@ -155,8 +155,14 @@ def compile_and_serialise(lowered: jax.stages.Lowered, *, optimised: bool) -> tu
     executable = compiled.runtime_executable()
     if get_ident() not in _taken and executable is not None:
         with suppress(Exception):  # of XLA, of any type
-            return compiled, bytes(executable.serialize())
+            return compiled, _serialise(executable)
     return compiled, None
+
+
+def _serialise(executable: Untyped) -> bytes:
+    if hasattr(executable, "serialize"):
+        return bytes(executable.serialize())
+    return bytes(backend.get_backend().serialize_executable(executable))  # in versions of JAX before 0.9
 
 
 def compile_program(lowered: jax.stages.Lowered, *, optimised: bool) -> jax.stages.Compiled:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int8, Int32, Key, UInt32
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Pytree
 from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
@@ -46,7 +47,7 @@ MOST = 256
 # The names of programs: what advances the seeds of a device has the device in it.
 _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 
-# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second at most on two cores.
+# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second on two cores.
 _FEW_CELLS = 3_000_000
 
 
@@ -93,7 +94,10 @@ class Static(NamedTuple):
             initial=traced.initial,
         )
         if self.factory is not None:
-            return self.factory(problem)
+            made = self.factory(problem)
+            if not isinstance(made, Optimizer):
+                raise InputError(f"optimizer: expected a function that returns an Optimizer, got {type(made).__name__}")
+            return made
         return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
 
     def keys(self, data: KeyData) -> Key[Array, "*S"]:

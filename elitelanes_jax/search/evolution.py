@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Key, UInt32
 
 from elitelanes_jax._util.checks import check_named, is_whole, real, whole
-from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize
+from elitelanes_jax._util.errors import InputError, NotEnoughMemoryError, pluralize, shorten
 from elitelanes_jax._util.memory import free_memory, in_gigabytes
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
@@ -239,7 +239,7 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S
             check_named("key", whole(0, 2**32 - 1), key),
             check_named("seeds", check_seeds, SEEDS if seeds is None else seeds),
         )
-    elif seeds is not None:
+    elif seeds is not None and isinstance(key, jax.Array):
         expected = "it with a whole number as key, as keys say how many they are"
         raise InputError(f"seeds: expected {expected}, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
@@ -274,6 +274,9 @@ def prepare(
     spec = (spec.replace(**given) if given else spec).on(shape)
     exact = True
     if factory is not None:
+        if not callable(factory):
+            expected = "a function from a problem to an Optimizer (method= takes names)"
+            raise InputError(f"optimizer: expected {expected}, got {shorten(repr(factory))}")
         spec = spec if spec.method in METHODS else spec.replace(method="map-elites", preset="tuned")
     elif config is not None:
         if any(isinstance(leaf, jax.Array | np.ndarray) for leaf in jax.tree.leaves(config)):
@@ -290,7 +293,8 @@ def prepare(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
     if factory is None:  # one of the user's may make any grids
-        _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
+        with spec.naming_origins():
+            _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
     if users.fitness is not None:
         check_fitness(users.fitness, shape, (*METRIC_NAMES, *spec.measured))
     if users.moves is not None:

@@ -27,21 +27,22 @@ def ranges_like() -> frozenset[str]:
 
 
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
-    """Returns the settings of a search for maps like given ones, of any size.
+    """Returns the options of a search for maps like example maps, of any size.
 
     The lowest and the highest value of each feature among the maps are the range of what is searched for, wider by a
     quarter of their spread, and at least a little, on either side; axes spread the niches over these ranges. If all
-    given maps keep Duckietown's rules, so do the maps that are searched for.
+    given maps keep Duckietown's rules, so do the maps that are searched for. If a given map has empty cells, theirs may
+    be empty too.
 
     Args:
       grids: integer codes ``[H, W]``, one or more, with roads.
     """
-    rows = []
+    rows, gaps = [], False
     for grid in grids:
         cut = cut_to_roads(np.asarray(grid, np.int8))
         if not cut.any():
             raise InputError("like: expected maps with roads, got one without")
-        metrics = plain_measure(cut)
+        metrics, gaps = plain_measure(cut), gaps or not cut.all()
         shares = {name: metrics[of] / metrics["tiles"] for name, of in _COUNTED.items()}
         rows.append({name: value / 1000 for name, value in plain_town(cut).items()} | shares | metrics)
     where, axes = {}, []
@@ -60,6 +61,7 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
     return {
         "preset": town["preset"],
         "rules": "duckietown" if kept else None,
+        "fill": False if gaps and not kept else None,
         "weights": town["weights"],
         "where": where,
         "axes": axes,

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import pack, unpack
@@ -178,12 +179,34 @@ class Result:
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
         return result.choose(check_named("count", whole(1), count), seed).maps
 
+    def write(self, folder: str | Path, count: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
+        """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
+
+        Args:
+          folder: new or empty.
+          count: the number of maps.
+          force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
+          **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
+
+        Returns:
+          The maps, as they were written.
+
+        Raises:
+          InputError: for a bad option, or a folder with other files.
+          NotEnoughMapsError: if there are fewer valid and different maps than requested.
+          OSError: if the folder cannot be written.
+        """
+        from elitelanes_jax.maps.picking import pick
+        from elitelanes_jax.maps.spec import PickSpec
+
+        return pick(PickSpec(maps=count, **options), self, folder, force=force)
+
     def choose(
         self,
         count: int,
         seed: int = 0,
         *,
-        exclude: Sequence[Int8[np.ndarray, "H W"]] = (),
+        exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
         """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
@@ -211,7 +234,7 @@ class Result:
                 *([f"  where    {where}"] if where else []),
                 *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
                 "  fields   elites, history, state, spec, axes, config",
-                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; save(path); satisfies()",
+                "  methods  best(): the fittest grid; maps(count, where=...): chosen maps; write(folder); save(path)",
             ]
         )
 
@@ -227,6 +250,7 @@ class Result:
           InputError: for a state with other leaves than arrays of numbers, which an optimiser of one's own may have.
           OSError: that names the file, if it cannot be written.
         """
+        file = check_named("path", checked_path, path)
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites
@@ -244,7 +268,7 @@ class Result:
         axes = [axis._asdict() for axis in self.axes]
         settings: dict[str, Plain] = {"format": _FORMAT, "version": __version__, "seed": seed, "axes": axes}
         settings |= {"search": self.spec.to_plain(), "config": self.config and config_to_plain(self.config)}
-        write_atomic(Path(path), pack(arrays, settings))
+        write_atomic(file, pack(arrays, settings))
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":
@@ -264,7 +288,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
     Raises:
       InputError: as `Result.load` does.
     """
-    settings, arrays = unpack(path)
+    settings, arrays = unpack(check_named("path", checked_path, path))
     try:
         spec, config, axes, seed = _read_settings(settings)
         state = _read_state(arrays)

@@ -111,7 +111,7 @@ def choose_maps(
       axes: of the descriptor.
       count: the number of maps.
       seed: of the run; it is noted in the maps.
-      exclude: grids ``[H, W]`` that no chosen map may equal; the chosen maps should differ from them too.
+      exclude: grids, of any size, that no chosen map may equal; the chosen maps should differ from them too.
       min_difference: the share of tiles in which each map differs at least from all others, however they are rotated or
         mirrored. If there are too few such maps, the next share holds.
 
@@ -133,7 +133,8 @@ def choose_maps(
     useful &= satisfied
 
     examples = [np.array(grid, np.int8) for grid in spec.like]
-    exclude = [*exclude, *(grid for grid in examples if sorted(grid.shape) == sorted(shape))]
+    # A map of another size is another map: it excludes nothing.
+    exclude = [grid for grid in (*exclude, *examples) if sorted(grid.shape) == sorted(shape)]
     kept = _distinct(grids, fitness, useful, exclude, examples)
     descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[kept]
     seeds, bins = kept // valid.shape[1], np.asarray(niche_bins(descriptor, axes))
@@ -192,8 +193,7 @@ def _distinct(
 
     An example map is compared by its roads, which may lie anywhere in a larger grid.
     """
-    same_shape = [grid for grid in examples if sorted(grid.shape) == sorted(grids.shape[1:])]
-    seen = {canonical_form(grid) for grid in (*exclude, *same_shape)}
+    seen = {canonical_form(grid) for grid in exclude}
     roads = {canonical_form(cut_to_roads(grid)) for grid in examples}
     distinct: dict[bytes, int] = {}
     for index in np.flatnonzero(useful)[np.argsort(fitness[useful], kind="stable")].tolist():

@@ -1,19 +1,17 @@
 """The specification of a search: all options with their defaults, without JAX."""
 
-from collections.abc import Collection, Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Unpack
-
-import numpy as np
 
 from elitelanes_jax._util.checks import check_named, check_unique, flag, name, none_or, one_of, split_settings, whole
 from elitelanes_jax._util.errors import InputError, pluralize, shorten, suggest
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.codes import check_alphabet
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN
@@ -117,25 +115,20 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
         return metric, whole(-(2**31), 2**31 - 1)(number)
     except InputError:
         text = weight if isinstance(weight, str) else f"{metric}={number}"
-        raise InputError(f"weights: expected NAME=N with a whole number, got {shorten(repr(text), 40)}") from None
+        expected = f"NAME=N with a whole number, {-(2**31)} to {2**31 - 1}"
+        raise InputError(f"weights: expected {expected}, got {shorten(repr(text), 40)}") from None
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
     """Reads grids, each as a tuple of rows.
 
     Args:
-      initial: grids ``[H, W]``, or paths of map files (see `read_map`): one array or path, or several; an array
-        ``[N, H, W]`` is several.
+      initial: one map or several, as `as_maps` takes them.
 
     Raises:
       InputError: for a bad grid or file.
     """
-    if isinstance(initial, str | Path) or getattr(initial, "ndim", 0) == 2:
-        initial = [initial]
-    if not isinstance(initial, Iterable):
-        raise InputError(f"expected grids or files of maps, got {initial!r}")
-    grids = [read_map(one).codes if isinstance(one, str | Path) else check_grid(one) for one in initial]
-    return tuple(tuple(map(tuple, np.asarray(grid).tolist())) for grid in grids)
+    return tuple(tuple(map(tuple, road_map.codes.tolist())) for road_map in as_maps(initial))
 
 
 def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]:
@@ -192,7 +185,7 @@ class SearchSpec(Record):
       large: options for maps whose shorter side is 12 or more; they override the others
     """
 
-    style: str | None = option(None, none_or(read_style), "NAME")
+    style: str | None = option(None, none_or(read_style), "NAME", many="once")
     like: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", many=True)
     method: str = option("map-elites", check_method, "NAME")
     preset: str = option("tuned", name, "NAME")
@@ -211,6 +204,7 @@ class SearchSpec(Record):
     large: "SearchSpec | None" = option(None, none_or(_parse_large), after="features")
     _given: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
     _defaults: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
+    _origins: Mapping[str, str] = field(init=False, repr=False, compare=False)  # of options that nobody gave
 
     def __init__(self, **given: Unpack[SpecOptions]) -> None:
         """Makes a specification of options, all of which have defaults.
@@ -260,31 +254,38 @@ class SearchSpec(Record):
         """Fills the record from layers of options: the defaults, the style's, the example maps', and those given."""
         own = check_named("features", check_features, given.get("features", ()))
         given = _check_options(given, own)
-        layers, style = [defaults, given], given.get("style")
+        layers, style, origins = [defaults, given], given.get("style"), dict[str, str]()
         if given.get("like"):
             layers.insert(1, _check_options(settings_like(given["like"]), own))
+            origins = dict.fromkeys(_names_in(layers[1]), "like")
         if style is not None:
+            check_named(f"style {style.name!r}", _check_budget, style.options)
             check = partial(_check_options, own=own, without=_NOT_OF_STYLES)
             layers.insert(1, check_named(f"style {style.name!r}", check, style.options))
+            origins = dict.fromkeys(_names_in(layers[1]), f"style {style.name!r}") | origins
+        origins = {name: origin for name, origin in origins.items() if name not in _names_in(given)}
         small = [{name: value for name, value in layer.items() if name != "large"} for layer in layers]
         rest = {"style": style and style.name, "large": None}
         values = merge_options(small) | rest
         last = max((index for index, layer in enumerate(layers) if "large" in layer), default=0)
         if (large := layers[last].get("large")) is not None:
             values["large"] = _empty()._fill(merge_options([*small[: last + 1], large, *small[last + 1 :]]) | rest)
-        return self._fill(values, given, defaults)
+        return self._fill(values, given, defaults, origins)
 
     def _fill(
         self,
         values: Mapping[str, UserValue],
         given: Mapping[str, UserValue] | None = None,
         defaults: Mapping[str, UserValue] | None = None,
+        origins: Mapping[str, str] | None = None,
     ) -> "SearchSpec":
         """Sets the fields to checked values, or to their defaults; by default, all of them count as given."""
         every = {name: values.get(name, default) for name, default in _DEFAULTS.items()}
         label = every["style"] and Style(every["style"], {})
-        vars(self).update(every, _given=every | {"style": label} if given is None else given, _defaults=defaults or {})
-        self.check_together()
+        given = every | {"style": label} if given is None else given
+        vars(self).update(every, _given=given, _defaults=defaults or {}, _origins=origins or {})
+        with self.naming_origins():
+            self.check_together()
         return self
 
     def on(self, shape: tuple[int, int]) -> "SearchSpec":
@@ -293,7 +294,20 @@ class SearchSpec(Record):
         If the grids are large, the options for large maps are merged in; else they are dropped.
         """
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
-        return _empty()._fill({name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None})
+        values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
+        return _empty()._fill(values, origins=self._origins)
+
+    @contextmanager
+    def naming_origins(self) -> Iterator[None]:
+        """Lets errors in its block that start with an option of the style or of `like` start with that origin."""
+        try:
+            yield
+        except InputError as error:
+            option = re.match(r"(\w+)(?: '(\w+)=)?", str(error))
+            origin = option and self._origins.get(" ".join(filter(None, option.groups())))
+            if not origin:
+                raise
+            raise InputError(f"{origin}: {error}") from None
 
     def check_together(self) -> None:
         """Checks the preset against the method, and filling against the rules."""
@@ -318,7 +332,12 @@ class SearchSpec(Record):
             or weights with which the fitness of a grid could leave 32 bits.
         """
         if self.large is not None:
-            return self.on(shape).check_on(shape, name)
+            self.on(shape).check_on(shape, name)
+        else:
+            with self.naming_origins():
+                self._check_on(shape, name)
+
+    def _check_on(self, shape: tuple[int, int], name: str) -> None:
         if self.method == CUSTOM:
             expected = f"one of {', '.join(METHODS)}, or evolve's argument optimizer"
             raise InputError(f"method: expected {expected}, got {CUSTOM!r}")
@@ -362,16 +381,17 @@ class SearchSpec(Record):
         self.on(shape)._check_feasible(shape, maps, exhaustive=True)
 
     def _check_feasible(self, shape: tuple[int, int], maps: int, *, exhaustive: bool) -> None:
-        check_feasible(
-            shape,
-            self.where,
-            fix=self.fix,
-            rules=self.rules,
-            filled=self.repair_fills,
-            alphabet=self.alphabet,
-            maps=maps,
-            exhaustive=exhaustive,
-        )
+        with self.naming_origins():
+            check_feasible(
+                shape,
+                self.where,
+                fix=self.fix,
+                rules=self.rules,
+                filled=self.repair_fills,
+                alphabet=self.alphabet,
+                maps=maps,
+                exhaustive=exhaustive,
+            )
 
     @property
     def optimizer(self) -> str:
@@ -426,6 +446,13 @@ class SearchSpec(Record):
             large = self.large.to_plain()
             plain["large"] = {name: large[name] for name in plain if name != "large" and large[name] != plain[name]}
         return plain
+
+
+def _names_in(layer: Mapping[str, UserValue]) -> set[str]:
+    """Returns the names of the options in a layer, those for large maps too, and of each range."""
+    large = layer.get("large") or {}
+    ranges = {f"where {item.name}" for options in (layer, large) for item in options.get("where", ())}
+    return {*layer, *large, *ranges}
 
 
 _DEFAULTS = {name: getattr(SearchSpec, name) for name in SearchSpec.options()}

@@ -29,6 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import Plain
@@ -129,7 +130,7 @@ def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -
     Raises:
       InputError: for a fault of the folder; the message names the file.
     """
-    tiles, problems = inspect_tiles(default_tiles() if folder is None else folder)
+    tiles, problems = inspect_tiles(default_tiles() if folder is None else check_named("folder", path, folder))
     if tiles is None:
         more = f" (and {len(problems) - 1} more; see: elitelanes tiles check)" if len(problems) > 1 else ""
         raise InputError(problems[0] + more)

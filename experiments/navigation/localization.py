@@ -9,7 +9,7 @@ from jaxtyping import Array, Int, Int8
 from numpy.typing import NDArray
 
 from elitelanes_jax import measure
-from elitelanes_jax.drive import NEVER, ambiguity, localization_steps, places
+from elitelanes_jax.drive import NEVER, ambiguity, lane_nodes, localization_steps
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.problem import SHARE_UNIT
 
@@ -38,10 +38,10 @@ def find_places(tests: dict[str, NDArray[np.int8]]) -> dict[str, dict[str, list[
 def _measure(grid: Int8[Array, "H W"], asked: Int[Array, "N K"]) -> dict[str, Array]:
     steps = jax.vmap(partial(localization_steps, grid))(asked)
     known = steps < NEVER
-    is_place = jnp.broadcast_to(places(grid), steps.shape)
+    is_node = jnp.broadcast_to(lane_nodes(grid), steps.shape)
     counts, town = measure(grid), measure_town(grid)
     return {
-        "never": 1 - known.sum() / is_place.sum(),
+        "never": 1 - known.sum() / is_node.sum(),
         "tiles": jnp.where(known, steps, 0).sum() / jnp.maximum(known.sum(), 1),
         "ambiguity": ambiguity(grid) / 100,
         "cyclomatic": counts.cyclomatic,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Int, Int8, Key
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax import InputError, evolve, random_grids, repair
-from elitelanes_jax.drive import UNREACHABLE, Level, Place, distances, random_level
+from elitelanes_jax.drive import UNREACHABLE, LaneNode, Level, distances, random_level
 from elitelanes_jax.formats import from_duckietown, without_dead_ends
 from elitelanes_jax.network import canonical_form
 from elitelanes_jax.network.wfc import generate_batch
@@ -146,7 +146,7 @@ def human_maps(folder: Path) -> NDArray[np.int8]:
     """Reads the maps in a folder of Duckietown's YAML files that fit on 8 x 8 tiles, int8 ``[N, 8, 8]``.
 
     Roads that lead nowhere are removed, and empty rows and columns around the rest; maps that are equal when rotated or
-    mirrored count once. Files that are no map, or have no place 12 tiles from another, are left out.
+    mirrored count once. Files that are no map, or have no node 12 tiles from another, are left out.
     """
     found: dict[bytes, NDArray[np.int8]] = {}
     for file in sorted(folder.glob("*.yaml")):
@@ -166,8 +166,8 @@ def human_maps(folder: Path) -> NDArray[np.int8]:
 
 
 def _furthest(grid: NDArray[np.int8]) -> int:
-    """Returns the largest distance from one place to another."""
-    goals = Place(*(jnp.asarray(part.ravel()) for part in np.indices((SIDE, SIDE, 4))))
+    """Returns the largest distance from one node to another."""
+    goals = LaneNode(*(jnp.asarray(part.ravel()) for part in np.indices((SIDE, SIDE, 4))))
     away = np.asarray(jax.vmap(lambda goal: distances(jnp.asarray(grid), goal))(goals))
     return int(away[away < UNREACHABLE].max(initial=0))
 

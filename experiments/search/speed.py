@@ -262,41 +262,54 @@ def _cores(repetitions: int) -> list[Record]:
     return rows
 
 
-_FIRST_CALL = """
+_ALONE = """
 import time
 began = time.perf_counter()
 import jax
 from elitelanes_jax import evolve, use_compile_cache
-imported = time.perf_counter()
 use_compile_cache()
-jax.block_until_ready(evolve(0, {arguments}, progress=False).elites)
-spent = time.perf_counter() - imported
+seconds = [time.perf_counter() - began]
+for key in range(2):
+    began = time.perf_counter()
+    jax.block_until_ready(evolve(key, {arguments}, progress=False).elites)
+    seconds.append(time.perf_counter() - began)
 from pathlib import Path
 status = Path("/proc/self/status")  # `resource` also counts the process that started this one
 most = int(status.read_text().split("VmHWM:")[1].split()[0]) / 1024 if status.exists() else float("nan")
-print(imported - began, spent, most)
+print(*seconds, most)
 """
 
 
 def _call_alone(cache: str, arguments: str) -> list[float]:
-    """Returns the seconds of the import and of a first `evolve` in a new process, and its peak memory in MiB."""
+    """Returns the seconds of the import and of two calls of `evolve` in a new process, and its peak memory in MiB."""
     _pin(len(_CORES))
-    command = [sys.executable, "-c", _FIRST_CALL.format(arguments=arguments)]
+    command = [sys.executable, "-c", _ALONE.format(arguments=arguments)]
     environment = os.environ | {"XDG_CACHE_HOME": cache}
     printed = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
     return [float(word) for word in printed.split()]
 
 
-def _first_call(_: int) -> list[Record]:
-    """Measures the first `evolve` in a process, and in a second process that finds the programs compiled."""
-    print("\nimport, and the first call of evolve, all cores\n")
+_STARTS = {
+    "6 x 6, 2 seeds, 2,000 evaluations": "(6, 6), seeds=2, evaluations=2_000",
+    "12 x 12, 8 seeds, 2,000 evaluations": "seeds=8, evaluations=2_000",
+    "12 x 12, 16 seeds, 50,000 evaluations": "seeds=16, evaluations=50_000",
+}
+
+
+def _start(repetitions: int) -> list[Record]:
+    """Measures whole searches in new processes: with nothing cached, cached, and as a second call in the process."""
+    print("\nseconds of a search in a new process, all cores; programs of short searches are not optimised\n")
+    print(f"{'search':>38} {'import':>8} {'cold':>8} {'cached':>8} {'second call':>12}")
     rows: list[Record] = []
-    for preset in ("paper", "tuned"):
-        with tempfile.TemporaryDirectory() as folder:
-            for state in ("nothing cached", "cached"):
-                importing, calling, _most = _call_alone(folder, f"preset={preset!r}, generations=1")
-                rows.append({"preset": preset, "state": state, "import": importing, "call": calling})
-                print(f"MAP-Elites, {preset}, {state:>14}: import {importing:.1f} s, call {calling:.1f} s")
+    for name, arguments in _STARTS.items():
+        found = []
+        for _ in range(repetitions // 16 + 1):
+            with tempfile.TemporaryDirectory() as folder:
+                cold = _call_alone(folder, arguments)[1]
+                found.append((cold, *_call_alone(folder, arguments)[:3]))
+        cold, importing, cached, second = (float(one) for one in np.median(found, axis=0))
+        rows.append({"search": name, "import": importing, "cold": cold, "cached": cached, "second call": second})
+        print(f"{name:>38} {importing:>8.2f} {cold:>8.2f} {cached:>8.2f} {second:>12.3f}")
     return rows
 
 
@@ -307,7 +320,7 @@ def _memory(_: int) -> list[Record]:
     with tempfile.TemporaryDirectory() as folder:
         for seeds in (16, 64):
             _call_alone(folder, f"seeds={seeds}, generations=1")  # compiles: the compiler's memory does not count
-            rows.append({"seeds": seeds, "MiB": _call_alone(folder, f"seeds={seeds}, generations=256")[2]})
+            rows.append({"seeds": seeds, "MiB": _call_alone(folder, f"seeds={seeds}, generations=256")[3]})
             print(f"{seeds} seeds: at most {rows[-1]['MiB']:,.0f} MiB")
     return rows
 
@@ -319,7 +332,7 @@ _PARTS: dict[str, Callable[[int], list[Record]]] = {
     "run": _whole_run,
     "steps": _steps,
     "cores": _cores,
-    "first_call": _first_call,
+    "start": _start,
     "memory": _memory,
 }
 

@@ -1,7 +1,7 @@
 /** The runs on the page, unpacked from Python's values and its compressed arrays. */
 import type { Grid } from "./network/codes";
 import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
-import { alphabetMask, COUNT_NAMES, fitness, measure, type Weights } from "./network/measure";
+import { alphabetMask, METRIC_NAMES, fitness, measure, type Weights } from "./network/measure";
 
 interface ArrayRef {
   readonly array: readonly [type: string, start: number, count: number];
@@ -55,6 +55,7 @@ interface RunValues {
     readonly success: boolean;
     readonly poses: ArrayRef;
   }[];
+  readonly usual_fitness: boolean;
   readonly floors: readonly (readonly [number, number])[] | null;
   readonly record: Readonly<Record<string, unknown>>;
 }
@@ -86,8 +87,8 @@ export interface Ride {
 
 export interface History {
   readonly evaluations: Float64Array;
-  /** One row per seed. */
-  readonly best_fitness: readonly Int32Array[];
+  /** One row per seed. The best fitness is infinite before a seed has an elite. */
+  readonly best_fitness: readonly Float64Array[];
   readonly elite_count: readonly Int32Array[];
 }
 
@@ -107,8 +108,8 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = await new Response(stream).arrayBuffer();
   function read<T extends keyof typeof TYPES>(type: T, ref: ArrayRef): Typed<T> {
-    const [given, start, count] = ref.array;
-    if (given !== type) throw new TypeError(`expected ${type}, got ${given}`);
+    const [stored, start, count] = ref.array;
+    if (stored !== type) throw new TypeError(`expected ${type}, got ${stored}`);
     return new TYPES[type](bytes, start, count) as Typed<T>;
   }
   const runs = values.runs.map((run) => {
@@ -117,7 +118,7 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
     for (let cell = 0; cell < codes.length; cell++) codes[cell] = (halves[cell >> 1] >> (cell & 1 ? 4 : 0)) & 15;
     const history = run.history && {
       evaluations: read("float64", run.history.evaluations),
-      best_fitness: rows(read("int32", run.history.best_fitness), run.history.steps),
+      best_fitness: rows(read("float64", run.history.best_fitness), run.history.steps),
       elite_count: rows(read("int32", run.history.elite_count), run.history.steps),
     };
     const features = new Map(Object.entries(run.features).map(([name, ref]) => [name, read("int32", ref)]));
@@ -127,7 +128,8 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
       return { elite, goal, success, x, y, theta };
     });
-    const [fit, niche] = [run.fitness, run.niche].map((ref) => ref && read("int32", ref));
+    const fit = run.fitness && read(run.fitness.array[0] === "float32" ? "float32" : "int32", run.fitness);
+    const niche = run.niche && read("int32", run.niche);
     return new Run(run, codes, fit, niche, read("int32", run.seed), features, history, rides);
   });
   return {
@@ -139,8 +141,11 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
   };
 }
 
-function rows(values: Int32Array, length: number): Int32Array[] {
-  return Array.from({ length: values.length / length }, (_, row) => values.subarray(row * length, (row + 1) * length));
+function rows<T extends Int32Array | Float64Array>(values: T, length: number): T[] {
+  return Array.from(
+    { length: values.length / length },
+    (_, row) => values.subarray(row * length, (row + 1) * length) as T,
+  );
 }
 
 /** The elites that the archive shows: of one seed, the best of all seeds, or the number of seeds with one. */
@@ -158,11 +163,14 @@ export class Run {
   readonly labels: readonly string[] | null;
   readonly maps: readonly ChosenMap[];
   readonly record: Readonly<Record<string, unknown>>;
+  /** Whether the fitness is the weighted sum of features plus the penalty of ranges. */
+  readonly usualFitness: boolean;
+  /** The proven minimum of the usual fitness by cyclomatic number, null if none is known. */
   readonly floors: ReadonlyMap<number, number> | null;
   /** The number of elites. */
   readonly count: number;
   /** For each elite, its fitness, its niche and its seed. */
-  readonly fitness: Int32Array;
+  readonly fitness: Int32Array | Float32Array;
   readonly niche: Int32Array;
   private readonly metrics: Int32Array;
   private readonly measured: Uint8Array;
@@ -173,7 +181,7 @@ export class Run {
   constructor(
     values: RunValues,
     private readonly codes: Uint8Array,
-    fit: Int32Array | null,
+    fit: Int32Array | Float32Array | null,
     niche: Int32Array | null,
     readonly seed: Int32Array,
     /** Features that the search measured beside the metrics. */
@@ -185,9 +193,10 @@ export class Run {
     ({ name: this.name, seeds: this.seeds, axes: this.axes, weights: this.weights } = values);
     ({ labels: this.labels, maps: this.maps, record: this.record } = values);
     this.alphabet = alphabetMask(values.alphabet);
+    this.usualFitness = values.usual_fitness;
     this.floors = values.floors && new Map(values.floors);
     this.count = seed.length;
-    const size = COUNT_NAMES.length;
+    const size = METRIC_NAMES.length;
     this.metrics = new Int32Array(this.count * size);
     this.measured = new Uint8Array(this.count);
     this.niche =
@@ -205,10 +214,10 @@ export class Run {
   /** Returns the metrics of an elite, measured at the first call. */
   metricsOf(elite: number): Int32Array {
     if (!this.measured[elite]) {
-      measure(this.grid(elite), this.alphabet, this.metrics, elite * COUNT_NAMES.length);
+      measure(this.grid(elite), this.alphabet, this.metrics, elite * METRIC_NAMES.length);
       this.measured[elite] = 1;
     }
-    return this.metrics.subarray(elite * COUNT_NAMES.length, (elite + 1) * COUNT_NAMES.length);
+    return this.metrics.subarray(elite * METRIC_NAMES.length, (elite + 1) * METRIC_NAMES.length);
   }
 
   get niches(): number {
@@ -316,7 +325,7 @@ export function choosePictures(grid: Grid, data: Data, known: readonly number[] 
 
 /** Returns the share of sorted values below a value, plus half of the share that equals it. */
 export function quantileOf(sorted: Float64Array, value: number): number {
-  return (bisect(sorted, value) + bisect(sorted, value + 1e-9)) / 2 / Math.max(sorted.length, 1);
+  return (bisect(sorted, value) + bisect(sorted, value, true)) / 2 / Math.max(sorted.length, 1);
 }
 
 export function quantile(sorted: Float64Array, share: number): number {
@@ -326,13 +335,13 @@ export function quantile(sorted: Float64Array, share: number): number {
   return sorted[low] + (sorted[high] - sorted[low]) * (position - low);
 }
 
-/** Returns the number of sorted values below a value. */
-export function bisect(sorted: ArrayLike<number>, value: number): number {
+/** Returns the number of sorted values below a value, or at most equal to it. */
+export function bisect(sorted: ArrayLike<number>, value: number, orEqual = false): number {
   let low = 0;
   let high = sorted.length;
   while (low < high) {
     const middle = (low + high) >> 1;
-    if (sorted[middle] < value) low = middle + 1;
+    if (sorted[middle] < value || (orEqual && sorted[middle] === value)) low = middle + 1;
     else high = middle;
   }
   return low;

@@ -1,14 +1,14 @@
-/** The state of the editor: the map, the cells that are given, and earlier states for undo. */
+/** The state of the editor: the map, the fixed cells, and earlier states for undo. */
 import { rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
 import { repair } from "./network/repair";
 
-export const TOOLS = ["road", "cut", "erase", "tile", "given", "forbidden"] as const;
+export const TOOLS = ["road", "cut", "erase", "tile", "fixed", "forbidden"] as const;
 export type Tool = (typeof TOOLS)[number];
 
 export interface Drawing {
   readonly grid: Grid;
   /** For each cell, 1 if `--fix` keeps it. */
-  readonly given: Uint8Array;
+  readonly fixed: Uint8Array;
 }
 
 export interface Editor extends Drawing {
@@ -25,30 +25,30 @@ export interface Mending {
 
 const MOST_STEPS = 200;
 
-export function editorOf(grid: Grid, given: Uint8Array = new Uint8Array(grid.codes.length)): Editor {
-  return { grid, given, past: [], future: [], start: grid };
+export function editorOf(grid: Grid, fixed: Uint8Array = new Uint8Array(grid.codes.length)): Editor {
+  return { grid, fixed, past: [], future: [], start: grid };
 }
 
 /** Returns the editor with a new drawing, as a step that can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
-  if (sameGrid(editor.grid, drawing.grid) && editor.given.every((given, cell) => given === drawing.given[cell]))
+  if (sameGrid(editor.grid, drawing.grid) && editor.fixed.every((fixed, cell) => fixed === drawing.fixed[cell]))
     return editor;
-  const { grid, given } = editor;
-  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, given }], future: [] };
+  const { grid, fixed } = editor;
+  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, fixed }], future: [] };
 }
 
 export function undo(editor: Editor): Editor {
   const last = editor.past.at(-1);
-  const { grid, given } = editor;
+  const { grid, fixed } = editor;
   return last
-    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, given }, ...editor.future] }
+    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, fixed }, ...editor.future] }
     : editor;
 }
 
 export function redo(editor: Editor): Editor {
   const [next, ...future] = editor.future;
-  const { grid, given } = editor;
-  return next ? { ...editor, ...next, past: [...editor.past, { grid, given }], future } : editor;
+  const { grid, fixed } = editor;
+  return next ? { ...editor, ...next, past: [...editor.past, { grid, fixed }], future } : editor;
 }
 
 /** A stroke: the tool, the tile that it sets, and the cells that it touched, in order. */
@@ -77,11 +77,11 @@ export function between(width: number, from: number, to: number): number[] {
 export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending: Mending): Drawing {
   const { height, width } = drawing.grid;
   const codes = drawing.grid.codes.slice();
-  const given = drawing.given.slice();
-  if (tool === "given") {
-    const on = 1 - given[cells[0]];
-    for (const cell of cells) given[cell] = on;
-    return { grid: drawing.grid, given };
+  const fixed = drawing.fixed.slice();
+  if (tool === "fixed") {
+    const on = 1 - fixed[cells[0]];
+    for (const cell of cells) fixed[cell] = on;
+    return { grid: drawing.grid, fixed };
   }
   const dirty = new Uint8Array(codes.length);
   for (const cell of cells) dirty[cell] = 1;
@@ -99,16 +99,16 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   } else {
     for (const cell of cells) {
       codes[cell] = tool === "tile" ? tile : 0;
-      if (tool === "forbidden") given[cell] = 1;
+      if (tool === "forbidden") fixed[cell] = 1;
     }
   }
   const plain = { height, width, codes };
-  const fixed = given.map((one, cell) => +(one === 1 && !dirty[cell]));
-  return { grid: mending.repair ? repair(plain, { dirty, fixed, fill: mending.fill }) : plain, given };
+  const held = fixed.map((one, cell) => +(one === 1 && !dirty[cell]));
+  return { grid: mending.repair ? repair(plain, { dirty, fixed: held, fill: mending.fill }) : plain, fixed };
 }
 
 /** Returns a drawing of another size, cut or filled up with empty cells. */
-export function resized({ grid, given }: Drawing, height: number, width: number): Drawing {
+export function resized({ grid, fixed }: Drawing, height: number, width: number): Drawing {
   const codes = new Uint8Array(height * width);
   const marks = new Uint8Array(height * width);
   rowsOf(grid)
@@ -116,8 +116,8 @@ export function resized({ grid, given }: Drawing, height: number, width: number)
     .forEach((row, y) =>
       row.slice(0, width).forEach((code, x) => {
         codes[y * width + x] = code;
-        marks[y * width + x] = given[y * grid.width + x];
+        marks[y * width + x] = fixed[y * grid.width + x];
       }),
     );
-  return { grid: { height, width, codes }, given: marks };
+  return { grid: { height, width, codes }, fixed: marks };
 }

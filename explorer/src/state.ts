@@ -132,14 +132,17 @@ export function whereText(ranges: Ranges, unit: (name: string) => number = () =>
     .join(" ");
 }
 
+const NUMBER = /(-?\d+(?:\.\d+)?(?:e[-+]?\d+)?)?/.source;
+const RANGE = new RegExp(`^(\\w+)=${NUMBER}(?:(\\.\\.)${NUMBER})?$`);
+
 function parseWhere(text: string): Ranges {
   const ranges: Record<string, readonly [number, number]> = {};
   for (const word of text.split(" ")) {
-    const found = /^(\w+)=(-?\d*)(?:(\.\.)(-?\d*))?$/.exec(word);
+    const found = RANGE.exec(word);
     if (!found) continue;
-    const low = found[2] === "" ? -Infinity : Number(found[2]);
-    const high = found[3] ? (found[4] === "" ? Infinity : Number(found[4])) : low;
-    ranges[found[1]] = [low, high];
+    const [, name, first, dots, last] = found;
+    const low = Number(first ?? -Infinity);
+    ranges[name] = [low, dots ? Number(last ?? Infinity) : low];
   }
   return ranges;
 }

@@ -7,7 +7,10 @@ interface Words {
 }
 
 export const WORDS: Readonly<Record<string, Words>> = {
-  fitness: { name: "Fitness", meaning: "weighted sum of the metrics; lower is better" },
+  fitness: {
+    name: "Fitness",
+    meaning: "what the search minimises, by default a weighted sum of the metrics; lower is better",
+  },
   above_floor: {
     name: "Above the proven floor",
     meaning: "fitness minus the proven minimum of the niche",
@@ -89,8 +92,15 @@ export function flagWords(axis: Axis, bin: number): string | null {
 
 const whole = new Intl.NumberFormat("en", { maximumFractionDigits: 0 });
 
+const fraction = new Intl.NumberFormat("en", { maximumSignificantDigits: 5 });
+
+/** Writes a number. Fractions are kept below 10,000, with five digits. */
 export function number(value: number): string {
-  return whole.format(Math.round(value) || 0).replace("-", "−");
+  const text =
+    Number.isInteger(value) || Math.abs(value) >= 10_000
+      ? whole.format(Math.round(value) || 0)
+      : fraction.format(value);
+  return text.replace("-", "−");
 }
 
 /** Writes the value of a quantity. Shares are in per cent. */

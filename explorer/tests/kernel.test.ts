@@ -4,7 +4,7 @@ import { describe, expect, test } from "vitest";
 import { gridOf, rowsOf, type Grid } from "../src/network/codes";
 import { binOf, binsOf, feature, nicheAt, nicheOf, type Axis } from "../src/network/features";
 import { FileError, fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "../src/network/formats";
-import { alphabetMask, COUNT_NAMES, fitness, measure, type CountName, type Weights } from "../src/network/measure";
+import { alphabetMask, METRIC_NAMES, fitness, measure, type MetricName, type Weights } from "../src/network/measure";
 import { repair } from "../src/network/repair";
 import { measureTown } from "../src/network/town";
 
@@ -43,7 +43,7 @@ describe.each(cases)("a grid $rows", (one) => {
   });
 
   test("niche", () => {
-    const value = (name: string) => metrics[COUNT_NAMES.indexOf(name as CountName)];
+    const value = (name: string) => metrics[METRIC_NAMES.indexOf(name as MetricName)];
     expect(one.axes.map((axis) => binOf(axis, value(axis.metric)))).toEqual(one.bins);
     const niche = nicheOf(one.axes, value);
     expect(niche).toBe(nicheAt(one.axes, one.bins));
@@ -64,8 +64,8 @@ describe.each(cases)("a grid $rows", (one) => {
       expect(rowsOf(fromDuckietown(one.duckietown))).toEqual(one.rows);
     }
     expect(rowsOf(readMap(toMapJson(grid), "map.json").grid)).toEqual(one.rows);
-    const given = Uint8Array.from(grid.codes, (_, cell) => +(cell % 2 === 0));
-    expect(readMap(toFix(grid, given), "fix.json").given).toEqual(given.includes(0) ? given : null);
+    const fixed = Uint8Array.from(grid.codes, (_, cell) => +(cell % 2 === 0));
+    expect(readMap(toFix(grid, fixed), "fix.json").fixed).toEqual(fixed.includes(0) ? fixed : null);
   });
 });
 

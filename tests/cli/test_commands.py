@@ -18,6 +18,7 @@ import jax
 import numpy as np
 import pytest
 
+from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.signals import catch_interrupts
 from elitelanes_jax.network.metrics import measure
@@ -222,7 +223,7 @@ WRONG = {
         ["--where", "bridges=1", "bridges=2"],
         "--where: expected each feature once, got bridges 2 times",
     ),
-    "no weight": (["--weights", "bridges"], "--weights: expected NAME=N with a whole number, got 'bridges'"),
+    "no weight": (["--weights", "bridges"], "--weights: expected NAME=N with a whole number, -2147483648 to "),
     "a weight of nothing": (["--weights", "speed=3"], "--weights: expected a metric such as dead_ends, or"),
     "no axis": (["--axes", "cyclomatic"], "--axes 'cyclomatic': expected NAME:BINS or NAME:BINS:WIDTH"),
     "an axis of nothing": (["--axes", "speed:3"], "--axes 'speed:3': expected a metric, or a share such"),
@@ -561,3 +562,20 @@ def test_without_a_place_for_compiled_programs_it_is_only_slower(monkeypatch):
         assert jax.config.values["jax_compilation_cache_dir"] is None
     finally:
         jax.config.update("jax_compilation_cache_dir", settings)
+
+
+def test_the_last_line_names_a_program_that_can_be_started(tmp_path, monkeypatch, capsys):
+    """`make demo` starts it in the environment's folder, which is not on the PATH."""
+    line = "generate --size 5 6 --maps 1 --generations 3 --method ea --preset paper --tile-px 16"
+    for number, (found, started, name) in enumerate(
+        (
+            (None, ".venv/bin/elitelanes", ".venv/bin/elitelanes"),
+            ("/bin/elitelanes", "/bin/elitelanes", "elitelanes"),
+            (None, "pytest", "elitelanes"),
+        )
+    ):
+        monkeypatch.setattr(program, "which", lambda _, found=found: found)
+        monkeypatch.setattr("sys.argv", [started])
+        out = tmp_path / str(number)
+        assert main([*line.split(), "--out", str(out)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == f"{name} explore {out} --open shows all that was found"

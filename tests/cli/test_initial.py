@@ -74,8 +74,8 @@ def test_such_a_run_continues_as_any_other():
     [
         ({"initial": [TOWN[:3]]}, "initial: expected maps of 4 x 5, got one of 3 x 5"),
         ({"initial": [TOWN] * 21}, "initial: expected at most 20 grids, the number a run starts from, got 21"),
-        ({"initial": [TOWN + 9]}, "initial: grid: expected tile codes 0 to 15"),
-        ({"initial": 6}, "initial: expected grids or files of maps, got 6"),
+        ({"initial": [TOWN + 9]}, "initial: map 0: grid: expected tile codes 0 to 15"),
+        ({"initial": 6}, "initial: expected maps, grids or files of maps, got 6"),
         ({"initial": [TOWN], "method": "pso"}, "initial: expected none with the paper's PSO"),
     ],
 )

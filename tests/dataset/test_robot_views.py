@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
@@ -44,6 +45,11 @@ def test_offset_heading_and_curvature_are_those_of_the_lane():
     where = jax.vmap(lambda pose, movement: lane_pose(TOWN, pose, movement))(pose, movement)
     assert where.found.all() and where.own_lane.all()
     assert np.abs(d).max() < 0.1001 and np.abs(phi).max() < np.radians(30.01)
+    near = jax.vmap(lambda pose: lane_pose(TOWN, pose))(pose)
+    for name, values in (("d", near.d), ("phi", near.phi), ("curvature", lane_curvature(near.movement.turn))):
+        np.testing.assert_allclose(values, [about["nearest"][name] for about in abouts], atol=1e-5)
+    others = [about["nearest"]["d"] != pytest.approx(about["d"]) for about in abouts]
+    assert 0.1 < np.mean(others) < 0.5
     turns, counts = np.unique(movement.turn, return_counts=True)
     assert turns.tolist() == [0, 1, 2] and counts.min() > 50
 
@@ -123,10 +129,35 @@ def test_datasets_of_all_layouts_have_poses_in_their_metadata(layout, tmp_path):
     rows = [json.loads(line) for line in listed.read_text().splitlines()]
     assert len(rows) == 4
     for row in rows:
-        assert {"d", "phi", "curvature", "pose", "movement", "camera", "transform"} <= set(row)
+        assert {"d", "phi", "curvature", "nearest", "pose", "movement", "camera", "transform"} <= set(row)
         assert row["pixels"] == [24, 32]
     poses = [tuple(row["pose"].values()) for row in rows]
     assert all(one != other for one, other in pairwise(poses))
+
+
+@pytest.mark.parametrize("camera", [True, False])
+@pytest.mark.parametrize("layout", ["imagefolder", "coco", "mmseg", "plain"])
+def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if camera:
+        make(tmp_path / "one", format=layout)
+    else:
+        spec = DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, transforms="none", format=layout)
+        maps = [RoadMap(TOWN)] * 4
+        make_dataset(spec, tmp_path / "one", workers=1, maps=maps)
+    (program,) = [text for _, text in blocks((tmp_path / "one" / "README.md").read_text(), "python") if "rows" in text][
+        -1:
+    ]
+    assert len([line for line in program.splitlines() if line]) <= 9
+    found = {}
+    exec(program.replace("DIR", "one"), found)
+    size, targets = ((24, 32), (2,)) if camera else ((64, 64), (4, 4))
+    assert capsys.readouterr().out == f"4 {(*size, 3)} {size} {targets}\n"
+    assert all(set(np.unique(labels)) <= {0, 1, 2, 3} for labels in found["labels"])
+    if camera:
+        assert [one.tolist() for one in found["poses"]] == [
+            [row["nearest"]["d"], row["nearest"]["phi"]] for row in found["rows"]
+        ]
 
 
 def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, monkeypatch):

@@ -35,17 +35,17 @@ def test_commands_print_what_is_shown(repository, capsys):
             assert printed == output
             shown += 1
         if language == "yaml":
-            assert Path("towns/village.yaml").read_text() == text
+            assert Path("exported-towns/village.yaml").read_text() == text
             shown += 1
     assert shown == 3
     written = {str(file) for file in Path().rglob("*.*") if file.is_file()}
     assert {f"plain/town.{kind}.xml" for kind in ("nod", "edg", "con")} < written
-    assert {"town.yaml", "tiles.graphml", "crossings.graphml", "metrics.csv", "metrics.json"} < written
+    assert {"exported.yaml", "tiles.graphml", "crossings.graphml", "metrics.csv", "metrics.json"} < written
 
 
 @pytest.mark.slow
 def test_a_search_begins_with_the_town_that_is_written(repository):
-    (written,) = (command for command in commands(PAGE) if {"town.yaml", "export"} <= set(command))
+    (written,) = (command for command in commands(PAGE) if {"exported.yaml", "export"} <= set(command))
     (search,) = (command for command in commands(PAGE) if command[0] == "generate")
     assert [main(written), main(search)] == [0, 0]
 

@@ -8,6 +8,7 @@ import runpy
 import shlex
 import shutil
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -56,9 +57,9 @@ def test_programs_run_and_print_what_they_say(page, program, capsys, tmp_path, m
             pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     shutil.copytree(DOCS / "examples", "docs/examples")
-    if "maps/maps" in program:  # that the command before it writes
+    for folder in re.findall(r'Path\("([\w-]+/maps)"\)', program):  # that the command before it writes
         for number in range(2):
-            file = Path(f"maps/maps/{number:04d}/map.json")
+            file = Path(f"{folder}/{number:04d}/map.json")
             file.parent.mkdir(parents=True)
             file.write_text(map_to_json(RoadMap(np.array([[6, 7, 3], [12, 13, 9]]))))
     run_program(program, page, capsys)
@@ -68,9 +69,9 @@ def test_programs_run_and_print_what_they_say(page, program, capsys, tmp_path, m
 def test_the_page_on_driving_leads_from_maps_to_a_film(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("docs").symlink_to(DOCS)
-    generate, film = (command for command in commands(PAGES["docs/drive.md"]) if command[-1] in ("maps", "20"))
+    generate, film = (command for command in commands(PAGES["docs/drive.md"]) if command[-1] in ("drive-maps", "20"))
     assert main(generate) == 0
-    (program,) = (text for _, text in blocks(PAGES["docs/drive.md"], "python") if "maps/maps" in text)
+    (program,) = (text for _, text in blocks(PAGES["docs/drive.md"], "python") if "drive-maps/maps" in text)
     run_program(program, "docs/drive.md", capsys)
     assert main(film) == 0
     assert Path("trained.mp4").stat().st_size > 10_000
@@ -87,9 +88,10 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copytree(DOCS / "examples", "docs/examples")
     town = DOCS / "examples" / "town.json"
-    Path("town.yaml").write_text(to_duckietown(read_map(town).codes))
-    for number in range(10):  # of 12 x 12 tiles
-        file = Path(f"maps/maps/{number:04d}/map.json")
+    Path("exported.yaml").write_text(to_duckietown(read_map(town).codes))
+    made = {command[command.index("--out") + 1] for command in commands(PAGES[page]) if command[0] == "generate"}
+    for folder, number in product({"maps", *made}, range(10)):  # of 12 x 12 tiles
+        file = Path(f"{folder}/maps/{number:04d}/map.json")
         file.parent.mkdir(parents=True)
         file.write_text(
             map_to_json(
@@ -107,6 +109,20 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
             assert type(read_options(options, defaults)) is type(defaults)
 
 
+def test_commands_of_a_page_run_after_those_of_another():
+    """No two write the same file or folder."""
+    written = [
+        (page, command[command.index("--out") + 1])
+        for page in PAGES
+        if not page.startswith("experiments")
+        for command in commands(PAGES[page])
+        if "--out" in command
+    ]
+    assert len(written) > 60
+    twice = {out: [page for page, one in written if one == out] for _, out in written}
+    assert not {out: pages for out, pages in twice.items() if len(pages) > 1}
+
+
 def test_given_cells_on_the_page_are_those_of_the_file():
     (rows,) = re.findall(r"```json\n(.*?)```", PAGES["docs/generate.md"], re.DOTALL)
     assert rows == (DOCS / "examples" / "city.json").read_text()
@@ -116,7 +132,7 @@ def test_links_targets_and_scripts_are_there():
     for page, text in PAGES.items():
         for link in re.findall(r"\]\((?!https?:)([^)#]+)[^)]*\)", text):
             assert (ROOT / page).parent.joinpath(link).exists(), f"{page}: {link}"
-        for target in re.findall(r"(?:^|`)make ([\w-]+)", text, re.MULTILINE):
+        for target in re.findall(r"(?:^|`)make (?:[A-Z]+=\S+ )*([\w-]+)", text, re.MULTILINE):
             assert f"\n{target}:" in MAKEFILE, f"{page}: make {target}"
         for script in re.findall(r"python ((?:docs|notebooks)/\w+\.py)", text):
             assert (ROOT / script).exists(), f"{page}: {script}"

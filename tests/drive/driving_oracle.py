@@ -26,8 +26,8 @@ def links(grid, row, column):
     return found
 
 
-def place_graph(grid):
-    """Places (row, column, heading) as nodes; an edge for each movement, with its turn."""
+def lane_graph(grid):
+    """Nodes are (row, column, heading); an edge for each movement, with its turn."""
     graph = nx.DiGraph()
     for row, column in np.ndindex(grid.shape):
         open_sides = links(grid, row, column)

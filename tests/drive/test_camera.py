@@ -23,8 +23,8 @@ def scene(drawn_tiles):
     chosen = choose_tiles(grid, drawn_tiles, 1)
     scaled = scale_tiles(drawn_tiles, TILE_PX)
     picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
-    place = (chosen[..., 0] * 4 + chosen[..., 1]).astype(np.int32)
-    return grid, place, make_atlas(scaled["image"], scaled["labels"]), picture
+    tiles = (chosen[..., 0] * 4 + chosen[..., 1]).astype(np.int32)
+    return grid, tiles, make_atlas(scaled["image"], scaled["labels"]), picture
 
 
 def some_poses(grid, count):
@@ -57,11 +57,11 @@ def homography(pose, camera):
 
 
 def test_labels_and_colours_are_those_of_opencvs_warp(scene):
-    grid, place, atlas, picture = scene
+    grid, tiles, atlas, picture = scene
     camera = Camera(rows=60, columns=80)
     same = total = seen = 0
     for pose in some_poses(grid, 12):
-        view = jax.device_get(frame(jax.random.key(0), pose, place, atlas, camera))
+        view = jax.device_get(frame(jax.random.key(0), pose, tiles, atlas, camera))
         matrix = homography(pose, camera)
         # A pixel in front of the camera has a positive third coordinate on the ground, one above the horizon has not.
         columns, rows = np.meshgrid(np.arange(80), np.arange(60))
@@ -110,10 +110,10 @@ def to_camera(ahead, left):
 
 
 def test_light_and_noise_change_colours_alone(scene):
-    grid, place, atlas, _ = scene
+    grid, tiles, atlas, _ = scene
     (pose,) = some_poses(grid, 1)
     plain, dark, noisy = (
-        jax.device_get(frame(jax.random.key(2), pose, place, atlas, camera))
+        jax.device_get(frame(jax.random.key(2), pose, tiles, atlas, camera))
         for camera in (Camera(), Camera(light=0.5), Camera(noise=5.0))
     )
     assert (plain.labels == dark.labels).all() and (plain.labels == noisy.labels).all()
@@ -122,7 +122,7 @@ def test_light_and_noise_change_colours_alone(scene):
     assert 4 < change[plain.image < 200].std() < 6
     poses = Pose(*np.array([pose, pose], np.float32).T)
     both = jax.vmap(look, in_axes=(0, 0, None, None, None))(
-        jax.random.split(jax.random.key(0), 2), poses, place, atlas, Camera()
+        jax.random.split(jax.random.key(0), 2), poses, tiles, atlas, Camera()
     )
     np.testing.assert_array_equal(both.labels[1], plain.labels)
     np.testing.assert_array_equal(both.image[0], plain.image)

@@ -6,14 +6,23 @@ import networkx as nx
 import numpy as np
 import pytest
 from conftest import compilations
-from driving_oracle import place_graph
+from driving_oracle import lane_graph
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive._distances import NO_WAY, UNREACHABLE, Route, distances, places, route, shortest_ways, way_at
-from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive._distances import (
+    NO_WAY,
+    UNREACHABLE,
+    Route,
+    distances,
+    lane_nodes,
+    route,
+    shortest_ways,
+    way_at,
+)
+from elitelanes_jax.drive.lanes import LaneNode
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.repairing import repair
 
@@ -22,7 +31,7 @@ find = jax.jit(distances)
 find_ways = jax.jit(shortest_ways)
 find_route = jax.jit(route, static_argnames="most")
 read_ways = jax.jit(way_at)
-find_places = jax.jit(places)
+find_nodes = jax.jit(lane_nodes)
 any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
 small_grids = hnp.arrays(np.int8, (3, 4), elements=st.sampled_from((3, 5, 6, 7, 9, 11, 12, 13, 14, 15)))
 
@@ -30,8 +39,8 @@ small_grids = hnp.arrays(np.int8, (3, 4), elements=st.sampled_from((3, 5, 6, 7, 
 def lengths_to(graph, goal, shape):
     table = np.full((*shape, 4), UNREACHABLE)
     if goal in graph:
-        for place, length in nx.single_source_shortest_path_length(graph.reverse(copy=False), goal).items():
-            table[place] = length
+        for node, length in nx.single_source_shortest_path_length(graph.reverse(copy=False), goal).items():
+            table[node] = length
     return table
 
 
@@ -39,34 +48,34 @@ def lengths_to(graph, goal, shape):
 @given(any_grids, st.data())
 def test_distances_are_those_of_networkx(grid, data):
     goal = tuple(data.draw(st.integers(0, size - 1)) for size in (*grid.shape, 4))
-    graph = place_graph(grid)
-    listed = {tuple(place) for place in np.argwhere(find_places(grid)).tolist()}
+    graph = lane_graph(grid)
+    listed = {tuple(node) for node in np.argwhere(find_nodes(grid)).tolist()}
     assert listed == set(graph)
-    np.testing.assert_array_equal(find(grid, Place(*goal)), lengths_to(graph, goal, grid.shape))
+    np.testing.assert_array_equal(find(grid, LaneNode(*goal)), lengths_to(graph, goal, grid.shape))
 
 
 @settings(max_examples=40)
 @given(small_grids, st.data())
 def test_ways_and_routes_are_shortest(grid, data):
-    graph = place_graph(grid)
+    graph = lane_graph(grid)
     if not graph:
         return
     listed = sorted(graph)
     start, goal = data.draw(st.sampled_from(listed)), data.draw(st.sampled_from(listed))
     table = lengths_to(graph, goal, grid.shape)
-    turns = read_ways(find_ways(grid, Place(*goal)), Place(*np.array(listed).T))
-    for place, turn in zip(listed, turns.tolist(), strict=True):
-        onward = {data["turn"]: table[there] for _, there, data in graph.out_edges(place, data=True)}
+    turns = read_ways(find_ways(grid, LaneNode(*goal)), LaneNode(*np.array(listed).T))
+    for node, turn in zip(listed, turns.tolist(), strict=True):
+        onward = {data["turn"]: table[there] for _, there, data in graph.out_edges(node, data=True)}
         best = min(onward.values(), default=UNREACHABLE)
         expected = [turn for turn in range(3) if best < UNREACHABLE and onward.get(turn) == best]
         assert turn == (expected[0] if expected else NO_WAY)
-    check_route(graph, find_route(grid, Place(*start), Place(*goal)), start, goal, table[start])
+    check_route(graph, find_route(grid, LaneNode(*start), LaneNode(*goal)), start, goal, table[start])
 
 
 def check_route(graph, found: Route, start, goal, length):
     assert found.length == length
     count = 0 if length == UNREACHABLE else int(length)
-    listed, turns = list(zip(*(part.tolist() for part in found.places), strict=True)), found.turns.tolist()
+    listed, turns = list(zip(*(part.tolist() for part in found.nodes), strict=True)), found.turns.tolist()
     assert listed[0] == start and listed[count] == (goal if length < UNREACHABLE else start)
     assert turns[count:] == [NO_WAY] * (len(turns) - count) and listed[count:] == [listed[count]] * (len(turns) - count)
     for before, turn, after in zip(listed[:count], turns, listed[1 : count + 1], strict=False):
@@ -87,26 +96,26 @@ def serpentine(height, width):
 
 def test_the_longest_way_is_found():
     grid = serpentine(16, 64)  # its distances need 32 bits
-    found = find(grid, Place(15, 0, 3))
+    found = find(grid, LaneNode(15, 0, 3))
     assert found[0, 1, 1] == 16 * 64 - 2
     small = serpentine(4, 5)
-    np.testing.assert_array_equal(find(small, Place(3, 0, 3)), lengths_to(place_graph(small), (3, 0, 3), (4, 5)))
+    np.testing.assert_array_equal(find(small, LaneNode(3, 0, 3)), lengths_to(lane_graph(small), (3, 0, 3), (4, 5)))
 
 
 def test_a_goal_that_is_no_place_is_reached_from_nowhere():
     grid = serpentine(4, 5)
-    for nowhere in (Place(0, 0, 1), Place(-1, 0, 0), Place(9, 9, 2)):
+    for nowhere in (LaneNode(0, 0, 1), LaneNode(-1, 0, 0), LaneNode(9, 9, 2)):
         assert (find(grid, nowhere) == UNREACHABLE).all()
-    assert (find(np.zeros((3, 3), np.int8), Place(1, 1, 0)) == UNREACHABLE).all()
+    assert (find(np.zeros((3, 3), np.int8), LaneNode(1, 1, 0)) == UNREACHABLE).all()
 
 
 @pytest.mark.slow
 def test_a_short_table_keeps_the_first_places():
     grid = serpentine(4, 5)
-    found = find_route(grid, Place(0, 1, 1), Place(3, 0, 3), most=6)
+    found = find_route(grid, LaneNode(0, 1, 1), LaneNode(3, 0, 3), most=6)
     assert found.length == 18 and found.turns.shape == (6,)
-    whole = find_route(grid, Place(0, 1, 1), Place(3, 0, 3))
-    np.testing.assert_array_equal(np.stack(found.places), np.stack(whole.places)[:, :6])
+    whole = find_route(grid, LaneNode(0, 1, 1), LaneNode(3, 0, 3))
+    np.testing.assert_array_equal(np.stack(found.nodes), np.stack(whole.nodes)[:, :6])
     np.testing.assert_array_equal(np.stack(found.movements), np.stack(whole.movements)[:, :6])
 
 
@@ -117,7 +126,7 @@ def many(key, count, shape=SHAPE):
     plain = jax.vmap(lambda grid: repair(grid))(drawn[count // 2 :])
     grids = jnp.concatenate([fill, plain])
     goals = jax.random.randint(filling, (count, 3), 0, jnp.array([*shape, 4]))
-    return grids, Place(*goals.T)
+    return grids, LaneNode(*goals.T)
 
 
 def compare_many(count, seed):
@@ -125,7 +134,7 @@ def compare_many(count, seed):
     found = np.asarray(jax.jit(jax.vmap(distances))(grids, goals))
     for number, grid in enumerate(np.asarray(grids)):
         goal = tuple(int(part[number]) for part in goals)
-        np.testing.assert_array_equal(found[number], lengths_to(place_graph(grid), goal, SHAPE))
+        np.testing.assert_array_equal(found[number], lengths_to(lane_graph(grid), goal, SHAPE))
     return (found < UNREACHABLE).sum()
 
 
@@ -142,14 +151,14 @@ def test_a_hundred_thousand_distances_are_those_of_networkx():
 def test_one_program_serves_all_grids_and_alone_is_as_in_a_batch():
     grids, goals = jax.device_get(many(jax.random.key(9), 4))
     batch = jax.jit(jax.vmap(distances))(grids, goals)
-    find(grids[0], Place(*np.int32([1, 1, 1])))
+    find(grids[0], LaneNode(*np.int32([1, 1, 1])))
     with compilations() as compiled:
-        alone = [find(grid, Place(*goal)) for grid, *goal in zip(grids, *goals, strict=True)]
+        alone = [find(grid, LaneNode(*goal)) for grid, *goal in zip(grids, *goals, strict=True)]
     assert not compiled
     np.testing.assert_array_equal(np.stack(alone), batch)
-    np.testing.assert_array_equal(distances(grids[0], Place(*(part[0] for part in goals))), batch[0])
+    np.testing.assert_array_equal(distances(grids[0], LaneNode(*(part[0] for part in goals))), batch[0])
 
 
 def test_a_wrong_grid_is_refused():
     with pytest.raises(InputError, match="grid: expected tile codes 0 to 15, got -1"):
-        distances(np.full((3, 3), -1), Place(0, 0, 0))
+        distances(np.full((3, 3), -1), LaneNode(0, 0, 0))

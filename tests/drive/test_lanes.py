@@ -115,7 +115,7 @@ def test_a_hundred_thousand_lane_poses_are_those_of_polylines(locate):
 
 
 def test_points_on_a_lane_are_its_polyline_and_have_no_errors():
-    points, errors_of, end_of = jax.jit(lane_point), jax.jit(lane_errors), jax.jit(lambda one: one.next_place)
+    points, errors_of, end_of = jax.jit(lane_point), jax.jit(lane_errors), jax.jit(lambda one: one.next_node)
     for heading, turn in EVERY:
         length = float(lane_length(turn))
         some = np.arange(0, POINTS, 99)

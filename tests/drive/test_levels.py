@@ -6,12 +6,12 @@ import jax
 import networkx as nx
 import numpy as np
 import pytest
-from driving_oracle import place_graph
+from driving_oracle import lane_graph
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive._distances import UNREACHABLE
 from elitelanes_jax.drive._levels import check_level, make_level, make_levels
-from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive.lanes import LaneNode
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.repairing import repair
 
@@ -34,7 +34,7 @@ def test_drawn_levels_are_as_far_as_asked(maps):
         starts = set()
         for number in range(16):
             one = jax.tree.map(lambda part, number=number: np.asarray(part)[number].tolist(), levels)
-            graph = place_graph(maps[number])
+            graph = lane_graph(maps[number])
             lengths = nx.single_source_shortest_path_length(graph.reverse(copy=False), tuple(one.goal))
             assert lengths[tuple(one.start)] == one.shortest > 0
             furthest, asked = max(lengths.values()), [length for length in lengths.values() if least <= length <= most]
@@ -47,7 +47,7 @@ def test_drawn_levels_are_as_far_as_asked(maps):
 def test_goals_are_drawn_from_all_places_that_can_be_reached():
     grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     levels = jax.device_get(make_levels(jax.random.key(3), grid[None], 400))
-    graph = place_graph(grid)
+    graph = lane_graph(grid)
     goals, counts = np.unique(np.stack(levels.goal, axis=1), axis=0, return_counts=True)
     expected = {node for node in graph if graph.in_degree(node)}
     assert {tuple(goal) for goal in goals.tolist()} == expected
@@ -76,20 +76,20 @@ def test_the_same_key_draws_the_same(maps):
         (
             (0, 1, 1),
             (2, 2, 3),
-            "level.goal: expected a place ahead .* got one that no way leads to",
+            "level.goal: expected a node ahead .* got one that no way leads to",
         ),
-        ((0, 1, 1), (0, 1, 1), "level.goal: expected a place ahead that can be reached from the start, got its start"),
-        ((1, 3, 0), (2, 2, 3), "level.goal: expected a place ahead that can be reached"),  # a dead end
+        ((0, 1, 1), (0, 1, 1), "level.goal: expected a node ahead that can be reached from the start, got its start"),
+        ((1, 3, 0), (2, 2, 3), "level.goal: expected a node ahead that can be reached"),  # a dead end
     ],
 )
 def test_faults_of_a_level_are_named(start, goal, message):
-    level = make(RING, Place(*start), Place(*goal))
+    level = make(RING, LaneNode(*start), LaneNode(*goal))
     with pytest.raises(InputError, match=message):
         check_level(level)
 
 
 def test_faults_of_a_batch_are_named(maps, any_types):
-    level = make(RING, Place(0, 1, 1), Place(1, 0, 3))
+    level = make(RING, LaneNode(0, 1, 1), LaneNode(1, 0, 3))
     assert check_level(level) is level and level.shortest == 2
     with pytest.raises(InputError, match="level.grid: expected 4 x 5 tiles, got 3 x 4"):
         check_level(level, SHAPE)
@@ -108,14 +108,14 @@ def test_faults_of_a_batch_are_named(maps, any_types):
         check_level(levels._replace(shortest=levels.shortest[:2]))
     with pytest.raises(InputError, match=re.escape("grids[1]: expected a map with a lane, got one without")):
         make_levels(jax.random.key(0), np.stack([maps[0], 0 * maps[0]]))
-    with pytest.raises(InputError, match=re.escape("grids[0]: grid: expected tile codes 0 to 15, got 16")):
+    with pytest.raises(InputError, match=re.escape("grids: map 0: grid: expected tile codes 0 to 15, got 16")):
         make_levels(jax.random.key(0), np.full((1, *SHAPE), 16))
-    with pytest.raises(InputError, match="grids: expected one or more of one size, .* got several sizes"):
+    with pytest.raises(InputError, match="grids: expected one or more of one size, got several sizes"):
         make_levels(jax.random.key(0), [maps[0], RING])
     with pytest.raises(InputError, match="least: expected a whole number, 1 or more, got nan"):
         make_levels(jax.random.key(0), maps[:1], least=float("nan"))
     for goal in (None, "abc", (1, 2), (float("nan"), 0, 0)):
         with pytest.raises(InputError, match="goal: expected a row, a column and a heading, whole numbers, got "):
-            make_level(RING, Place(0, 1, 1), goal)
+            make_level(RING, LaneNode(0, 1, 1), goal)
     with pytest.raises(InputError, match="level: expected one of make_level, or a batch of make_levels, got None"):
         check_level(None)

@@ -1,4 +1,4 @@
-"""Localisation by elimination, against a driver that keeps a list of the places where it may be."""
+"""Localisation by elimination, against a driver that keeps a list of the nodes where it may be."""
 
 import jax
 import numpy as np
@@ -34,26 +34,26 @@ def slow_steps(grid, asked):
     sides = linked_sides(grid)
     starts = [(*tile, heading) for tile, out in sides.items() for heading in range(4) if (heading + 2) % 4 in out]
 
-    def seen(place):
-        return [int(EXIT[place[2], turn]) in sides[place[:2]] for turn in range(3)]
+    def seen(node):
+        return [int(EXIT[node[2], turn]) in sides[node[:2]] for turn in range(3)]
 
-    def go(place, turn):
+    def go(node, turn):
         for wanted in (turn, turn + 1, turn + 2):
-            out = int(EXIT[place[2], wanted % 3])
-            if out in sides[place[:2]]:
-                return place[0] + SIDES[out].down, place[1] + SIDES[out].right, out
-        return place
+            out = int(EXIT[node[2], wanted % 3])
+            if out in sides[node[:2]]:
+                return node[0] + SIDES[out].down, node[1] + SIDES[out].right, out
+        return node
 
     found = np.full((*grid.shape, 4), NEVER)
     for start in starts:
         here, possible = start, list(starts)
         for step in range(len(asked) + 1):
-            possible = [place for place in possible if seen(place) == seen(here)]
+            possible = [node for node in possible if seen(node) == seen(here)]
             if len(set(possible)) == 1:
                 found[start] = step
                 break
             if step < len(asked):
-                here, possible = go(here, asked[step]), [go(place, asked[step]) for place in possible]
+                here, possible = go(here, asked[step]), [go(node, asked[step]) for node in possible]
     return found
 
 

@@ -1,9 +1,9 @@
-"""RoadNav: every step as a walk in the graph of places, every observation as a turned map."""
+"""RoadNav: every step as a walk in the graph of nodes, every observation as a turned map."""
 
 import jax
 import numpy as np
 import pytest
-from driving_oracle import BITS, place_graph, turned
+from driving_oracle import BITS, lane_graph, turned
 
 from elitelanes_jax.drive._levels import make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
@@ -30,23 +30,23 @@ def test_episodes_are_walks_in_the_graph_of_places(params):
     keys = jax.random.split(jax.random.key(0), COUNT)
     seen, states = start(keys, params.levels, params)
     levels = jax.device_get(params.levels)
-    graphs = [place_graph(grid) for grid in levels.grid]
-    places = [tuple(int(part[number]) for part in levels.start) for number in range(COUNT)]
+    graphs = [lane_graph(grid) for grid in levels.grid]
+    nodes = [tuple(int(part[number]) for part in levels.start) for number in range(COUNT)]
     goals = [tuple(int(part[number]) for part in levels.goal) for number in range(COUNT)]
     over, rng = np.zeros(COUNT, bool), np.random.default_rng(0)
     ends = {"success": 0, "stuck": 0, "cut": 0}
     for tiles in range(1, LIMIT + 1):
-        check_observations(params, jax.device_get(seen), places, goals, over)
+        check_observations(params, jax.device_get(seen), nodes, goals, over)
         # Half of the time the way ahead is one that leads to the goal, so that some episodes get there.
         actions = rng.integers(-1, 4, COUNT)
-        best = [levels.ways[n][place[:2]] >> (2 * place[2]) & 3 for n, place in enumerate(places)]
+        best = [levels.ways[n][node[:2]] >> (2 * node[2]) & 3 for n, node in enumerate(nodes)]
         actions = np.where(rng.random(COUNT) < 0.7, np.minimum(best, 2), actions).astype(np.int32)
         seen, states, reward, terminated, truncated, info, _ = jax.device_get(step(keys, states, actions, params))
         for n in np.flatnonzero(~over):
-            ways = {data["turn"]: there for _, there, data in graphs[n].out_edges(places[n], data=True)}
+            ways = {data["turn"]: there for _, there, data in graphs[n].out_edges(nodes[n], data=True)}
             wanted = min(max(int(actions[n]), 0), 2)
-            places[n] = next(ways[turn % 3] for turn in range(wanted, wanted + 3) if turn % 3 in ways)
-            success, stuck = places[n] == goals[n], places[n] != goals[n] and not graphs[n].out_degree(places[n])
+            nodes[n] = next(ways[turn % 3] for turn in range(wanted, wanted + 3) if turn % 3 in ways)
+            success, stuck = nodes[n] == goals[n], nodes[n] != goals[n] and not graphs[n].out_degree(nodes[n])
             assert terminated[n] == (success or stuck)
             assert truncated[n] == (not terminated[n] and tiles == LIMIT)
             assert reward[n] == pytest.approx(2 * success - 3 * stuck - 0.25)
@@ -61,8 +61,8 @@ def test_episodes_are_walks_in_the_graph_of_places(params):
     assert min(ends.values()) > 0
 
 
-def check_observations(params, seen, places, goals, over):
-    for n, (row, column, heading) in enumerate(places):
+def check_observations(params, seen, nodes, goals, over):
+    for n, (row, column, heading) in enumerate(nodes):
         if over[n]:
             continue
         assert seen.here[n].tolist() == [row, column, heading]

@@ -60,9 +60,9 @@ def test_the_camera_is_an_observation_of_all_wrappers(seeing):
     again, _ = jax.jit(ued.reset_to_level)(key, level)
     assert again.shape == (12, 16, 3)
     # What is seen is what is rendered of the map's own pictures, where a code has one.
-    places = seeing.sight.places[grid.astype(int), 0]
+    tiles = seeing.sight.tiles[grid.astype(int), 0]
     plain = seeing.sight.camera.__class__(rows=12, columns=16)
-    assert (look(key, pose, places, seeing.sight.atlas, plain).labels > 0).any()
+    assert (look(key, pose, tiles, seeing.sight.atlas, plain).labels > 0).any()
     with pytest.raises(InputError, match="rotations: expected a picture of code 0"):
         make_sight(np.zeros((4, 8, 8, 3), np.uint8), np.zeros((4, 8, 8), np.uint8), {5: [(0, 0)]})
 

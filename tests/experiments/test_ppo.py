@@ -11,7 +11,7 @@ from scipy import stats
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import make_level
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
-from elitelanes_jax.drive.lanes import Place
+from elitelanes_jax.drive.lanes import LaneNode
 
 ppo = pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
 from flax import linen as nn  # noqa: E402
@@ -108,7 +108,7 @@ def test_it_learns_the_same_again_and_drives_each_level_to_its_end(any_types):
 
 def test_a_decision_goes_on_to_the_next_choice():
     grid = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [12, 5, 13, 9]], np.int8)
-    level = make_level(grid, Place(0, 1, 1), Place(2, 0, 3))
+    level = make_level(grid, LaneNode(0, 1, 1), LaneNode(2, 0, 3))
     params = RoadNavParams(jax.tree.map(lambda part: jnp.asarray(part)[None], level), limit=9)
     _, state = RoadNav.reset_to_level(jax.random.key(0), level, params)
     decide, step = (jax.jit(e.step) for e in (drivers.at_choices(RoadNav), RoadNav))

@@ -1,5 +1,5 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
-// big.html, own.html, photo64.html, photo32.html, hostile.html, town.yaml; saved files go there too.
+// big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, town.yaml; saved files go there too.
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { browser, require } from "./chromium.mjs";
@@ -180,7 +180,7 @@ async function drag(page, from, to, steps = 6) {
   await button(page, "Undo");
   const undone = await value("Dead ends");
   await button(page, "Redo");
-  await button(page, "Given");
+  await button(page, "Fixed");
   await page.mouse.click(...at(1, 1));
   await button(page, "No road");
   await page.mouse.click(...at(2, 2));
@@ -293,11 +293,11 @@ async function walk(page) {
   await press("Control+z");
   const undone = await tiles();
   await press("Control+y");
-  await go(named("Given"));
+  await go(named("Fixed"));
   await press("Space");
   await go(page.locator(".editor"));
   await press("Enter");
-  const given = await named("fix.json").isEnabled();
+  const fixed = await named("fix.json").isEnabled();
   await page.locator(".weights > summary").focus();
   await press("Enter");
   await go(page.locator(".weight input").first());
@@ -307,7 +307,7 @@ async function walk(page) {
   const end = await page.textContent(".key");
   await go(page.locator(".chart [tabindex]"));
   await press("Home");
-  seen.keys = { missed, where, opened, compared, drawn, undone, given, weights, read: (await page.textContent(".key")) !== end, chart: await focused() };
+  seen.keys = { missed, where, opened, compared, drawn, undone, fixed, weights, read: (await page.textContent(".key")) !== end, chart: await focused() };
   await page.context().close();
 }
 
@@ -378,6 +378,38 @@ async function strokes(page, tiles, row) {
   const values = await page.$$eval(".metrics tr", (rows) => Object.fromEntries(rows.map((row) => [row.children[0].textContent, row.children[1].textContent])));
   await tab(page, "Draw");
   seen.own = { kept, where, note, legend, values, drawn: await page.textContent(".total b"), left: await page.textContent(".total + .note") };
+  await page.context().close();
+}
+
+// A float fitness of the user's.
+{
+  const page = await open("float.html", { hash: "view=maps&where=fitness=-2.5..0.25" });
+  const kept = await page.textContent(".count b");
+  await saved(page, () => button(page, "Save the list"), "float.json");
+  await button(page, "Clear");
+  const least = page.getByLabel("least Fitness");
+  if (!(await least.isVisible())) await page.locator(".filters summary").click();
+  await least.focus();
+  await page.keyboard.press("ArrowRight");
+  await settle(page);
+  const narrowed = await page.textContent(".count b");
+  const range = /fitness=([^,&]*)/.exec(await hash(page))[1];
+  await page.reload();
+  await page.waitForSelector(".count b");
+  const again = await page.textContent(".count b");
+  await tab(page, "Archive");
+  await page.getByText("Even", { exact: true }).click();
+  await settle(page);
+  const marks = await page.$$eval(".legend .ramp span", (spans) => spans.map((span) => span.textContent));
+  const head = await page.textContent(".detail header p");
+  const quantities = await page.getByLabel("Colour", { exact: true }).locator("option").allTextContents();
+  await tab(page, "Draw");
+  seen.float = {
+    kept, narrowed, range, again, marks, head, quantities,
+    total: await page.textContent(".total span"), note: await page.textContent(".total + .note"),
+    row: await page.locator(".metrics tr", { hasText: "Fitness" }).locator(".value").textContent(),
+  };
+  await saved(page, () => button(page, "map.json"), "float-drawn.json");
   await page.context().close();
 }
 

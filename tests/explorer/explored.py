@@ -1,5 +1,7 @@
 """Runs to be explored."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from elitelanes_jax.cli.main import main
@@ -12,7 +14,7 @@ from elitelanes_jax.search.elites import MeasuredElites
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec
 
-__all__ = ["big_result", "own_result", "write_run"]
+__all__ = ["big_result", "float_result", "own_result", "write_run"]
 
 _LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
 
@@ -41,13 +43,22 @@ def own_result():
     fitness = sum(weights[name] * values[name] for name in (*METRIC_NAMES, *dict(spec.weights))) - weights["components"]
     metrics = Metrics(*[values[name] for name in Metrics._fields])
     descriptor = np.stack([features[axis.metric] for axis in spec.axes], axis=-1)
-    elites = MeasuredElites(grids.reshape(2, 20, 6, 6), fitness, descriptor, np.ones((2, 20), bool), metrics, features)
+    elites = MeasuredElites(
+        grids.reshape(2, 20, 6, 6), fitness.astype(np.int32), descriptor, np.ones((2, 20), bool), metrics, features
+    )
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
     none = np.zeros(0, np.int32)
     history = History(
         none, none, np.zeros((2, 0), np.int32), np.zeros((2, 0), np.int32), none * 1.0, np.zeros((2, 0), np.int32)
     )
     return Result(elites, history, state, spec, spec.axes_on((6, 6)))
+
+
+def float_result():
+    """The maps of `own_result`, with a float fitness from -3 to 1."""
+    result = own_result()
+    fitness = np.random.default_rng(1).uniform(-3, 1, result.elites.fitness.shape).astype(np.float32)
+    return replace(result, elites=result.elites._replace(fitness=fitness))
 
 
 def big_result():

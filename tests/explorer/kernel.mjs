@@ -17,12 +17,12 @@ const text = (make) => {
 };
 const made = grids.map(({ rows, dirty, fixed }) => {
   const grid = gridOf(rows);
-  const counts = kernel.measure(grid, mask);
+  const metrics = kernel.measure(grid, mask);
   const yaml = text(() => kernel.toDuckietown(grid));
   return {
-    counts: [...counts],
+    metrics: [...metrics],
     town: town && kernel.measureTown(grid),
-    fitness: kernel.fitness(counts, weights),
+    fitness: kernel.fitness(metrics, weights),
     repaired: dirty && [false, true].map((fill) => [...kernel.repair(grid, { dirty, fixed, fill }).codes]),
     yaml,
     again: yaml.startsWith("tile_size") ? [...kernel.fromDuckietown(yaml).codes] : null,

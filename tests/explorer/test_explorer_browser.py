@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from explored import big_result, own_result, write_run
+from explored import big_result, float_result, own_result, write_run
 
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
@@ -82,6 +82,7 @@ def seen(place, run, drawn):
     (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
     (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
     (place / "own.html").write_text(page_of(collect_result(own_result())))
+    (place / "float.html").write_text(page_of(collect_result(float_result())))
     (place / "big.html").write_text(page_of(collect_result(big_result())))
     for px in (64, 32):
         (place / f"photo{px}.html").write_text(page_of(collect_maps([read_map(TOWN)], tiles=photographs(), tile_px=px)))
@@ -98,7 +99,8 @@ def seen(place, run, drawn):
 
 def test_no_message_no_request_no_dialog(seen):
     assert seen["console"] == []
-    assert set(seen["requests"]) == {"run.html", "big.html", "own.html", "photo64.html", "photo32.html", "hostile.html"}
+    pages = ("run", "big", "own", "float", "photo64", "photo32", "hostile")
+    assert set(seen["requests"]) == {f"{page}.html" for page in pages}
     assert seen["dialogs"] == []
     assert seen["strict"] == 0
     assert seen["refused"] == "refused"
@@ -200,7 +202,25 @@ def test_features_beside_the_metrics_are_shown_filtered_and_saved(seen, place):
     assert own["values"]["Mean detour"] == f"{town.mean_detour / 1000:.2f}"
     assert own["values"]["Repetition"] == f"{town.repetition / 10:.1f} %"
     assert own["drawn"].replace("−", "-").replace(",", "") == str(elites.fitness[best] - 50 * corners[best])
-    assert own["left"] == "Corners: only a search can measure it; the fitness here leaves it out."
+    assert own["left"] == "Corners: only a search can measure it; the sum here leaves it out."
+
+
+def test_a_float_fitness_is_shown_filtered_and_saved_with_its_fractions(seen, place):
+    fitness, shown = float_result().elites.fitness.ravel(), seen["float"]
+    among = sorted(fitness[(fitness >= -2.5) & (fitness <= 0.25)].tolist())
+    assert 0 < len(among) < fitness.size
+    assert shown["kept"] == str(len(among))
+    assert sorted(one.fitness for one in read_maps(place / "float.json")) == among
+    assert shown["range"].endswith("..") and float(shown["range"][:-2]) % 1 != 0
+    assert shown["narrowed"] == shown["again"] == str((fitness >= float(shown["range"][:-2])).sum())
+    marks = [float(mark.replace("−", "-")) for mark in shown["marks"]]
+    assert len(marks) == 5 and abs(marks[0] - fitness.min()) < 1e-4
+    np.testing.assert_allclose(np.diff(marks), (marks[-1] - marks[0]) / 4, rtol=1e-3)
+    assert re.search(r"fitness −?\d\.\d+$", shown["head"])
+    assert "Above the proven floor" not in shown["quantities"]
+    assert (shown["total"], shown["row"]) == ("Weighted sum", "–")
+    assert shown["note"] == "The fitness of this run is a user's function. Only a search can compute it."
+    assert read_map(place / "float-drawn.json").fitness is None
 
 
 def test_drawing(seen, place):
@@ -241,7 +261,7 @@ def test_keys_alone_reach_and_work_everything(seen):
     assert re.fullmatch(r"--where crossings=\d+\.\.\d+", keys["where"])
     assert (keys["opened"], keys["compared"]) == (5, "2")
     assert (keys["drawn"], keys["undone"]) == ("13.3 %", "10.0 %")
-    assert keys["given"] and keys["read"]
+    assert keys["fixed"] and keys["read"]
     assert re.search(r"--weights \w+=-?\d+", keys["weights"])
     assert keys["chart"].startswith("Best fitness against evaluations")
 

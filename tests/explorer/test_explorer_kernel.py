@@ -57,7 +57,7 @@ def made(sample, tmp_path_factory):
 
 def test_metrics_and_fitness_are_equal_on_ten_thousand_grids(sample, made):
     metrics = jax.vmap(lambda grid: measure(grid, ALPHABET))(sample[0])
-    np.testing.assert_array_equal([one["counts"] for one in made], stack_metrics(metrics))
+    np.testing.assert_array_equal([one["metrics"] for one in made], stack_metrics(metrics))
     np.testing.assert_array_equal([one["fitness"] for one in made], fitness(metrics, WEIGHTS))
 
 
@@ -98,7 +98,7 @@ def test_grids_of_all_sizes_are_measured_alike(tmp_path):
     made = run_kernel([{"rows": grid.tolist()} for grid in grids], tmp_path)
     for grid, one in zip(grids, made, strict=True):
         expected = plain_measure(grid, ALPHABET)
-        assert dict(zip(METRIC_NAMES, one["counts"], strict=True)) == {name: expected[name] for name in METRIC_NAMES}
+        assert dict(zip(METRIC_NAMES, one["metrics"], strict=True)) == {name: expected[name] for name in METRIC_NAMES}
 
 
 def test_map_files_are_those_of_python(sample, made, tmp_path):

@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import zlib
+from dataclasses import replace
 from hashlib import sha256
 from html.parser import HTMLParser
 
@@ -17,9 +18,11 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
+from elitelanes_jax.problem.archive import vacant_fitness
+from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""
@@ -173,6 +176,65 @@ def test_a_page_is_replaced_only_by_force_and_other_files_never(tmp_path, capsys
     assert (tmp_path / "page.html").read_text() == "<!doctype html>\nmine"
 
 
+def usual(usual):
+    return usual
+
+
+def whole(usual):
+    return usual + 1
+
+
+def fractional(metrics, usual):
+    return usual / 7 + metrics.tiles
+
+
+@pytest.mark.parametrize(
+    ("options", "dtype", "is_usual", "floors"),
+    [
+        ({}, "int32", True, True),
+        ({"fitness": usual}, "int32", True, True),
+        ({"where": ["crossings=6", "bridges=2"]}, "int32", True, True),
+        ({"weights": {"symmetry": -1}}, "int32", True, False),
+        ({"fitness": whole}, "int32", False, False),
+        ({"fitness": fractional}, "float32", False, False),
+    ],
+)
+def test_floors_are_those_of_the_usual_fitness_and_a_float_fitness_keeps_its_fractions(
+    tmp_path, options, dtype, is_usual, floors
+):
+    result = evolve(0, (6, 6), seeds=2, style="paper", method="map-elites", preset="paper", generations=3, **options)
+    result.save(tmp_path / "result.npz")
+    payload = collect([tmp_path / "result.npz"])
+    (shown,) = payload.values["runs"]
+    blob = zlib.decompress(payload.blob)
+    fitness = np.asarray(result.elites.fitness)[np.asarray(result.elites.valid)]
+    values = read_array(shown["fitness"], blob)
+    assert values.dtype == dtype == shown["fitness"]["array"][0]
+    np.testing.assert_array_equal(values, fitness)
+    assert (fitness % 1 != 0).any() == (dtype == "float32")
+    assert shown["usual_fitness"] is is_usual
+    assert (shown["floors"] is not None) is floors
+    best = read_array(shown["history"]["best_fitness"], blob).reshape(2, -1)
+    np.testing.assert_array_equal(best[:, -1], result.history.best_fitness[:, -1])
+
+
+def test_a_generation_without_elites_has_an_infinite_best_fitness():
+    result = big_result()
+    best = result.history.best_fitness.copy()
+    best[0, 0] = vacant_fitness(best.dtype)
+    payload = collect_result(replace(result, history=result.history._replace(best_fitness=best)))
+    shown = payload.values["runs"][0]["history"]["best_fitness"]
+    best = read_array(shown, zlib.decompress(payload.blob))
+    assert best[0] == np.inf and np.isfinite(best[1:]).all()
+
+
+def test_the_fractions_of_a_map_file_are_kept():
+    payload = collect_maps([RoadMap(LOOP, fitness=-0.25), RoadMap(LOOP, fitness=3)])
+    (shown,) = payload.values["runs"]
+    assert read_array(shown["fitness"], zlib.decompress(payload.blob)).tolist() == [-0.25, 3]
+    assert not shown["usual_fitness"]
+
+
 def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
     (own, big) = collect_results({"own": own_result(), "big": big_result()}, seeds=1).values["runs"]
     assert [(one["name"], one["seeds"], one["seed"]["array"][2]) for one in (own, big)] == [
@@ -198,3 +260,25 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
         collect_maps([])
     with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
         collect([])
+
+
+def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, capsys):
+    """Its relative path is looked up in each folder above the run; another set of the same path is not its own."""
+    home, away = tmp_path / "home", tmp_path / "away"
+    shutil.copytree(default_tiles(), home / "mine")
+    (home / "mine" / "tileset.toml").write_text('name = "my tiles"\n')
+    shutil.copytree(default_tiles(), away / "mine")
+    monkeypatch.chdir(home)
+    line = "generate --size 5 6 --seeds 2 --maps 2 --generations 3 --method ea --preset paper --tile-px 16 --tiles mine"
+    assert main([*line.split(), "--quiet", "--out", "runs/one"]) == 0
+    for folder in (home, home / "runs", away):
+        monkeypatch.chdir(folder)
+        capsys.readouterr()
+        assert main(["explore", str(home / "runs" / "one"), "--out", str(folder / "page.html")]) == 0
+        assert "not in" not in capsys.readouterr().err
+        assert collect([home / "runs" / "one"]).values["tiles"]["name"] == "my tiles"
+    shutil.rmtree(home / "mine")
+    capsys.readouterr()
+    assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
+    said = "the tile pictures of the run are not in mine; the package's own are shown, --tiles names others\n"
+    assert capsys.readouterr().err == said

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored import big_result
+from explored import big_result, float_result
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.explorer._widget import continue_search, show
@@ -85,6 +85,8 @@ def test_a_drawing_comes_back_as_a_grid_and_continues_the_search():
     words = "grid: expected 12 x 12, as the search's, got 2 x 2"
     with pytest.raises(InputError, match=words):
         continue_search(LOOP, result)
+    with pytest.raises(InputError, match="fitness: expected the usual one, got a user's"):
+        continue_search(np.zeros((6, 6), np.int8), float_result())
     explorer, said = show(result), []
     explorer.send = said.append
     explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+from elitelanes_jax.formats.road_map import Drawn, RoadMap, as_maps, map_to_json, read_map
 
 CODES = np.array([[6, 5, 3], [12, 5, 9]], np.int8)
 WHOLE = RoadMap(
@@ -65,6 +65,39 @@ def test_a_map_of_numpy_s_numbers_is_written_like_one_of_python_s(tmp_path):
     np.testing.assert_array_equal(back.codes, CODES)
 
 
+def test_a_map_cannot_be_changed_after_it_was_checked():
+    codes = np.array([[6, 3], [12, 9]], np.int8)
+    loop = RoadMap(codes)
+    codes[0, 0] = 99
+    with pytest.raises(ValueError, match="read-only"):
+        loop.codes[0, 0] = 99
+    assert loop.codes.tolist() == [[6, 3], [12, 9]]
+
+
+def test_maps_are_equal_if_their_files_are():
+    again = replace(WHOLE)
+    assert again == WHOLE
+    assert hash(again) == hash(WHOLE)
+    assert not any(other == WHOLE for other in (RoadMap(CODES), replace(WHOLE, codes=15 - CODES), "a text", None))
+    assert WHOLE in [RoadMap([[0]]), again]
+
+
+@pytest.mark.parametrize("name", ["loop.yaml", "loop.png", "loop.npz"])
+def test_maps_are_saved_under_names_that_are_read_as_maps(name, tmp_path):
+    with pytest.raises(InputError, match=rf"^file: expected a name that ends in .json, got .*{name}$"):
+        RoadMap([[6, 3], [12, 9]]).save(tmp_path / name)
+    with pytest.raises(InputError, match="^file: expected a name, got None$"):
+        RoadMap([[6, 3], [12, 9]]).save(None)
+    with pytest.raises(IsADirectoryError):
+        RoadMap([[6, 3], [12, 9]]).save(".")
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_table_of_a_map_is_not_several_maps():
+    with pytest.raises(InputError, match="^expected maps, grids or files of maps, got {'codes'"):
+        as_maps({"codes": [[6, 3], [12, 9]]})
+
+
 def test_a_map_file_is_easy_to_read():
     text = map_to_json(WHOLE)
     assert '  "shape": [2, 3],\n' in text
@@ -104,7 +137,7 @@ def drawn(tiles, turns):
     ("text", "message"),
     [
         ("{", "expected a readable JSON file"),
-        ("[1]", 'expected a map, {"codes": .*}, got no "codes"'),
+        ("[1]", 'expected a map, {"codes": .*}, got a list'),
         ('{"code": []}', 'got no "codes"'),
         ('{"codes": [[1, 2], [3, 16]]}', "grid: expected tile codes 0 to 15, got 16 at row 1, column 1"),
         ('{"codes": [[1, 2], [3]]}', "grid: expected rows of one length"),

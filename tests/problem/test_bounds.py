@@ -5,6 +5,7 @@ from fractions import Fraction
 from functools import cache
 from itertools import product
 
+import jax
 import numpy as np
 import pytest
 from conftest import grids
@@ -16,9 +17,11 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.network.town_features import features_without_gaps
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
 from elitelanes_jax.problem.feasible import check_feasible
-from elitelanes_jax.problem.features import FEATURES, SHARES
+from elitelanes_jax.problem.features import FEATURES, SHARES, feature_unit
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import map_constraints
@@ -89,6 +92,18 @@ def test_bounds_hold_on_all_maps(shape, rules, filled):
     assert kept
     for metrics in kept:
         check(bounds, metrics)
+
+
+@pytest.mark.parametrize("shape", [(2, 3), (3, 3)])
+@pytest.mark.parametrize("filled", [True, False])
+def test_bounds_of_town_features_hold_on_all_maps(shape, filled):
+    bounds = find_bounds(shape, certain={name: right for name, right, _ in map_constraints(None, filled=filled)})
+    kept = np.array([grid for grid, metrics in repaired_grids(shape) if is_map(metrics, None, filled)])
+    for name, values in jax.vmap(measure_town)(kept)._asdict().items():
+        low, high = (limit * feature_unit(name) for limit in bounds.of(name))
+        assert low <= int(values.min()) <= int(values.max()) <= high, name
+        if filled and name in features_without_gaps(shape):
+            assert low == high
 
 
 @given(grids())

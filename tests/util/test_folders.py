@@ -236,7 +236,9 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
         with pytest.raises(KeyboardInterrupt):
             interrupted()
         assert has_unfinished(out) and not out.exists()
-    message = r"out: expected results with x \[3\], got results with \[2\]; delete .*\.out-unfinished to start anew"
+    message = (
+        r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use --force, to start"
+    )
     refused(out, message, {"seed": 1, "more": {"x": [3]}})
     assert has_unfinished(out)
     with output_folder(out, {"seed": 2}, force=True) as work:

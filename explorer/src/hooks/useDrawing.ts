@@ -42,8 +42,8 @@ export function useDrawing({ onGrid, show, say }: Callbacks): Drawing {
   const draw = useCallback((grid: Grid) => open(editorOf(grid)), [open]);
   const openFiles = async (files: ArrayLike<File>) => {
     try {
-      const { grid, given } = await readMapFile(files);
-      open(editorOf(grid, given ?? undefined));
+      const { grid, fixed } = await readMapFile(files);
+      open(editorOf(grid, fixed ?? undefined));
       const others = files.length > 1 ? `; the first of ${files.length} files` : "";
       say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}`);
     } catch (error) {

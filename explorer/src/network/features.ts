@@ -1,18 +1,18 @@
 /** Features of a grid, and the niches that they select. Shares are in thousandths. */
-import { COUNT_NAMES, type CountName } from "./measure";
-import { TOWN_NAMES, TOWN_PARTS, TOWN_RATIOS } from "./town";
+import { METRIC_NAMES, type MetricName } from "./measure";
+import { TOWN_FEATURES, TOWN_PARTS, TOWN_RATIOS } from "./town";
 
 export const SHARE_UNIT = 1000;
 
 /** For each share, the metric above the line and the metrics whose sum is below it. */
-const SHARES: Readonly<Record<string, readonly [CountName, readonly CountName[]]>> = {
+const SHARES: Readonly<Record<string, readonly [MetricName, readonly MetricName[]]>> = {
   straight_share: ["straights", ["tiles"]],
   turn_share: ["turns", ["tiles"]],
   crossing_share: ["crossings", ["tiles"]],
   coverage: ["tiles", ["tiles", "empty_cells"]],
 };
 
-export const FEATURES: readonly string[] = [...COUNT_NAMES, ...Object.keys(SHARES)];
+export const FEATURES: readonly string[] = [...METRIC_NAMES, ...Object.keys(SHARES)];
 
 /** Returns whether a feature is a share, from 0 to 1, in thousandths. */
 export const isShare = (name: string): boolean => Object.hasOwn(SHARES, name) || TOWN_PARTS.includes(name);
@@ -22,16 +22,16 @@ export const unitOf = (name: string): number => (isShare(name) || TOWN_RATIOS.in
 
 /** Returns whether the package has a feature. All other features are kernels of a user. */
 export const isOurs = (name: string): boolean =>
-  FEATURES.includes(name) || (TOWN_NAMES as readonly string[]).includes(name);
+  FEATURES.includes(name) || (TOWN_FEATURES as readonly string[]).includes(name);
 
-const COUNT_INDEX = Object.fromEntries(COUNT_NAMES.map((name, index) => [name, index])) as Record<CountName, number>;
+const METRIC_INDEX = Object.fromEntries(METRIC_NAMES.map((name, index) => [name, index])) as Record<MetricName, number>;
 
 /** Returns a feature as a whole number, computed from the metrics that begin at index `start`. */
 export function feature(name: string, metrics: ArrayLike<number>, start = 0): number {
   const share = SHARES[name];
-  if (!share) return metrics[start + COUNT_INDEX[name as CountName]];
-  const total = share[1].reduce((sum, part) => sum + metrics[start + COUNT_INDEX[part]], 0);
-  return Math.floor((SHARE_UNIT * metrics[start + COUNT_INDEX[share[0]]]) / Math.max(total, 1));
+  if (!share) return metrics[start + METRIC_INDEX[name as MetricName]];
+  const total = share[1].reduce((sum, part) => sum + metrics[start + METRIC_INDEX[part]], 0);
+  return Math.floor((SHARE_UNIT * metrics[start + METRIC_INDEX[share[0]]]) / Math.max(total, 1));
 }
 
 /** One axis of the descriptor space: bins of equal width, of which the first and the last are open. */

@@ -67,17 +67,17 @@ export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = 
   return `{\n  ${lines.join(",\n  ")}\n}\n`;
 }
 
-/** Writes rows for `--fix`: the code of each given cell, null for all others. */
-export function toFix(grid: Grid, given: ArrayLike<number>): string {
+/** Writes rows for `--fix`: the code of each fixed cell, null for all others. */
+export function toFix(grid: Grid, fixed: ArrayLike<number>): string {
   return `${table(
-    rowsOf(grid).map((row, y) => row.map((code, x) => (given[y * grid.width + x] ? code : null))),
+    rowsOf(grid).map((row, y) => row.map((code, x) => (fixed[y * grid.width + x] ? code : null))),
     "",
   )}\n`;
 }
 
 /** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML. */
-export function readMap(text: string, name: string): { grid: Grid; given: Uint8Array | null } {
-  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text, `${name}: `), given: null };
+export function readMap(text: string, name: string): { grid: Grid; fixed: Uint8Array | null } {
+  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text, `${name}: `), fixed: null };
   let values: unknown;
   try {
     values = JSON.parse(text);
@@ -94,10 +94,10 @@ export function readMap(text: string, name: string): { grid: Grid; given: Uint8A
       `${name}: expected tile codes 0 to 15, got ${JSON.stringify(cell).slice(0, 40)}`,
     );
   }
-  const given = listed.flat().some((cell) => cell === null)
+  const fixed = listed.flat().some((cell) => cell === null)
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
     : null;
-  return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), given };
+  return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), fixed };
 }
 
 /** Reads the tiles of Duckietown's YAML, in brackets or as nested lists. Messages begin with `file`. */

@@ -2,8 +2,8 @@
 import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { countFaces } from "./faces";
 
-/** The metrics that are whole numbers, in the order of Python's `COUNT_NAMES`. */
-export const COUNT_NAMES = [
+/** The metrics that are whole numbers, in the order of Python's `METRIC_NAMES`. */
+export const METRIC_NAMES = [
   "components",
   "cyclomatic",
   "dead_ends",
@@ -24,7 +24,7 @@ export const COUNT_NAMES = [
   "mismatches",
   "off_alphabet",
 ] as const;
-export type CountName = (typeof COUNT_NAMES)[number];
+export type MetricName = (typeof METRIC_NAMES)[number];
 
 /** The mask of all codes. */
 export const ANY_CODE = 0xffff;
@@ -47,7 +47,7 @@ let upright = new Int32Array(64);
 export function measure(
   grid: Grid,
   alphabet = ANY_CODE,
-  into: Int32Array = new Int32Array(COUNT_NAMES.length),
+  into: Int32Array = new Int32Array(METRIC_NAMES.length),
   start = 0,
 ): Int32Array {
   const { height, width, codes } = grid;
@@ -171,7 +171,7 @@ export function fitness(
   features: Readonly<Record<string, number>> = {},
 ): number {
   let sum = weights.constant ?? 0;
-  COUNT_NAMES.forEach((name, index) => {
+  METRIC_NAMES.forEach((name, index) => {
     const units = name === "components" ? Math.max(metrics[index] - 1, 0) : metrics[index];
     sum += (weights[name] ?? 0) * units;
   });

@@ -2,8 +2,8 @@
 import { EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { findFaces } from "./faces";
 
-/** The names, in the order of Python's `TownFeatures`. */
-export const TOWN_NAMES = [
+/** The names, in the order of Python's `TOWN_FEATURES`. */
+export const TOWN_FEATURES = [
   "largest_block",
   "smallest_block",
   "mean_block",
@@ -22,7 +22,7 @@ export const TOWN_NAMES = [
   "adjacent_turns_per_tile",
   "mean_detour",
 ] as const;
-export type TownName = (typeof TOWN_NAMES)[number];
+export type TownFeature = (typeof TOWN_FEATURES)[number];
 
 /** The features that are shares, and the features that are ratios. */
 export const TOWN_PARTS: readonly string[] = [
@@ -52,7 +52,7 @@ const least = (numbers: readonly number[]): number => (numbers.length ? Math.min
 const thousandths = (part: number, whole: number): number => Math.floor((1000 * part) / Math.max(whole, 1));
 
 /** Returns the features of a town, without features that are not defined for its size. */
-export function measureTown(grid: Grid): Partial<Record<TownName, number>> {
+export function measureTown(grid: Grid): Partial<Record<TownFeature, number>> {
   const { height, width, codes } = grid;
   if (Math.max(height, width) > LONGEST) return {};
   const areas = blockAreas(grid);

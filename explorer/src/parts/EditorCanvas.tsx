@@ -22,14 +22,14 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
   const [keyed, setKeyed] = useState(false);
   const stroke = useRef<{ before: Editor; cells: number[] } | null>(null);
   const began = useRef(0);
-  const { grid, given } = editor;
+  const { grid, fixed } = editor;
   const mending = { repair: mends, fill: fills && mends };
   useLayoutEffect(() => {
     if (!width) return;
     const { context, scale, ratio } = clear(grid);
     paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
     paintLattice(context, grid, scale);
-    paintGiven(context, grid, given, scale);
+    paintFixed(context, grid, fixed, scale);
     paint(context, overlayShapes(grid, new Set(view.overlays)), scale);
     if (keyed) {
       context.lineWidth = 2.5 * ratio;
@@ -45,7 +45,7 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
       performance.measure("elitelanes-stroke", { start: began.current, end: performance.now() });
       began.current = 0;
     }
-  }, [grid, given, width, view.overlays, cursor, keyed, clear]);
+  }, [grid, fixed, width, view.overlays, cursor, keyed, clear]);
 
   const cellUnder = (event: PointerEvent): number => {
     const box = canvas.current!.getBoundingClientRect();
@@ -144,9 +144,9 @@ function paintLattice(context: CanvasRenderingContext2D, { height, width }: Grid
   context.stroke();
 }
 
-/** Frames given cells, and crosses out given cells without a road. */
-function paintGiven(context: CanvasRenderingContext2D, { width, codes }: Grid, given: Uint8Array, scale: number): void {
-  given.forEach((one, cell) => {
+/** Frames fixed cells, and crosses out fixed cells without a road. */
+function paintFixed(context: CanvasRenderingContext2D, { width, codes }: Grid, fixed: Uint8Array, scale: number): void {
+  fixed.forEach((one, cell) => {
     if (!one) return;
     const x = (cell % width) * scale;
     const y = Math.floor(cell / width) * scale;

@@ -11,17 +11,16 @@ export type Series = "best_fitness" | "elite_count";
 
 const SHARES = [0, 0.25, 0.5, 0.75, 1] as const;
 const MEDIAN = 2;
-const NO_ELITE = 2 ** 31 - 1; // the best fitness before there is an elite
 const HIGH = 300;
 
 /** Returns the quantiles over the seeds, one row per share. Null means that a seed has no elite yet. */
-function quantilesOf(seeds: readonly Int32Array[], steps: number): (number | null)[][] {
+function quantilesOf(seeds: readonly (Int32Array | Float64Array)[], steps: number): (number | null)[][] {
   const rows: (number | null)[][] = SHARES.map(() => []);
   for (let step = 0; step < steps; step++) {
     const sorted = Float64Array.from(seeds, (values) => values[step]).sort();
     SHARES.forEach((share, row) => {
       const value = quantile(sorted, share);
-      rows[row].push(Math.abs(value) < NO_ELITE ? value : null);
+      rows[row].push(Number.isFinite(value) ? value : null);
     });
   }
   return rows;

@@ -35,6 +35,7 @@ export function scaleOf(values: Float64Array, quantity: string, kind: "linear" |
   const sorted = values.filter((value) => !Number.isNaN(value)).sort();
   const low = sorted[0] ?? 0;
   const high = sorted[sorted.length - 1] ?? 0;
+  const rounded = sorted.every(Number.isInteger) ? Math.round : (value: number) => value;
   const turn = (position: number) => (lowIsGood(quantity) ? 1 - position : position);
   if (high === low) return { low, high, position: () => turn(lowIsGood(quantity) ? 0 : 1), at: () => low };
   if (kind === "linear")
@@ -42,7 +43,7 @@ export function scaleOf(values: Float64Array, quantity: string, kind: "linear" |
       low,
       high,
       position: (value) => turn((value - low) / (high - low)),
-      at: (part) => low + (high - low) * part,
+      at: (part) => rounded(low + (high - low) * part),
     };
   const distinct = sorted.filter((value, index) => index === 0 || value !== sorted[index - 1]);
   const last = distinct.length - 1;
@@ -67,7 +68,7 @@ export function Legend({ quantity, empty, unknown, scale }: LegendProps) {
   const stops = Array.from({ length: 17 }, (_, stop) =>
     css(viridis(position(low) + ((position(high) - position(low)) * stop) / 16)),
   );
-  const marks = [...new Set([0, 0.25, 0.5, 0.75, 1].map((part) => Math.round(at(part))))];
+  const marks = [...new Set([0, 0.25, 0.5, 0.75, 1].map(at))];
   return (
     <div
       class="legend"

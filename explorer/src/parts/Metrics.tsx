@@ -4,7 +4,7 @@ import { useMemo, useState } from "preact/hooks";
 import type { Grid } from "../network/codes";
 import { useShown } from "./canvas";
 import { feature, FEATURES } from "../network/features";
-import { measureTown, TOWN_NAMES } from "../network/town";
+import { measureTown, TOWN_FEATURES } from "../network/town";
 import { nameOf, valueText, WORDS } from "../words";
 
 /** The metrics that are not folded away. */
@@ -66,7 +66,7 @@ export function Metrics({ run, grid, metrics, fitness, above, features = {} }: P
 function Town({ run, grid, shown }: { readonly run: Run; readonly grid: Grid; readonly shown: readonly string[] }) {
   const [open, setOpen] = useState(false);
   const town = useMemo(() => (open ? measureTown(grid) : {}), [grid, open]);
-  const names = TOWN_NAMES.filter((name) => !shown.includes(name));
+  const names = TOWN_FEATURES.filter((name) => !shown.includes(name));
   if (!names.length) return null;
   return (
     <details onToggle={(event) => setOpen(event.currentTarget.open)}>

@@ -1,5 +1,5 @@
 import { feature } from "../network/features";
-import { COUNT_NAMES, type Weights } from "../network/measure";
+import { METRIC_NAMES, type Weights } from "../network/measure";
 import { nameOf, number } from "../words";
 
 interface WeightProps {
@@ -13,7 +13,7 @@ interface WeightProps {
 
 /** The weights of the fitness as sliders, with what each adds. */
 export function WeightSliders({ weights, usual, metrics, town, onWeights }: WeightProps) {
-  const names = [...COUNT_NAMES, ...Object.keys(usual).filter((name) => name in town)].sort(
+  const names = [...METRIC_NAMES, ...Object.keys(usual).filter((name) => name in town)].sort(
     (one, other) => +(usual[other] !== 0) - +(usual[one] !== 0),
   );
   const used = names.filter((name) => usual[name] || weights[name]);

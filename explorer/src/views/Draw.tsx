@@ -23,7 +23,7 @@ const TOOL_WORDS: Readonly<Record<Tool, readonly [name: string, what: string]>> 
   cut: ["Cut", "drag from tile to tile to cut their link"],
   erase: ["Erase", "drag over tiles to empty them"],
   tile: ["Tile", "click to set the tile that is chosen below"],
-  given: ["Given", "mark cells that a search keeps as they are"],
+  fixed: ["Fixed", "mark cells that a search keeps as they are"],
   forbidden: ["No road", "mark cells in which a search may build no road"],
 };
 
@@ -46,7 +46,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
   const [mends, setMends] = useState(true);
   const [fills, setFills] = useState(false);
   const picker = useRef<HTMLInputElement>(null);
-  const { grid, given } = editor;
+  const { grid, fixed } = editor;
   const metrics = useMemo(() => measure(grid, run.alphabet), [grid, run]);
   const before = useMemo(() => measure(editor.start, run.alphabet), [editor.start, run]);
   const others = [...new Set([...run.features.keys(), ...Object.keys(weights)])].filter(
@@ -139,7 +139,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
             type="button"
             onClick={() =>
               onEdit(
-                done(editor, { grid: emptyGrid(grid.height, grid.width), given: new Uint8Array(grid.codes.length) }),
+                done(editor, { grid: emptyGrid(grid.height, grid.width), fixed: new Uint8Array(grid.codes.length) }),
               )
             }
           >
@@ -169,13 +169,16 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
           <SaveButtons
             name="drawn"
             grid={grid}
-            fields={() => ({ metrics: metricFields(metrics, grid.codes.length), fitness: total })}
+            fields={() => ({
+              metrics: metricFields(metrics, grid.codes.length),
+              ...(run.usualFitness && { fitness: total }),
+            })}
           >
             <button
               type="button"
-              disabled={!given.includes(1)}
-              title="the given cells, as generate --fix takes them"
-              onClick={() => save("fix.json", toFix(grid, given), "application/json")}
+              disabled={!fixed.includes(1)}
+              title="the fixed cells, as generate --fix takes them"
+              onClick={() => save("fix.json", toFix(grid, fixed), "application/json")}
             >
               fix.json
             </button>
@@ -189,7 +192,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
       </section>
       <section class="panel side" aria-label="What it measures">
         <div class="total" aria-live="polite">
-          <span>Fitness</span>
+          <span>{run.usualFitness ? "Fitness" : "Weighted sum"}</span>
           <b>{number(total)}</b>
           {change !== 0 && (
             <em class={change < 0 ? "better" : "worse"}>
@@ -197,14 +200,17 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
             </em>
           )}
         </div>
+        {!run.usualFitness && (
+          <p class="note">The fitness of this run is a user's function. Only a search can compute it.</p>
+        )}
         {unknown.length > 0 && (
           <p class="note">
             {unknown.map(nameOf).join(", ")}: only a search can measure {unknown.length > 1 ? "them" : "it"}
-            {unknown.some((name) => weights[name]) && "; the fitness here leaves it out"}.
+            {unknown.some((name) => weights[name]) && "; the sum here leaves it out"}.
           </p>
         )}
         <WeightSliders weights={weights} metrics={metrics} town={town} usual={run.weights} onWeights={onWeights} />
-        <Metrics run={run} grid={grid} metrics={metrics} fitness={total} features={features} />
+        <Metrics run={run} grid={grid} metrics={metrics} fitness={run.usualFitness ? total : NaN} features={features} />
       </section>
     </div>
   );

@@ -174,8 +174,9 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
   const sorted = run.sorted(name);
   const least = sorted[0] ?? 0;
   const most = sorted[sorted.length - 1] ?? 0;
+  const whole = useMemo(() => sorted.every(Number.isInteger), [sorted]);
   // Each bar covers the same number of values: otherwise a wider bar would be higher.
-  const step = Math.ceil((most - least + 1) / BARS);
+  const step = whole ? Math.ceil((most - least + 1) / BARS) : (most - least) / BARS;
   const wide = Math.min(step, (most - least) / 12);
   const bars = useMemo(() => histogram(sorted, least, most, step), [sorted, least, most, step]);
   const kept = useMemo(() => {
@@ -196,7 +197,7 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
   const columns = (kind: string, counts: readonly number[]) =>
     counts.map((count, bar) => {
       const high = 10 * Math.sqrt(count / tallest); // a bar of few maps stays visible
-      const middle = Math.min(bar * step + (step - 1) / 2, most - least);
+      const middle = Math.min(bar * step + (whole ? step - 1 : step) / 2, most - least);
       return (
         count > 0 && (
           <rect key={bar} class={kind} x={middle - 0.42 * wide} width={0.84 * wide} y={10 - high} height={high} />
@@ -227,6 +228,7 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
               class={low > (least + most) / 2 ? "front" : ""}
               min={least}
               max={most}
+              step={whole ? 1 : "any"}
               value={low}
               aria-label={`least ${nameOf(name)}`}
               onInput={(event) => set(Math.min(Number(event.currentTarget.value), high), high)}
@@ -235,6 +237,7 @@ function Range({ run, name, among, value, onChange }: RangeProps) {
               type="range"
               min={least}
               max={most}
+              step={whole ? 1 : "any"}
               value={high}
               aria-label={`most ${nameOf(name)}`}
               onInput={(event) => set(low, Math.max(Number(event.currentTarget.value), low))}

@@ -10,6 +10,8 @@ import pytest
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.maps.picking import pick as pick_maps
+from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.search.evolution import evolve
@@ -107,14 +109,12 @@ def test_what_cannot_be_picked_from_is_one_line(searched, tmp_path, capsys):
     np.savez(tmp_path / "other.npz", grids=np.zeros(3))
     good = searched / "one" / "archive.npz"
     (tmp_path / "half.npz").write_bytes(good.read_bytes()[:-200])
-    Result.load(good).save(tmp_path / "mine.npz")
     for arguments, message in (
         (["nowhere.npz"], "nowhere.npz: no such file or directory"),
         ([tmp_path], ": is a directory"),
         ([tmp_path / "text.npz"], "text.npz: expected NumPy's .npz, got one that does not hold: no archive of arrays"),
         ([tmp_path / "half.npz"], "half.npz: expected NumPy's .npz, got one that does not hold: "),
         ([tmp_path / "other.npz"], "other.npz: expected a result, of generate or Result.save, got a file without its"),
-        ([tmp_path / "mine.npz"], "mine.npz: expected an archive.npz of generate, got a result without a seed"),
         ([good, "--where", "dead_ends=3"], "where 'dead_ends=3': expected a range with 0"),
         ([good, "--unlike", tmp_path / "text.npz"], "text.npz: "),
     ):
@@ -179,3 +179,24 @@ def test_features_of_ones_own_come_along_and_choose(tmp_path, capsys):
     assert "plain.npz: expected features that the search has measured, got corner" in capsys.readouterr().err
     assert pick(own, "--maps", 2, "--where", "corners=3..", out=tmp_path / "c") == 2
     assert "is it corner?" in capsys.readouterr().err and not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize("seeds", [None, 2])
+def test_results_that_were_saved_are_picked_from(seeds, tmp_path):
+    key = jax.random.key(0) if seeds is None else 0
+    result = evolve(key, (5, 6), seeds=seeds, method="ea", preset="paper", generations=60)
+    file = tmp_path / "own.npz"
+    result.save(file)
+    for number, archives in enumerate((str(file), [file], (str(file),))):
+        found = pick_maps(PickSpec(maps=1, tile_px=16), archives, str(tmp_path / str(number)))
+        assert [one.seed for one in found] == [None]
+        assert [one.codes.tolist() for one in found] == [one.codes.tolist() for one in result.maps(1)]
+    for archives, message in (
+        (3, "expected paths, got 3"),
+        ([result], "expected a name"),
+        ([], "expected at least one"),
+    ):
+        with pytest.raises(InputError, match=f"^archives: {message}"):
+            pick_maps(PickSpec(), archives, tmp_path / "out")
+    with pytest.raises(InputError, match="spec: expected PickSpec, got"):
+        pick_maps({"maps": 2}, file, tmp_path / "out")

@@ -33,7 +33,7 @@ from elitelanes_jax.problem.problem import road_problem
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 SHAPE, COUNT, PARK = (5, 6), 24, (2, 3)
 AXES = (Axis("cyclomatic", 6, 2, start=1), Axis("straight_share", 7, 143), Axis("components", 2, start=1))
 

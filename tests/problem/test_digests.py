@@ -48,7 +48,7 @@ def test_a_feature_is_known_by_what_it_computes(tmp_path):
     for other in (counting([3]), lambda grid: (grid == 5).sum() + (grid == 10).sum()):
         with pytest.raises(InputError, match="expected results with v '[0-9a-f]{16}', got results with '[0-9a-f]{16}'"):
             kept(features={"v": other}, generations=20)
-        with pytest.raises(InputError, match="got one of a run with another key or other options"):
+        with pytest.raises(InputError, match="got one of a run with another key, other options or functions"):
             run(features={"v": other}, generations=5, state=first.state)
 
 
@@ -80,5 +80,5 @@ def test_an_optimizer_is_known_by_what_it_computes(tmp_path):
         kept(optimizer=making(0.25), generations=20)
     renamed = evolve(KEYS, (3, 4), optimizer=lambda problem: making(0.5)(problem), generations=5, state=first.state)
     assert renamed.state.generation == 10
-    with pytest.raises(InputError, match="got one of a run with another key or other options"):
+    with pytest.raises(InputError, match="got one of a run with another key, other options or functions"):
         evolve(KEYS, (3, 4), optimizer=making(0.25), generations=5, state=first.state)

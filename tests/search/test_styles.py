@@ -26,7 +26,7 @@ from elitelanes_jax.problem.features import feature_unit
 from elitelanes_jax.search.evolution import Users, evolve, prepare
 from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.search.style import STYLES
+from elitelanes_jax.search.style import STYLES, Style
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
 EIGHT = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)
@@ -223,6 +223,20 @@ def test_wrong_styles_are_named(style, message, tmp_path, monkeypatch):
     assert message in str(caught.value)
 
 
+def test_errors_name_the_origin_of_an_option_that_nobody_gave():
+    for options, origin in (
+        ({"where": "tiles=..3"}, "where"),
+        ({"style": Style("few", {"where": "tiles=..3"})}, "style 'few': where"),
+    ):
+        for search in (lambda spec: GenerateSpec(search=spec), lambda spec: evolve(0, spec=spec)):
+            with pytest.raises(InputError, match=f"^{origin} 'tiles=..3': expected a range with 144"):
+                search(SearchSpec(**options))
+    with pytest.raises(InputError, match="^like: where 'box_fill="):
+        evolve(0, like=[RING], rules=None)
+    with pytest.raises(InputError, match="^where 'box_fill=..0.9'"):
+        evolve(0, like=[RING], rules=None, where="box_fill=..0.9")
+
+
 def test_towns_keep_the_rules_and_lie_in_the_styles_niches(any_types):
     found = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=8_000)
     maps = found.maps(30)
@@ -256,7 +270,10 @@ def test_what_is_like_given_maps():
             value = values[part] / values["tiles"] if part else values[item.name] / feature_unit(item.name)
             assert item.low <= value <= item.high, item
     assert plain(spec) == spec
-    assert SearchSpec(like=[np.full((3, 3), 15)]).rules is None
+    full = SearchSpec(like=[np.full((3, 3), 15)])
+    assert full.rules is None and full.repair_fills
+    crowded = [[6, 7, 3, 0], [14, 15, 11, 0], [12, 15, 15, 3], [0, 12, 13, 9]]
+    assert not SearchSpec(like=[crowded]).repair_fills
     assert settings_like([RING])["where"] == settings_like([np.pad(RING, 2)])["where"]
     with pytest.raises(InputError, match="like: expected maps with roads"):
         SearchSpec(like=[np.zeros((3, 3), int)])

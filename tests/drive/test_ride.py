@@ -135,7 +135,7 @@ def test_two_films_written_at_once_are_both_whole(suffix, tmp_path):
     assert list(tmp_path.iterdir()) == [file]
 
 
-POLICY = Path(__file__).parents[1] / "docs" / "examples" / "follow_lane.py"
+POLICY = Path(__file__).parents[2] / "docs" / "examples" / "follow_lane.py"
 
 
 def test_a_policy_of_ones_own_drives(rides):
@@ -162,6 +162,7 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
         ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
         ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
         ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
+        ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),
     ):
         (tmp_path / "policy.py").write_text(text)
         command = ["drive", str(tmp_path / "city.json"), "--policy", str(tmp_path / "policy.py"), "--seconds", "0.1"]

@@ -277,7 +277,7 @@ def full_disk(path, target):
 
 
 def killed(out, kills, seed):
-    program = Path(__file__).parent / "killed_runs.py"
+    program = Path(__file__).parents[1] / "killed_runs.py"
     command = [sys.executable, str(program), str(out), str(kills), str(seed)]
     ran = subprocess.run(command, capture_output=True, text=True, check=False, env=os.environ, timeout=3000)
     assert ran.returncode == 0, ran.stderr

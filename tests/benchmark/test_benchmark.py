@@ -8,15 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pages import blocks
+from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.benchmark.running import run
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval
 from elitelanes_jax.benchmark.submissions import Submission, read_submission, score_submission, write_submission
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
 
-PAGE = Path(__file__).parents[1] / "docs" / "benchmark.md"
+PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 TASK = find_task("5x5A-100000")
 
 
@@ -173,7 +174,7 @@ def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
 @pytest.mark.slow  # it compiles a search for itself
 def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    _, (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
     exec(compile(scores, str(PAGE), "exec"), {})
     assert capsys.readouterr().out == "[1.  0.5] (0.5, 1.0)\n"
     exec(compile(program, str(PAGE), "exec"), made := {})
@@ -182,3 +183,82 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     assert title == "mine.npz: 5x5A-10000, 10 runs"
     assert head.split() == ["evaluations", "coverage", "reliability", "precision", "optimal"]
     assert row.split()[:2] == ["10,000", f"{made['scores'].coverage.mean():.3f}"]
+
+
+@pytest.mark.slow
+def test_the_page_runs_a_search_of_ones_own(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (_, program), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    run_program(program, str(PAGE), capsys)
+    assert main(["score", "own.npz"]) == 0
+
+
+def walk(task, rng, sizes=(64,)):
+    """Witnesses with a few cells drawn anew."""
+    while True:
+        for size in sizes:
+            grids = task.witnesses[rng.integers(len(task.witnesses), size=size)]
+            spoilt = rng.random(grids.shape) < 0.3
+            measured = yield np.where(spoilt, rng.integers(16, size=grids.shape), grids)
+            assert measured.fitness.shape == measured.cyclomatic.shape == measured.counts.shape == (size,)
+
+
+def test_runs_keep_their_archive_at_every_budget():
+    seen = []
+
+    def search(task, rng):
+        own = walk(task, rng, (64, 7, 300))
+        measured = None
+        while True:
+            grids = own.send(measured)
+            measured = yield grids
+            seen.append((grids, measured))
+
+    submission = run(TASK, search, seeds=[3])
+    grids = np.concatenate([grids for grids, _ in seen])
+    measured = [np.concatenate(parts) for parts in zip(*(measured for _, measured in seen), strict=True)]
+    for place, budget in enumerate((10_000, 100_000)):
+        fitness, cyclomatic, counts = (values[:budget] for values in measured)
+        for niche in range(25):
+            here = np.flatnonzero(counts & (cyclomatic == niche))
+            kept = submission.grids[0, place, niche]
+            if not len(here):
+                assert not kept.any()
+                continue
+            first = here[fitness[here].argmin()]
+            np.testing.assert_array_equal(kept, grids[first])
+            assert submission.fitness[0, place, niche] == fitness[first]
+    assert len(grids) - len(seen[-1][0]) < 100_000  # and no batch more
+    best, _ = score_submission(submission)
+    assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
+
+
+def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
+    task = find_task("5x5A-10000")
+    one, other = run(task, walk), run(task, walk, 10)
+    np.testing.assert_array_equal(one.grids, other.grids)
+    assert len({grids.tobytes() for grids in one.grids}) > 1
+    write_submission(tmp_path / "mine.npz", one)
+    (_, scores), (_, again) = score_submission(one), score_submission(read_submission(tmp_path / "mine.npz"))
+    np.testing.assert_array_equal(scores.reliability, again.reliability)
+
+
+def test_a_search_may_end_early_and_faults_are_named():
+    task = find_task("5x5A-100000")
+    submission = run(task, lambda task, rng: iter_once(task.witnesses), 2)
+    _, scores = score_submission(submission)
+    assert (scores.reliability == 1).all() and scores.reliability.shape == (2, 2)
+    for batch, words in (
+        (np.zeros((3, 4, 5), int), r"expected grids \[B, 5, 5\] of whole numbers, got int64 \[3, 4, 5\]"),
+        (np.zeros((3, 5, 5)), "of whole numbers, got float64"),
+        (np.zeros((0, 5, 5), int), r"got int64 \[0, 5, 5\]"),
+        (np.full((1, 5, 5), 16), "expected tile codes 0 to 15, got 16 to 16"),
+    ):
+        with pytest.raises(InputError, match=f"^search: .*{words}"):
+            run(task, lambda task, rng, batch=batch: iter_once(batch), 1)
+    with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
+        run(task, walk, 0)
+
+
+def iter_once(batch):
+    yield batch

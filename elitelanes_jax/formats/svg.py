@@ -1,0 +1,30 @@
+"""A small drawing of a map as SVG, which notebooks show; it needs no tile pictures."""
+
+import numpy as np
+
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import SIDES
+
+
+def draw_svg(grid: AnyArray) -> str:
+    """Returns a drawing of a map, codes ``[H, W]``, as the text of an SVG file.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    codes = np.asarray(check_grid(grid))
+    height, width = codes.shape
+    scale = min(30, 480 / max(height, width))  # pixels of a tile
+    roads = "".join(
+        f"M{column + 0.5} {row + 0.5}l{side.right / 2:g} {side.down / 2:g}"
+        for row, column in np.ndindex(height, width)
+        for side in SIDES
+        if codes[row, column] & side.bit
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width * scale:.0f}" '
+        f'height="{height * scale:.0f}" fill="none" stroke-linecap="round">'
+        f'<path fill="#9cb38a" d="M0 0h{width}v{height}H0z"/><path stroke="#4a4d52" stroke-width=".8" d="{roads}"/>'
+        f'<path stroke="#f2c230" stroke-width=".05" d="{roads}"/></svg>'
+    )

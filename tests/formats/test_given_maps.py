@@ -1,0 +1,79 @@
+"""Maps are taken in the same forms wherever several are."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax import DatasetSpec, InputError, PickSpec, RoadMap, SearchSpec, read_map
+from elitelanes_jax.drive import make_levels, make_rides
+from elitelanes_jax.formats import as_maps
+
+CODES = [[6, 5, 3], [10, 0, 10], [12, 5, 9]]
+OTHER = [[6, 7, 3], [14, 15, 11], [12, 13, 9]]
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "map.json"
+    path.write_text(json.dumps({"codes": CODES}))
+    return path
+
+
+def forms(file):
+    """The map in each form, alone and in a list."""
+    alone = [RoadMap(np.array(CODES)), np.array(CODES), jax.numpy.array(CODES), CODES, tuple(CODES), file, str(file)]
+    return [*alone, *([one] for one in alone), np.array([CODES]), iter([CODES]), (str(file),)]
+
+
+TAKE = {
+    "as_maps": lambda maps: as_maps(maps)[0].codes,
+    "like": lambda maps: SearchSpec(like=maps, rules=None).like[0],
+    "initial": lambda maps: SearchSpec(initial=maps).initial[0],
+    "unlike": lambda maps: PickSpec(unlike=maps).unlike[0],
+    "maps_from": lambda maps: DatasetSpec(maps_from=maps, split=(1, 0, 0)).maps_from.maps[0].codes,
+    "grids": lambda maps: make_levels(jax.random.key(0), maps, 2).grid[1],
+}
+
+
+@pytest.mark.parametrize("name", TAKE)
+def test_maps_are_taken_in_every_form(name, file):
+    for maps in forms(file):
+        assert np.array_equal(TAKE[name](maps), CODES), maps
+
+
+@pytest.mark.parametrize("name", TAKE)
+@pytest.mark.parametrize(
+    ("maps", "message"),
+    [
+        (3, "expected maps, grids or files of maps, got 3"),
+        ([3], "map 0: grid: expected two dimensions"),
+        ([CODES, [[16]]], "map 1: grid: expected tile codes 0 to 15, got 16"),
+        ([CODES, [[6, 3], [12]]], "map 1: grid: expected rows of one length"),
+        ("none.json", "none.json: expected a readable JSON file, got: No such file"),
+        ({"codes": CODES}, "none|codes"),
+    ],
+)
+def test_other_things_are_refused_by_name(name, maps, message):
+    with pytest.raises(InputError, match=message) as caught:
+        TAKE[name](maps)
+    assert name == "as_maps" or str(caught.value).startswith(f"{name}: ")
+
+
+def test_several_maps_are_several(file):
+    several = [CODES, str(file), RoadMap(np.array(OTHER))]
+    for maps in (several, tuple(several), iter(several), np.array([CODES, CODES, OTHER])):
+        assert [one.codes.tolist() for one in as_maps(maps)] == [CODES, CODES, OTHER]
+    with pytest.raises(InputError, match="grids: expected one or more of one size, got several sizes"):
+        make_levels(jax.random.key(0), [CODES, [[6, 3], [12, 9]]])
+
+
+def test_a_path_that_is_none_is_named():
+    with pytest.raises(InputError, match=r"file: expected a name, got \[1\]"):
+        read_map([1])
+
+
+def test_rides_take_maps_and_lists():
+    one, other = (make_rides(grid, 2, seconds=0.1) for grid in (CODES, RoadMap(np.array(CODES))))
+    assert np.array_equal(one.x, other.x)

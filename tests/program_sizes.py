@@ -1,0 +1,54 @@
+"""Counts what compiled programs consist of; a noisy machine cannot blur these figures.
+
+    python tests/program_sizes.py    # writes the counts to program_sizes.json beside it
+
+For each program: the operations of its lowered form, and the kilobytes that they read and write by XLA's own estimate.
+"""
+
+import json
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+
+from elitelanes_jax import Weights, fitness, measure, repair
+from elitelanes_jax.network import measure_town
+from elitelanes_jax.optimizers import PRESETS, make_optimizer
+from elitelanes_jax.optimizers.loop import advance, start
+from elitelanes_jax.problem import road_problem
+
+FILE = Path(__file__).with_suffix(".json")
+SHAPE, SEEDS = (12, 12), 16
+
+
+def count_of(function, *arguments):
+    lowered = jax.jit(function).lower(*arguments)
+    return {
+        "operations": sum(" = " in line for line in lowered.as_text().splitlines()),
+        "kilobytes": round(lowered.cost_analysis()["bytes accessed"] / 1000),
+    }
+
+
+def count_all():
+    grids = jax.ShapeDtypeStruct((64, *SHAPE), jnp.int8)
+    kernels = {
+        "measure": measure,
+        "fitness": lambda grid: fitness(measure(grid), Weights()),
+        "repair": repair,
+        "measure_town": measure_town,
+    }
+    counts = {name: count_of(jax.vmap(kernel), grids) for name, kernel in kernels.items()}
+    keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), SEEDS))
+    for (method, preset), config in PRESETS.items():
+        optimizer = make_optimizer(road_problem(SHAPE), config)
+        states = jax.eval_shape(lambda keys, optimizer=optimizer: start(optimizer, keys), keys)
+
+        def run(keys, states, optimizer=optimizer):
+            return advance(optimizer, keys, states, 1, 100, most=100)
+
+        counts[f"{method}, {preset}"] = count_of(run, keys, states)
+    return {"jax": jax.__version__, "programs": counts}
+
+
+if __name__ == "__main__":
+    FILE.write_text(json.dumps(count_all(), indent=2) + "\n", encoding="utf-8")
