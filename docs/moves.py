@@ -15,6 +15,7 @@ from elitelanes_jax.optimizers import (
     clear_block,
     lay_straight,
     mirror_block,
+    refit_strip,
     refit_window,
     slide_lines,
     toggle_corner,
@@ -42,6 +43,7 @@ MOVES: dict[str, tuple[Move, int]] = {
     "transplant": (transplant(), 5),
     "transplant, displaced": (transplant(displaced=True), 7),
     "refit_window": (refit_window(), 1),
+    "refit_strip": (refit_strip(), 1),
     "toggle_street, with_fill": (with_fill(1.0, toggle_street()), 5),
     "lay_straight, with_symmetric_copy": (with_symmetric_copy(1.0, lay_straight()), 4),
 }

@@ -35,6 +35,7 @@ from ._population import random_population as random_population
 from ._population import truncate as truncate
 from ._pso import PsoConfig as PsoConfig
 from ._pso import pso as pso
+from ._strips import refit_strip as refit_strip
 from .base import Info as Info
 from .base import Optimizer as Optimizer
 from .loop import run as run

@@ -12,7 +12,7 @@ cycle counts penalties alone and moves past a vacant niche to the ends of the ax
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -45,8 +45,9 @@ from elitelanes_jax.optimizers._emitters import (
     reachable,
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
-from elitelanes_jax.optimizers._mutations import Move
+from elitelanes_jax.optimizers._mutations import Move, Variation
 from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers._strips import refit_strip
 from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
 from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
@@ -74,6 +75,7 @@ class AnnealedMapElitesConfig(Record):
       elite_mate: probability that a mate is an elite.
       symmetric_probability: probability that a move of a cycle from an elite is made symmetrically too, see
         `with_symmetric_copy`.
+      strips: whether half of the moves are `refit_strip` instead of moves of the mix; static.
       diagonal: whether the symmetric copy may also be mirrored in a diagonal; static. By default it may on grids of up
         to 64 cells whose cells may stay empty.
       initial_towns_from: the number of cells from which on the chains start from grown towns (see `grow_town`) instead
@@ -92,10 +94,14 @@ class AnnealedMapElitesConfig(Record):
     vacant_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     symmetric_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    strips: bool = static(True, flag)
     diagonal: bool | None = static(None, none_or(flag))
     initial_towns_from: int | None = static(None, none_or(whole(1)))
     accept_equal: bool = static(False, flag)
     require_feasible: bool = static(False, flag)
+
+
+_Tree = TypeVar("_Tree")
 
 
 class _Bits(NamedTuple):
@@ -169,7 +175,9 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     move = problem_move(problem, moves)
     diagonal = small and not problem.fill if config.diagonal is None else config.diagonal
     symmetric = partial(with_symmetric_copy, move=move, diagonal=diagonal)
-    make_children = jax.vmap(partial(_make_child, problem, symmetric, config.symmetric_probability))
+    strip = refit_strip(empty=not problem.fill) if config.strips else None
+    vary = partial(_vary, symmetric, strip, config.symmetric_probability)
+    make_children = jax.vmap(partial(_make_child, problem))
     draw_cycles = jax.vmap(partial(_draw_cycle, groups, config), (0, 0, 0, None, None))
 
     def elites_of(archives: Population) -> Population:
@@ -206,7 +214,8 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         mates = island_mates(bits.mate, chains.grids, annealing.chains_on(shape))
         mates = _draw_mates(groups, config, own_bits, cycles, archives, mates)
         elites = archives.grids[cycles.start]
-        children = evaluate(problem, make_children(bits, begins, cycles.restarts, chains.grids, mates, elites))
+        varied = vary(bits, cycles.restarts, chains.grids, mates)
+        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
         temperature = jnp.where(
             cycles.directed,
             cooling.temperature(_DIRECTION_HOTTEST, _DIRECTION_COLDEST, shape),
@@ -323,20 +332,56 @@ def _draw_mates(
     return jnp.where(is_elite[:, None, None], archives.grids[mate], otherwise)
 
 
-def _make_child(
-    problem: Problem,
+def _vary(
     symmetric: Callable[[Real[ArrayLike, ""]], Move],
+    strip: Move | None,
     probability: Real[ArrayLike, ""],
     bits: StepBits,
+    restarts: Bool[Array, " C"],
+    grids: Int8[Array, "C H W"],
+    mates: Int8[Array, "C H W"],
+) -> Variation:
+    """Makes a move from each chain's grid: from one of each two chains, drawn at random, the strip.
+
+    So every step computes each kind of move for half of the chains only. With a draw for each chain it would compute
+    both for all.
+    """
+
+    @jax.vmap
+    def mix(bits: Array, restarts: Array, grid: Array, mate: Array) -> Variation:
+        return symmetric(jnp.where(restarts, 0, jnp.float32(probability))).apply(bits, grid, mate)
+
+    chains, half = (bits.move, restarts, grids, mates), len(grids) // 2
+    if strip is None or not half:
+        return mix(*chains)
+    first, second, left = (
+        jax.tree.map(lambda array, part=part: array[part], chains)
+        for part in (slice(half), slice(half, 2 * half), slice(2 * half, None))
+    )
+    # A chain needs these bits where a cycle begins, and makes no move there.
+    turn = bits.fresh[:half] & 1 > 0
+    drawn, _, before, _ = select(turn, first, second)
+    refitted = jax.vmap(strip.apply)(drawn[:, : strip.bits], before)
+    mixed = mix(*_joined(select(turn, second, first), left))
+    others = jax.tree.map(lambda array: array[:half], mixed)
+    last = jax.tree.map(lambda array: array[half:], mixed)
+    return _joined(select(turn, refitted, others), select(turn, others, refitted), last)
+
+
+def _joined(*trees: _Tree) -> _Tree:
+    return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *trees)
+
+
+def _make_child(
+    problem: Problem,
+    bits: UInt32[Array, ""],
     begins: Bool[Array, ""],
     restarts: Bool[Array, ""],
-    grid: Int8[Array, "H W"],
-    mate: Int8[Array, "H W"],
+    varied: Variation,
     elite: Int8[Array, "H W"],
 ) -> Int8[Array, "H W"]:
-    """Moves from a chain's grid. Where a cycle begins, returns its first grid instead: a random grid or an elite."""
-    varied = symmetric(jnp.where(restarts, 0, jnp.float32(probability))).apply(bits.move, grid, mate)
-    first = jnp.where(restarts, random_grid(problem, bits.fresh), elite)
+    """Repairs a move's result. Where a cycle begins, returns its first grid instead: a random grid or an elite."""
+    first = jnp.where(restarts, random_grid(problem, bits), elite)
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 
 

@@ -55,6 +55,7 @@ PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
     ("map-elites", "irregular"): AnnealedMapElitesConfig(
         symmetric_probability=0.0,
+        strips=False,
         diagonal=False,
         annealing=_IRREGULAR,
         initial_towns_from=121,

@@ -1,0 +1,217 @@
+"""Strips of three lines, refitted by an exact search over all their valid fillings.
+
+Two adjacent tiles may stay together if their sides carry a common label. A side that faces east or south offers: a and
+b without a link (a turn: a alone), c and d with one (a turn: c alone, a crossing: d alone). Towards west or north, a
+and b change places, and so do c and d: so neither two turns nor two linked crossings have a common label. The labels
+between two columns of a strip are one of 64 states, and a set of states is 64 bits.
+"""
+
+from functools import cache
+from itertools import pairwise, product
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
+
+from elitelanes_jax.network.bits import bernoulli, randint
+from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, exchange_sides
+from elitelanes_jax.network.xla import lookup, materialize
+from elitelanes_jax.optimizers._mutations import Move, Variation
+
+LINES = 3
+"""The rows, or columns, of a strip."""
+
+_STATES, _SHOWN = 4**LINES, 5
+_FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
+"""The labels that a side offers to the east or south: without a link, of a turn; with one, of a turn, a crossing."""
+_BACK = np.array([0b0011, 0b0010, 0b1100, 0b1000, 0b0100])
+
+
+def _shown(side: int) -> Int32[np.ndarray, " 16"]:
+    """Returns what each code shows on a side, an index into `_FORTH` or `_BACK`."""
+    codes = np.arange(16)
+    turn, crossing = (np.isin(codes, kinds) for kinds in (KINDS["turn"], CROSSINGS))
+    return np.where(codes & side, np.where(turn, 3, np.where(crossing, 4, 2)), turn).astype(np.int32)
+
+
+_EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NORTH))
+
+
+class StripTables(NamedTuple):
+    """Everything that fits; "around" is what the tiles above and below a column show, 5 x above + below.
+
+    Attributes:
+      before: uint32 ``[25 * 8 * 256, 2]``, the states west of a column if the states east of it are these eight bits.
+      after: uint32 ``[25 * 125, 2]``, the states east of a column, by what the column to its west shows.
+      between: uint32 ``[25 * 64, 2]``, the states west of a column with a state east of it.
+      first: int32 ``[25 * 64 * 64 + 1]``, the index of the first column with a state east and a state west of it.
+      columns: int32 ``[N]``, the columns: four bits a tile, the northernmost tile lowest.
+      forth: uint32 ``[125, 2]``, the states that fit what a column shows to the east; 5^line a tile.
+      back: uint32 ``[125, 2]``, the states that fit what a column shows to the west.
+    """
+
+    before: UInt32[np.ndarray, "B 2"]
+    after: UInt32[np.ndarray, "A 2"]
+    between: UInt32[np.ndarray, "C 2"]
+    first: Int32[np.ndarray, " F"]
+    columns: Int32[np.ndarray, " N"]
+    forth: UInt32[np.ndarray, "125 2"]
+    back: UInt32[np.ndarray, "125 2"]
+
+
+@cache
+def strip_tables(*, empty: bool) -> StripTables:
+    """Makes the tables; `empty` says whether cells may be empty."""
+    codes = [code for code in range(16) if code.bit_count() > 1 or (empty and not code)]
+    columns = [
+        column
+        for column in product(codes, repeat=LINES)
+        if all(_FORTH[_SOUTH[one]] & _BACK[_NORTH[other]] for one, other in pairwise(column))
+    ]
+    shows = np.arange(_SHOWN**LINES)[:, None] // _SHOWN ** np.arange(LINES) % _SHOWN
+    forth, back = (np.array([_states(labels, show) for show in shows]) for labels in (_FORTH, _BACK))
+    fits = np.zeros((_SHOWN, _SHOWN, _STATES, _STATES, len(columns)), bool)
+    for index, column in enumerate(columns):
+        around = np.ix_(_FORTH & _BACK[_NORTH[column[0]]] > 0, _FORTH[_SOUTH[column[-1]]] & _BACK > 0)
+        both = _states(_FORTH, _EAST[list(column)])[:, None] & _states(_BACK, _WEST[list(column)])
+        fits[..., index][around] = both
+    fits = fits.reshape(_SHOWN**2, _STATES, _STATES, -1)
+    leads = fits.any(axis=-1)  # around, east, west
+    eight = (np.arange(256)[:, None] >> np.arange(8) & 1).astype(bool)
+    before = np.einsum("be,acew->acbw", eight, leads.reshape(_SHOWN**2, _STATES // 8, 8, _STATES))
+    after = np.einsum("dw,aew->ade", forth, leads)
+    first = np.concatenate([[0], np.cumsum(fits.sum(axis=-1))])
+    packed = np.array([sum(code << 4 * line for line, code in enumerate(column)) for column in columns])
+    east, west, both = (_packed(states.reshape(-1, _STATES)) for states in (before, after, leads))
+    listed = packed[np.nonzero(fits)[-1]].astype(np.int32)
+    return StripTables(east, west, both, first.astype(np.int32), listed, _packed(forth), _packed(back))
+
+
+def _states(labels: Int[np.ndarray, " 5"], shown: Int[np.ndarray, " 3"]) -> Bool[np.ndarray, " 64"]:
+    """Returns which states fit what the tiles of a column show."""
+    states = np.arange(_STATES)
+    return np.logical_and.reduce([labels[kind] >> (states >> 2 * line & 3) & 1 for line, kind in enumerate(shown)]) > 0
+
+
+def _packed(states: Bool[np.ndarray, "N 64"]) -> UInt32[np.ndarray, "N 2"]:
+    return np.packbits(states, axis=1, bitorder="little").view("<u4").astype(np.uint32)
+
+
+def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move:
+    """Replaces a stretch of three rows or columns by a valid filling that fits the tiles around it.
+
+    The search for fillings is exact: every valid filling has a probability over 0. A filling is valid if it has no
+    mismatch, dead end, adjacent turns and adjacent crossings, inside or with the tiles around it. If there is none, and
+    on grids with fewer than three rows or columns, the grid does not change.
+
+    Args:
+      empty: whether cells of a filling may be empty.
+      whole: probability that the stretch is as long as the grid. Otherwise its ends are random.
+    """
+
+    def apply(bits: Array, grid: Array, mate: Array | None = None) -> Variation:
+        height, width = grid.shape
+        if min(height, width) < LINES:
+            return Variation(grid, jnp.zeros(grid.shape, bool))
+        upright = bits[0] & 1 > 0  # three columns
+        first = randint(bits[1], jnp.where(upright, width, height) - LINES + 1)
+        length = jnp.where(upright, height, width)
+        ends = jnp.where(bernoulli(bits[0], whole), jnp.stack([length * 0, length - 1]), randint(bits[2:4], length))
+        rows, columns = np.arange(height)[:, None], np.arange(width)[None]
+        line, place = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
+        inside = (line >= 0) & (line < LINES) & (place >= ends.min()) & (place <= ends.max())
+
+        side = max(height, width)
+        padded = materialize(
+            jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1))).astype(jnp.int32).reshape(-1)
+        )
+        lines, places = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)
+        stride = side + 2
+        tiles = lookup(padded, jnp.where(upright, places * stride + lines, lines * stride + places))
+        tiles = materialize(jnp.where(upright, _transposed(tiles), tiles))
+        strip = materialize(_refitted(bits[4], tiles, ends.min(), ends.max(), empty=empty))
+        new = lookup(strip, jnp.broadcast_to(place, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
+        new = jnp.where(upright, _transposed(new), new)
+        return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
+
+    return Move(5, apply)
+
+
+def _transposed(codes: Array) -> Array:
+    return exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH)
+
+
+def _refitted(
+    bits: UInt32[Array, ""], tiles: Int32[Array, "5 N"], west: Int32[Array, ""], east: Int32[Array, ""], *, empty: bool
+) -> Int32[Array, " N"]:
+    """Draws a valid filling of the columns from `west` to `east` of a strip.
+
+    Args:
+      bits: random bits.
+      tiles: the strip, and the lines above and below it.
+      west: the first column that may change.
+      east: the last one.
+      empty: see `refit_strip`.
+
+    Returns:
+      Columns as in `StripTables`; the same as before if there is no filling.
+    """
+    tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
+    length = tiles.shape[1]
+    fives, fours = _SHOWN ** np.arange(LINES), 16 ** np.arange(LINES)
+    around = jnp.asarray(_SOUTH)[tiles[0]] * _SHOWN + jnp.asarray(_NORTH)[tiles[-1]]
+    strip = tiles[1:-1]
+    border = (jnp.asarray(_WEST)[strip] * fives[:, None]).sum(axis=0)
+    old = (strip * fours[:, None]).sum(axis=0)
+    beside = tables.back[jnp.append(border[1:], 0)]
+
+    def back(states: Array, column: tuple[Array, ...]) -> tuple[Array, Array]:
+        index, around, beside = column
+        states = jnp.where(index == east, beside, states)
+        eights = (states[:, None] >> np.arange(0, 32, 8, dtype=np.uint32) & 255).reshape(-1).astype(jnp.int32)
+        sets = tables.before[(around * 8 + np.arange(8)) * 256 + eights]
+        return jax.lax.reduce(sets, np.uint32(0), jax.lax.bitwise_or, (0,)), states
+
+    columns = jnp.arange(length)
+    _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (columns, around, beside), reverse=True)
+
+    def forth(carry: tuple[Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
+        shown, fits = carry
+        index, around, ahead, old = column
+        draws = _hash(bits + (index * 8 + np.arange(7)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
+        possible = tables.after[around * 125 + shown] & ahead
+        behind = _draw_state(draws[:3], possible)
+        pair = around * _STATES + behind
+        ahead_of = _draw_state(draws[3:6], tables.between[pair] & tables.forth[shown])
+        slot = pair * _STATES + ahead_of
+        first, count = tables.first[slot], tables.first[slot + 1] - tables.first[slot]
+        drawn = tables.columns[first + randint(draws[6], jnp.maximum(count, 1))]
+        inside = (index >= west) & (index <= east)
+        fits &= ~inside | ((possible != 0).any() & (count > 0))
+        new = jnp.where(inside, drawn, old)
+        tiles = new >> 4 * np.arange(LINES) & 15
+        return ((jnp.asarray(_EAST)[tiles] * fives).sum(), fits), new
+
+    (_, fits), new = jax.lax.scan(forth, (jnp.int32(0), jnp.asarray(True)), (columns, around, ahead, old))
+    return jnp.where(fits, new, old)
+
+
+def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32[Array, ""]:
+    """Draws a state of a set, about evenly."""
+    for mask in (bits[:2], bits[1] ^ bits[:2] << 7):
+        fewer = states & mask
+        states = jnp.where((fewer != 0).any(), fewer, states)
+    second = (states[1] != 0) & ((states[0] == 0) | (bits[2] & 32 > 0))
+    word, turn = jnp.where(second, states[1], states[0]), bits[2] & 31
+    turned = word >> turn | word << (32 - turn & 31)
+    lowest = turned & (~turned + np.uint32(1))
+    return (second * 32 + (jax.lax.population_count(lowest - np.uint32(1)) + turn & 31)).astype(jnp.int32)
+
+
+def _hash(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
+    """Mixes bits, so that numbers that differ in a few become unrelated."""
+    bits = (bits ^ bits >> 16) * np.uint32(0x7FEB352D)
+    bits = (bits ^ bits >> 15) * np.uint32(0x846CA68B)
+    return bits ^ bits >> 16
