@@ -126,20 +126,21 @@ def _preset(problem: Problem, *, method: str, preset: str) -> Optimizer:
 
 
 def _mirrored(problem: Problem) -> Optimizer:
-    """Makes the tuned MAP-Elites without refitted windows, with mirrored moves and a low probability of filling."""
+    """Makes the tuned MAP-Elites without refitted strips and windows, with mirrored moves and little filling."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
     annealing = replace(config.annealing, moves=replace(config.annealing.moves, fill_probability=0.05, refit=0))
-    return make_optimizer(problem, replace(config, annealing=annealing, diagonal=True))
+    return make_optimizer(problem, replace(config, annealing=annealing, diagonal=True, strips=False))
 
 
 def _drawn(problem: Problem, *, hottest: int, penalty: int, restart: float, filling: float, refit: int) -> Optimizer:
-    """Makes the tuned MAP-Elites with settings that `--tune` draws."""
+    """Makes the tuned MAP-Elites without refitted strips, with settings that `--tune` draws."""
     config = PRESETS["map-elites", "tuned"]
     assert isinstance(config, AnnealedMapElitesConfig)
     moves = replace(config.annealing.moves, fill_probability=filling, refit=refit)
     annealing = replace(config.annealing, hottest=hottest, coldest=3 * hottest // 10, moves=moves)
-    return make_optimizer(problem, replace(config, annealing=annealing, bin_penalty=penalty, restart=restart))
+    config = replace(config, annealing=annealing, bin_penalty=penalty, restart=restart, strips=False)
+    return make_optimizer(problem, config)
 
 
 def _ea(problem: Problem) -> Optimizer:
@@ -355,9 +356,9 @@ ROWS = {
         preset: Row(f"MAP-Elites, `{preset}`", _in_jax(partial(_preset, method="map-elites", preset=preset)))
         for preset in ("paper", "standard", "tuned")
     },
-    "tuned-mirrored": Row("the same, no refitted windows, little filling", _in_jax(_mirrored)),
+    "tuned-mirrored": Row("the same, no refitted strips and windows, little filling", _in_jax(_mirrored)),
     "drawn": Row(
-        "the same as `tuned`, with the effort of the other libraries",
+        "the same, no refitted strips, with the effort of the other libraries",
         _in_jax(_drawn),
         {"hottest": 80, "penalty": 400, "restart": 0.0, "filling": 0.05, "refit": 25},
         {"hottest": (20, 40, 80, 160), "penalty": (100, 200, 400, 800), "restart": (0.0, 0.1, 0.3), **_MIX},
