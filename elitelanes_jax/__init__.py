@@ -1,12 +1,12 @@
 """Elite Lanes JAX: evolutionary generation of road networks for a miniature city.
 
 The kernels work on one grid and are pure: `jax.jit` and `jax.vmap` them. `evolve` runs whole searches. `__init__.pyi`
-lists all names; each is imported when it is first asked for, so that what needs no JAX does not wait for it.
+lists all names. Each name is imported at its first use, so that code without JAX does not wait for JAX.
 """
 
 
 def __getattr__(name: str) -> object:
-    """Reads the list of names when the first one is asked for: the command has its signals to catch before that."""
+    """Reads the list of names at the first use of a name, so that the command can catch signals before that."""
     import lazy_loader
 
     attached = lazy_loader.attach_stub(__name__, __file__)

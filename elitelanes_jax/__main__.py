@@ -1,6 +1,7 @@
 """The console script ``elitelanes``, and ``python -m elitelanes_jax``.
 
-It imports next to nothing before it catches signals: until then Python ends an interrupted program with a traceback.
+Signals are caught before modules are imported, because Python ends a program that is interrupted earlier with a
+traceback.
 """
 
 import gc
@@ -10,15 +11,15 @@ import sys
 
 
 def run() -> None:
-    """Runs the command line of the process; modules load within, so that an interruption is caught from the start."""
+    """Runs the command line of the process."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # not on every system
         if number is not None and signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: os._exit(130))  # until `leave` has its own
-    # Most of what is allocated while modules load and JAX traces is kept: to look for garbage is a fifth of the time.
+    # Most objects made while modules load and JAX traces are kept. Looking for garbage took a fifth of that time.
     gc.set_threshold(100_000)
     for name, level in (("OPENCV_LOG_LEVEL", "SILENT"), ("OPENCV_FFMPEG_LOGLEVEL", "-8")):
-        os.environ.setdefault(name, level)  # a line for each frame of a film on a full disk: the command says it in one
+        os.environ.setdefault(name, level)  # on a full disk OpenCV prints a line per frame; the command prints one
     from elitelanes_jax.cli.program import leave
 
     leave(_main)

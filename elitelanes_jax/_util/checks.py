@@ -1,4 +1,4 @@
-"""Checks of single values: each takes a value, or its text, and returns it as it should be, or raises `InputError`."""
+"""Checks of single values: each takes a value or its text, and returns the checked value or raises `InputError`."""
 
 import re
 from collections import Counter
@@ -12,10 +12,10 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import UserValue
 
 Check = Callable[[UserValue], UserValue]
-"""From a value or a text to the value as it should be; raises `InputError`."""
+"""Takes a value or its text, and returns the checked value or raises `InputError`."""
 
 LARGEST = 2**30
-"""The largest whole number a user may give: the difference of two fits 32 bits."""
+"""The largest whole number of a user, so that the difference of two fits 32 bits."""
 
 _FILES: tuple[str, ...] = (".csv", ".gif", ".graphml", ".gz", ".html", ".jpeg", ".jpg", ".json", ".log", ".md")
 _FILES += (".npy", ".npz", ".pdf", ".png", ".py", ".svg", ".tar", ".toml", ".txt", ".xml", ".xodr", ".yaml", ".yml")
@@ -25,17 +25,17 @@ _LARGEST_INT32 = 2**31 - 1
 
 
 def is_whole(value: UserValue) -> bool:
-    """Tells whether a value is a whole number of Python or NumPy; a bool is not."""
+    """Returns whether a value is a whole number of Python or NumPy; a bool is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def is_real(value: UserValue) -> bool:
-    """Tells whether a value is a number of Python or NumPy, whole or not; a bool or an array is not."""
+    """Returns whether a value is a number of Python or NumPy; a bool or an array is not."""
     return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
 
 
 def whole(least: int, most: int = _LARGEST_INT32) -> Check:
-    """Makes a check: a whole number within limits."""
+    """Makes a check for a whole number from `least` to `most`."""
     open_limit = f"{least} or more" if most == _LARGEST_INT32 else f"{least} to {most}"
 
     def check(value: UserValue) -> int:
@@ -52,7 +52,7 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
 
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
-    """Makes a check: a finite number within limits, the lower one included unless `exclusive`."""
+    """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
     limit = (
         f", {least:g} to {most:g}"
         if most < float("inf")
@@ -75,7 +75,7 @@ def real(least: float, most: float = float("inf"), *, unit: str = "a number", ex
 
 
 def one_of(*names: str) -> Check:
-    """Makes a check: one of the given names."""
+    """Makes a check for one of the names."""
 
     def check(value: UserValue) -> str:
         if not isinstance(value, str) or value not in names:
@@ -86,7 +86,7 @@ def one_of(*names: str) -> Check:
 
 
 def none_or(check: Callable[..., UserValue]) -> Callable[..., UserValue]:
-    """Makes a check: None, or a value that another check lets pass."""
+    """Makes a check for None, or a value that passes another check."""
     return lambda value, *beside: None if value is None else check(value, *beside)
 
 
@@ -104,25 +104,25 @@ def path(value: UserValue) -> Path:
 
 def paths(value: UserValue) -> list[Path]:
     """Checks for a path or several, at least one."""
-    listed = [value] if isinstance(value, str | Path) else value
-    if not isinstance(listed, Iterable):
+    several = [value] if isinstance(value, str | Path) else value
+    if not isinstance(several, Iterable):
         raise InputError(f"expected paths, got {shorten(repr(value), 40)}")
-    if not (found := [path(one) for one in listed]):
+    if not (found := [path(one) for one in several]):
         raise InputError("expected at least one, got none")
     return found
 
 
-def ends_as_file(place: Path) -> bool:
-    """Tells whether a path ends as that of a file does, so that hardly a folder is meant."""
-    return place.name.lower().endswith(_FILES)
+def ends_as_file(file: Path) -> bool:
+    """Returns whether a path has the suffix of a file, so that a folder is hardly meant."""
+    return file.name.lower().endswith(_FILES)
 
 
 def folder(value: UserValue) -> Path:
-    """Checks for the path of a folder to write to; one that is there may have any name."""
-    place = path(value)
-    if ends_as_file(place) and not place.is_dir():
-        raise InputError(f"expected a folder, got the name of a file, {shorten(repr(str(place)), 40)}")
-    return place
+    """Checks for the path of a folder to write to; an existing folder may have any name."""
+    out = path(value)
+    if ends_as_file(out) and not out.is_dir():
+        raise InputError(f"expected a folder, got the name of a file, {shorten(repr(str(out)), 40)}")
+    return out
 
 
 def flag(value: UserValue) -> bool:
@@ -142,7 +142,7 @@ def switch(value: UserValue) -> bool:
 
 
 def check_named(name: str, check: Callable[..., UserValue], value: UserValue, *beside: UserValue) -> UserValue:
-    """Checks a value, with what the check takes beside it; the error's message starts with its name."""
+    """Checks a value with the further arguments of the check; the error's message starts with `name`."""
     try:
         return check(value, *beside)
     except InputError as error:
@@ -158,13 +158,7 @@ def split_settings(text: str) -> list[str]:
 def check_unique(record: str, kind: str, names: Iterable[str]) -> list[str]:
     """Checks that no name comes twice.
 
-    Args:
-      record: the name of what they are names in, for the message.
-      kind: of things they name.
-      names: to check.
-
-    Raises:
-      InputError: if one does.
+    The error's message starts with `record`, which has the names, and calls each a `kind`.
     """
     listed = list(names)
     name, times = max(Counter(listed).items(), key=lambda item: item[1], default=("", 0))

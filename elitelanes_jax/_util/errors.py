@@ -9,8 +9,7 @@ from elitelanes_jax._util.types import UserValue
 class InputError(ValueError):
     """A wrong argument, file or folder. The message names it, what was expected and what came.
 
-    The command line prints the message alone. Any other error, a plain `ValueError` too, is a bug in the program, and
-    keeps its traceback.
+    The command line prints the message alone. Any other error, also a plain `ValueError`, is a bug with a traceback.
     """
 
 
@@ -27,7 +26,7 @@ class NotEnoughMemoryError(MemoryError):
 
 
 def suggest(name: UserValue, known: Iterable[str]) -> str:
-    """Returns the known name that an unknown one probably means, as the end of a message; empty if there is none."""
+    """Returns the known name that an unknown name probably means, as the end of a message; "" if there is none."""
     text, names = str(name)[:40].lower(), list(known)
     start = text[: 5 if text.startswith("--") else 3]
     alike = get_close_matches(text, names, 1) or [one for one in names if one.startswith(start)]

@@ -1,4 +1,4 @@
-"""Files that are read up to a size limit, and written whole or not at all."""
+"""Reads files up to a size limit, and writes files whole or not at all."""
 
 import errno
 import json
@@ -17,12 +17,7 @@ KIB, MIB = 2**10, 2**20
 
 
 def read_bytes(file: str | Path, limit: int) -> bytes:
-    """Reads a file of at most `limit` bytes, so that no file takes more memory.
-
-    Raises:
-      InputError: if the file is larger; the message names the file.
-      OSError: if it cannot be read.
-    """
+    """Reads a file; raises `InputError` if it has more than `limit` bytes, so that no file fills the memory."""
     with Path(file).open("rb") as stream:
         content = stream.read(limit + 1)
     if len(content) > limit:
@@ -32,24 +27,20 @@ def read_bytes(file: str | Path, limit: int) -> bytes:
 
 
 def read_text(file: str | Path, limit: int) -> str:
-    """Reads a file as UTF-8, without a byte order mark; see `read_bytes`.
-
-    Raises:
-      UnicodeDecodeError: if it is not UTF-8.
-    """
+    """Reads a file as UTF-8 without a byte order mark, see `read_bytes`; raises `UnicodeDecodeError` for other text."""
     return read_bytes(file, limit).decode("utf-8-sig")
 
 
 def read_json(file: str | Path, limit: int = 32 * MIB) -> Plain:
-    """Reads a file of JSON; see `read_text` and `parse_json` for the limits and errors."""
+    """Reads a file of JSON; see `read_text` and `parse_json` for the errors."""
     return parse_json(read_text(file, limit))
 
 
 def parse_json(text: str) -> Plain:
-    """Parses JSON, strictly.
+    """Parses JSON.
 
     Raises:
-      InputError: if an object has a key twice, or a number is NaN or infinite, which JSON has not.
+      InputError: if an object has a key twice, or a number is NaN or infinite.
       ValueError: if the text is not JSON.
       RecursionError: if it is nested too deeply.
     """
@@ -69,15 +60,10 @@ def _refuse(number: str) -> NoReturn:
 def new_file(file: Path) -> Iterator[Path]:
     """Provides a path next to a file for the block to write to; at the end it is renamed to the file.
 
-    A reader finds the whole file or none, even after a kill. Two processes may write the same file at once.
-
-    Args:
-      file: missing folders are made; an existing file is replaced.
-
-    Raises:
-      OSError: that names `file`, if it cannot be written; no part of it is left.
+    A reader finds the whole file or none, even after a kill. Two processes may write the same file at once. Missing
+    folders are made, and an existing file is replaced. An `OSError` names `file`, and no part of the file is left.
     """
-    if not file.name:  # of ".", which no other name can lie beside
+    if not file.name:  # "." has no parent to write a part in
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(file))
     part = file.with_name(f".{file.stem}-{os.urandom(4).hex()}.part{file.suffix}")
     try:
@@ -113,6 +99,6 @@ def check_new(file: Path) -> None:
 
 
 def unwritable_error(path: str | Path, error: OSError) -> InputError:
-    """Returns the error that says why nothing can be written to a path."""
+    """Returns the error that says why a path cannot be written to."""
     got = f" {error.filename}" if error.filename else ""
     return InputError(f"{path}: expected a path that can be written to, got{got}: {reason(error)}")

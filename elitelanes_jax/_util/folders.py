@@ -1,13 +1,13 @@
-"""Output folders that are complete or not there, made by work that can be killed at any moment and resumed.
+"""Output folders that are complete or do not exist, written by runs that can be killed at any moment and resumed.
 
 Unfinished work is kept in a hidden folder next to the output folder, ``.NAME-unfinished``:
 
 - ``lock`` is held by the process that works. The system releases it when the process ends.
-- ``settings.json`` says what the work depends on.
-- ``kept`` is what the next run resumes from.
-- ``files`` are the files so far. At the end the folder is renamed to the output folder.
+- ``settings.json`` has what the work depends on.
+- ``kept`` has what the next run resumes from.
+- ``files`` has the files so far. At the end the folder is renamed to the output folder.
 
-An output folder that exists may be a mount or the folder of a shell, so it is not replaced by another one. Instead,
+An output folder that exists may be a mount or the current folder of a shell, so its entries are replaced instead.
 ``files`` is renamed to ``ready``, the old entries are moved out of the output folder, and the new entries are moved in.
 If the process is killed in between, the next run does the rest.
 """
@@ -26,7 +26,7 @@ from elitelanes_jax._util.types import Plain
 
 _LOCK, _SETTINGS, _KEPT, _FILES = "lock", "settings.json", "kept", "files"
 _READY, _REPLACED, _MOVING = "ready", "replaced", "moving"
-_INSIDE = ".unfinished"  # the name of the hidden folder where it has to be in the output folder
+_INSIDE = ".unfinished"  # the name of the hidden folder if it has to be in the output folder
 
 
 class Unfinished(NamedTuple):
@@ -53,8 +53,8 @@ def output_folder(
 ) -> Iterator[Unfinished]:
     """Provides folders to work in. When the block ends, its files are the output folder.
 
-    If the block raises an error, the output folder stays as it was. The work stays for the next run if there is
-    anything in `kept`, and after a kill. Only one process at a time works for an output folder.
+    If the block raises an error, the output folder does not change. After an error with files in `kept`, or a kill, the
+    next run resumes the work. Only one process at a time works for an output folder.
 
     Args:
       out: the output folder, new or empty.
@@ -66,8 +66,8 @@ def output_folder(
       resume_files: whether the work resumes with the files of an earlier run; by default it starts without files.
 
     Raises:
-      InputError: if the folder is a file, is not empty and may not be replaced, or cannot be written to; if there is
-        unfinished work with other settings, or another process works for the folder.
+      InputError: if the output folder is a file, is not empty and may not be replaced, cannot be written to, or has
+        unfinished work with other settings or of another process.
       OSError: of the block. It names a file as if it were in the output folder already.
     """
     asked, out = out, Path(os.path.realpath(out))
@@ -101,12 +101,12 @@ def output_folder(
 
 
 def has_unfinished(out: str | Path) -> bool:
-    """Returns whether there is unfinished work for a folder that the next run resumes."""
+    """Returns whether the next run for a folder resumes unfinished work."""
     return _has_work(_hidden(Path(os.path.realpath(out))))
 
 
 def settle(out: str | Path) -> None:
-    """Moves the rest of the files of an output folder if a run was killed while it moved them."""
+    """Moves the rest of the files into an output folder if a run was killed while it moved them."""
     out = Path(os.path.realpath(out))
     hidden = _hidden(out)
     if hidden.is_dir():
@@ -120,14 +120,10 @@ def settle(out: str | Path) -> None:
 def locked(folder: Path, asked: str | Path) -> Iterator[None]:
     """Locks a folder, so that one process at a time works in it.
 
-    A folder that was made for this is removed at the end if it is empty.
-
-    Args:
-      folder: made if it does not exist.
-      asked: the path that the user named, for messages.
+    A folder that did not exist is made, and removed at the end if it is empty.
 
     Raises:
-      InputError: if another process works in the folder, or it cannot be written to.
+      InputError: that names the path `asked`, if another process works in the folder, or it cannot be written to.
     """
     from filelock import FileLock, Timeout  # it takes 50 ms to load
 
@@ -154,16 +150,10 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
 
 
 def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plain], hint: str) -> None:
-    """Compares settings with those in a file.
-
-    Args:
-      folder: whose settings they are, for messages.
-      file: JSON, the earlier settings.
-      settings: those of now, plain values for JSON.
-      hint: what to do if they differ, the end of the message.
+    """Compares settings with those in a JSON file of an earlier run.
 
     Raises:
-      InputError: that names the first setting that differs.
+      InputError: that names `folder` and the first setting that differs, and ends with `hint`.
     """
     try:
         earlier = read_json(file)
@@ -190,11 +180,7 @@ def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tu
 
 
 def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
-    """Checks that no input is in a folder, or is the file, that is to be replaced, with symbolic links followed.
-
-    Raises:
-      InputError: that names the first input in the folder.
-    """
+    """Checks that a folder or file to be replaced is no input and contains none, with symbolic links followed."""
     for path in inputs:
         if Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
             if not Path(folder).is_dir():
@@ -203,17 +189,15 @@ def check_apart(folder: str | Path, inputs: Iterable[str | Path]) -> None:
 
 
 def foreign_file(folder: Path, own: Callable[[str], Plain]) -> str | None:
-    """Returns the first file below a folder that is not an own file, in the order of names; None without one.
+    """Returns the first file below a folder, by name, for whose relative path `own` is false; None if there is none.
 
-    Args:
-      folder: to look through; a symbolic link in it is not an own file.
-      own: takes a path relative to the folder, with slashes, and returns whether the file is an own file.
+    A symbolic link is never an own file. `own` takes paths with slashes.
     """
-    for place, names, files in os.walk(folder):
+    for parent, names, files in os.walk(folder):
         names[:] = sorted(name for name in names if name != _INSIDE)
-        links = [name for name in names if (Path(place) / name).is_symlink()]
+        links = [name for name in names if Path(parent, name).is_symlink()]
         for name in sorted([*files, *links]):
-            path = Path(place, name)
+            path = Path(parent, name)
             relative = path.relative_to(folder).as_posix()
             if path.is_symlink() or not own(relative):
                 return relative
@@ -229,7 +213,7 @@ def remove(path: Path) -> None:
 
 
 def _hidden(out: Path) -> Path:
-    """Returns the hidden folder: next to the output folder, or in it if nothing can be moved in from next to it."""
+    """Returns the hidden folder: next to the output folder, or in it if no file can be moved in from next to it."""
     inside = out.is_dir() and (os.path.ismount(out) or not os.access(out.parent, os.W_OK))
     return out / _INSIDE if inside else out.with_name(f".{out.name}-unfinished")
 
@@ -261,7 +245,6 @@ def _has_work(hidden: Path) -> bool:
 
 
 def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], force: bool, resume_files: bool) -> None:
-    """Makes the folders of the work, with what an earlier run with equal settings left."""
     files, kept = hidden / _FILES, hidden / _KEPT
     same = _has_work(hidden)
     if same:
@@ -299,10 +282,7 @@ def _move(hidden: Path, out: Path) -> None:
 
 
 def _moves(hidden: Path, out: Path) -> Iterator[tuple[Path, Path]]:
-    """Yields what is left to rename, one after the other, until the files are in an output folder that exists.
-
-    The names of the folders say which step is next, so that this works after a kill too.
-    """
+    """Yields each path to rename with its new path. The folders' names say which step is next, also after a kill."""
     files, ready, replaced, moving = (hidden / name for name in (_FILES, _READY, _REPLACED, _MOVING))
     if files.exists():
         yield files, ready
@@ -328,7 +308,6 @@ def _settle(hidden: Path, out: Path) -> None:
 
 
 def _clear(folder: Path, but: str = "") -> None:
-    """Removes everything in a folder except an entry with a name."""
     for entry in folder.iterdir():
         if entry.name != but:
             remove(entry)

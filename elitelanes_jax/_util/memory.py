@@ -1,4 +1,4 @@
-"""The memory that this process can still take, and errors that say that there is too little."""
+"""The memory that this process can still use, and errors for too little memory."""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -8,7 +8,7 @@ _GROUPS = Path("/sys/fs/cgroup")
 
 
 def free_memory() -> int:
-    """Returns the bytes that this process can still take: of the machine, of its container, and of its own limit."""
+    """Returns the bytes that this process can still use: within the machine, the container and the process's limit."""
     import psutil
 
     free = [psutil.virtual_memory().available, *_of_groups()]
@@ -22,18 +22,17 @@ def free_memory() -> int:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Returns whether an error of Python or of XLA means that there is too little memory."""
+    """Returns whether an error of Python or XLA means too little memory."""
     words = str(error)
     return isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in words or "out of memory" in words.lower()
 
 
 def in_gigabytes(size: float) -> str:
-    """Returns a number of bytes in words."""
     return f"{size / 1e9:,.1f} GB"
 
 
 def _of_groups() -> Iterator[int]:
-    """Yields the free bytes of the process's control groups, which a container or a job of a cluster limits."""
+    """Yields the free bytes of the process's control groups, by which containers and cluster jobs limit memory."""
     with suppress(OSError, ValueError, StopIteration):
         lines = Path("/proc/self/cgroup").read_text(encoding="utf-8").splitlines()
         group = _GROUPS / next(line for line in lines if line.startswith("0::")).removeprefix("0::/")
@@ -43,5 +42,5 @@ def _of_groups() -> Iterator[int]:
             with suppress(OSError, ValueError, StopIteration):  # "max" is no limit
                 limit, taken = (int((folder / f"memory.{name}").read_text()) for name in ("max", "current"))
                 stat = (folder / "memory.stat").read_text().splitlines()
-                # Pages of files are given back when memory is needed.
+                # The system frees pages of files when memory is needed.
                 yield limit - taken + int(next(line for line in stat if line.startswith("inactive_file ")).split()[1])

@@ -1,4 +1,4 @@
-"""Files of arrays by name, of which one is a JSON table: NumPy's ``.npz``, without pickles."""
+"""Files of named arrays and one JSON table: NumPy's ``.npz``, without pickles."""
 
 import json
 import tokenize
@@ -17,11 +17,11 @@ from elitelanes_jax._util.memory import free_memory
 from elitelanes_jax._util.types import Plain, Untyped
 
 _SETTINGS = "settings"
-# Bytes unpacked, at most: the most of these, and a quarter of the free memory. Elites shrink to a tenth, vacant places
-# to a thousandth.
+# The limit of unpacked bytes is the largest of 512 MiB, 64 times the file's size and a quarter of the free memory.
+# Elites are packed to a tenth of their size, vacant slots to a thousandth.
 _MOST_BYTES, _MOST_RATIO = 512 * MIB, 64
 
-# Errors that a damaged file raises: of NumPy, JSON, and ZIP, which may be packed in unknown ways or encrypted.
+# Errors of NumPy, JSON and ZIP for a damaged file, an encrypted one or an unknown compression.
 _DAMAGES = (
     *(ValueError, TypeError, KeyError, EOFError, OverflowError, MemoryError, RecursionError),
     *(zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, SyntaxError, tokenize.TokenError),
@@ -29,18 +29,14 @@ _DAMAGES = (
 
 
 def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
-    """Packs arrays of numbers or texts, and values for JSON; the same content gives the same bytes."""
+    """Packs arrays of numbers or texts, and values for JSON. Equal content gives equal bytes."""
     stream = BytesIO()
     np.savez_compressed(stream, **arrays, **{_SETTINGS: np.array(json.dumps(settings))})  # type: ignore[arg-type]
     return stream.getvalue()
 
 
 def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
-    """Reads a file: the values of its JSON, None where it has none, and its arrays by name.
-
-    Raises:
-      InputError: if it cannot be read, is no such file, or is damaged.
-    """
+    """Returns the JSON values of a file, or None, and its arrays by name; raises `InputError` if it cannot be read."""
     try:
         with _open_arrays(path) as archive:
             settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
@@ -49,17 +45,12 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
         words = shorten(str(error).partition("\n")[0] or type(error).__name__)
-        raise InputError(f"{path}: expected NumPy's .npz, got one that does not hold: {words}") from None
+        raise InputError(f"{path}: expected NumPy's .npz, got a damaged file: {words}") from None
 
 
 @contextmanager
 def _open_arrays(path: str | Path) -> Iterator[Untyped]:
-    """Opens a file of arrays by name, which are read without pickles.
-
-    Raises:
-      InputError: if it would unpack to over 512 MiB, over 64 times its size, and over a quarter of the free memory.
-      OSError: if it cannot be read; and any of `_DAMAGES`, here and when arrays are read.
-    """
+    """Opens a file of arrays. Raises `InputError` for too many unpacked bytes, `OSError`, and any of `_DAMAGES`."""
     with Path(path).open("rb") as stream:
         if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle
             raise zipfile.BadZipFile("no archive of arrays")

@@ -30,13 +30,9 @@ def _version(name: str) -> str | None:
 def import_optional(module: str, need: str, package: str | None = None) -> ModuleType:
     """Imports a module that may not be installed.
 
-    Args:
-      module: its name.
-      need: says what needs the module; it ends with the package's name.
-      package: what to install; by default the module's name.
-
     Raises:
-      MissingPackageError: if it is not installed; the message says how to install it.
+      MissingPackageError: with the text `need`, which ends with the package's name, and how to install `package`, by
+        default the module.
     """
     try:
         return import_module(module)

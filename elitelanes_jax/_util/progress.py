@@ -1,7 +1,7 @@
 """Progress of long work: a bar in a terminal or a notebook, lines in a log.
 
-Work opens a `Progress` and counts. A thread draws, so that the display moves while a compiler works. Work within other
-work is named in the display of the outermost work.
+Work opens a `Progress` and counts. A thread draws, so that the display moves while XLA compiles. The display of the
+outermost work also names the work within it.
 """
 
 import os
@@ -15,9 +15,10 @@ from threading import Thread
 from types import TracebackType
 from typing import TextIO
 
-# In seconds: between two drawings of a bar; between two lines; until a bar appears that nobody asked for; the shortest
-# step whose time is printed.
-_REDRAW, _LINES, _DELAY, _SHORTEST = 0.2, 30.0, 1.0, 0.5
+# Seconds between two drawings of a bar, between two lines, and before the first drawing of a bar that is not forced.
+_REDRAW, _LINES, _DELAY = 0.2, 30.0, 1.0
+# The shortest step, in seconds, whose time is printed.
+_SHORTEST = 0.5
 
 
 class Verbosity(IntEnum):
@@ -30,7 +31,7 @@ class Verbosity(IntEnum):
 
 _verbosity: Verbosity | None = None  # None outside of commands
 _running: list["Progress"] = []  # the outermost work first
-_last_line = 0.0  # the time when it was printed
+_last_line = 0.0  # the time when the last line was printed
 
 
 @contextmanager
@@ -53,22 +54,21 @@ def announce(text: str) -> None:
     """Prints a line on standard error, in commands that are not quiet."""
     if _verbosity and sys.stderr is not None:
         drawn = any(work.display is not None and work.display.is_drawn_bar for work in _running)
-        with suppress(OSError, ValueError):  # the stream may be closed; the work goes on
+        with suppress(OSError, ValueError):  # a closed stream must not stop the work
             print(("\r\x1b[K" if drawn else "") + text, file=sys.stderr, flush=True)
 
 
 def detail(text: str) -> None:
-    """Prints a line on standard error, in verbose commands."""
     if _verbosity is Verbosity.VERBOSE:
         announce(text)
 
 
 class Progress:
-    """A context for work that is counted.
+    """A context that shows the progress of counted work.
 
     Args:
       name: the name of the work.
-      total: the count at the end; None if it is not known.
+      total: the final count; None if it is unknown.
       unit: the unit of the count, a plural.
       done: the count at the start.
       shown: whether the work is shown, at once. By default, a terminal or notebook shows work that takes over a
@@ -81,15 +81,14 @@ class Progress:
         self.display: _Display | None = None
         self._name, self._total, self._unit, self._done = name, total, unit, done
         self._note, self._step = "", ""
-        self._since, self._first = time.monotonic(), done  # of these follows the remaining time
+        self._since, self._first = time.monotonic(), done  # for the remaining time
         self._shown = shown
 
     def update(self, done: int, note: str = "") -> None:
-        """Sets the count, and text to show after it."""
+        """Sets the count, and a text to show after it."""
         self._done, self._note = done, note
 
     def count(self, more: int = 1) -> None:
-        """Adds to the count."""
         self._done += more
 
     @contextmanager
@@ -106,7 +105,6 @@ class Progress:
 
     @property
     def fraction(self) -> float | None:
-        """The share of the work that is done; None if the total is not known."""
         return None if self._total is None else self._done / max(self._total, 1)
 
     def __str__(self) -> str:
@@ -135,7 +133,6 @@ class Progress:
 
 
 def _start_display(shown: bool | None) -> "_Display | None":
-    """Starts the display of the outermost work, if it has one."""
     stream = sys.stderr
     if _verbosity is Verbosity.QUIET or stream is None or stream.closed:
         return None
@@ -145,7 +142,7 @@ def _start_display(shown: bool | None) -> "_Display | None":
 
 
 class _Display(Thread):
-    """A thread that draws a bar or prints lines; an interruption leaves its queue intact."""
+    """A thread that draws a bar or prints lines."""
 
     def __init__(self, stream: TextIO, at_once: bool, bar: bool) -> None:
         super().__init__(daemon=True)
@@ -158,7 +155,7 @@ class _Display(Thread):
         return self._bar and self._drawn
 
     def run(self) -> None:
-        with suppress(OSError, ValueError):  # nobody reads it any more; the work goes on
+        with suppress(OSError, ValueError):  # a closed stream must not stop the work
             while True:
                 with suppress(Empty):
                     self._ended.get(timeout=max(self._wait(), 0))
@@ -178,7 +175,6 @@ class _Display(Thread):
                     self._stream.flush()
 
     def _wait(self) -> float:
-        """Returns the seconds until the next drawing."""
         if self.is_drawn_bar or (self._at_once and not self._drawn):
             return _REDRAW
         return _DELAY if self._bar else _last_line + _LINES - time.monotonic()
@@ -195,7 +191,7 @@ class _Display(Thread):
         self._drawn = True
 
     def _draw_bar(self, fraction: float | None, text: str) -> None:
-        from tqdm import tqdm  # the kernels do without it
+        from tqdm import tqdm  # only displays need it
 
         if not self._drawn:
             self._print = tqdm.status_printer(self._stream)

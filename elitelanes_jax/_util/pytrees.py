@@ -15,20 +15,20 @@ R = TypeVar("R", bound=Record)
 
 
 def static(default: UserValue, check: Check) -> UserValue:
-    """Declares a field that `jax.jit` compiles for: each value needs its own program."""
+    """Declares a field for each of whose values `jax.jit` compiles a program."""
     return field(default=default, metadata={"option": Option(check), "static": True})
 
 
 def traced(default: UserValue, check: Check) -> UserValue:
-    """Declares a field with a number, or an array of numbers: one program serves all values. Arrays are not checked."""
+    """Declares a field with a number or an array. One program serves all values. Arrays are not checked."""
     return option(default, lambda value: value if isinstance(value, jax.Array | np.ndarray) else check(value))
 
 
 def pytree(kind: type[R]) -> type[R]:
     """Registers a record as a pytree: its static fields belong to the structure, all others are children.
 
-    `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. Transformations put values
-    there that are no settings: tracers, axes, None.
+    `jax.tree_util.register_dataclass` would call the constructor, which checks the fields. But transformations make
+    records of tracers, axes and None.
     """
     structure = [one.name for one in fields(kind) if one.metadata.get("static")]  # type: ignore[arg-type]
     children = [name for name in kind.options() if name not in structure]

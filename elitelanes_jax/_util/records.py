@@ -1,4 +1,4 @@
-"""Records of options: frozen dataclasses that check every field when they are made.
+"""Records of options: frozen dataclasses that check each field when they are created.
 
 A field is one line: its default and its check. The command line makes its options from the same lines
 (`elitelanes_jax.cli.arguments`). Records that JAX traces are in `elitelanes_jax._util.pytrees`.
@@ -15,19 +15,19 @@ from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import UserValue
 
 REQUIRED = MISSING
-"""The default of a field that has none."""
+"""The default of a required field."""
 
 
 class Option(NamedTuple):
-    """The properties of a field, apart from its name, default and description.
+    """What a field has beside its name, default and description.
 
     Attributes:
       check: checks the value.
-      metavar: what the help of the command line calls the values; None if there is no such option.
+      metavar: the name of the value in the command line's help; None if the field is no option of the command line.
       flag: the option's name on the command line, if it is not the field's.
-      many: whether the option takes several values; "*" if it also takes none; "once" if a second option is refused
-        instead of overriding the first one.
-      after: the name of an earlier field; the check takes its value as a second argument.
+      many: whether the option takes several values. "*" also accepts none; "once" refuses a repeated option, which
+        otherwise overrides the first one.
+      after: the name of an earlier field, whose value the check takes as a second argument.
     """
 
     check: Callable[..., UserValue]
@@ -82,11 +82,7 @@ class Record:
 
 
 def check_names(names: Iterable[str], known: Iterable[str]) -> None:
-    """Checks that names of fields are known.
-
-    Raises:
-      InputError: that starts with the first name that is not.
-    """
+    """Checks that all names are known; the error's message starts with the first unknown name."""
     known = list(known)
     for name in names:
         if name not in known:
@@ -94,7 +90,7 @@ def check_names(names: Iterable[str], known: Iterable[str]) -> None:
 
 
 def record(kind: type[Record]) -> Check:
-    """Makes a check: a record of a kind."""
+    """Makes a check for a record of a type."""
 
     def check(value: UserValue) -> Record:
         if not isinstance(value, kind):

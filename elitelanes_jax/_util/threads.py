@@ -1,4 +1,4 @@
-"""Calls in threads, and the number of the processor's cores to work on."""
+"""Calls functions in threads, and limits the number of cores."""
 
 import os
 from collections.abc import Callable, Iterable, Sequence
@@ -17,7 +17,7 @@ _limit: int | None = None
 def use_cores(count: int) -> None:
     """Limits searches and drawing in this process to a number of the processor's cores, from the next call on.
 
-    Results are the same. JAX's own settings stay as they are.
+    Does not change results, or JAX's own settings.
 
     Raises:
       InputError: for a number under 1.
@@ -27,7 +27,7 @@ def use_cores(count: int) -> None:
 
 
 def count_cores() -> int:
-    """Returns the number of cores to work on: those that this process may use, up to the limit of `use_cores`."""
+    """Returns the number of cores that this process may use, at most the limit of `use_cores`."""
     known = hasattr(os, "sched_getaffinity")  # not on macOS and Windows
     cores = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
     return min(cores, _limit or cores)
@@ -40,18 +40,18 @@ def side_by_side(
     ended: Callable[[T], object] | None = None,
     wait: bool = True,
 ) -> list[T]:
-    """Calls functions in threads. Returns what they return, in order.
+    """Calls functions in threads, and returns their results in order.
 
-    A call starts as soon as the iterable yields it and a thread is free. An error or an interruption is raised when
-    the running calls have ended; the others are not started.
+    A call starts when the iterable yields it and a thread is free. After an error or an interruption no further call
+    starts; the exception is raised when the running calls have ended.
 
-    This thread waits at a `SimpleQueue`, because an interruption leaves that intact. A lock written in Python, as in
+    This thread waits at a `SimpleQueue`, because an interruption leaves it intact. A lock written in Python, as in
     `concurrent.futures`, may stay locked if the interruption comes between acquire and release.
 
     Args:
       calls: the functions.
       workers: the number of threads; by default one for each call.
-      ended: called in this thread with each value as soon as it is there.
+      ended: called in this thread with each result when its call ends.
       wait: whether an interruption waits for the running calls.
     """
     if wait and ended is None and isinstance(calls, Sequence) and len(calls) == 1:

@@ -1,21 +1,21 @@
-"""Names for types that a checker cannot see, each with the reason; there is no other `Any` in the package."""
+"""Names for types that a checker cannot see, each with the reason. The package has no other `Any`."""
 
 from typing import Any, TypeAlias
 
 UserValue: TypeAlias = Any
-"""A user's value, from Python, the command line or a file: whoever takes it checks it, and refuses what is wrong."""
+"""A user's value, from Python, the command line or a file. The function that takes it checks it."""
 
 Plain: TypeAlias = Any
-"""A value of JSON, YAML or TOML: whoever reads it looks what it is."""
+"""A value of JSON, YAML or TOML. The function that reads it checks its type."""
 
 AnyArray: TypeAlias = Any
-"""An array of NumPy or of JAX, or rows of numbers: a function of it works on each, and returns the same kind."""
+"""An array of NumPy or JAX, or rows of numbers. A function of it returns an array of the same library."""
 
 Numeric: TypeAlias = Any
-"""A number, or an array that stands for many: `jax.jit` and `jax.vmap` put tracers in its place."""
+"""A number, an array of numbers, or a tracer of `jax.jit` or `jax.vmap`."""
 
 Pytree: TypeAlias = Any
-"""A tree of arrays whose form is not ours to know: the state of an optimiser or of an environment, an observation."""
+"""A pytree of arrays, such as a state or an observation. Only the optimiser or environment knows its structure."""
 
 Untyped: TypeAlias = Any
-"""A module, an object or keywords of a library that has no types, or is not installed with ours."""
+"""A module, object or keyword arguments of a library that has no types or is optional."""
