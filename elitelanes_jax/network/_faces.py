@@ -33,7 +33,7 @@ from jaxtyping import Array, Bool, Int, Shaped, UInt
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.xla import PaddedLayout, batch_all
 
-# Sweeps after which the costlier method for long corridors starts. Random grids need fewer, those of 64 x 64 about 50.
+# Sweeps before the costlier method for long corridors. Random grids need fewer: about 50 at 64 x 64.
 _PATIENCE = 60
 
 _OUTER = 0
@@ -52,7 +52,7 @@ class Links(NamedTuple):
 
 
 def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
-    """Finds the links in a padded vector of codes: pairs of tiles that connect to each other."""
+    """Finds the pairs of neighbouring tiles that connect to each other."""
     here = layout.here(padded)
     return Links(
         east=(here & EAST > 0) & (layout.east(padded) & WEST > 0),
@@ -75,7 +75,7 @@ class Faces(NamedTuple):
 
 
 def find_faces(layout: PaddedLayout, links: Links) -> Faces:
-    """Finds the faces between one grid's roads, in a time that hardly depends on their shape."""
+    """Finds the faces between the roads of one grid. The time hardly depends on their shape."""
     labels = label_faces(layout, links)
     corner = layout.here(labels)
     initial = layout.here(jnp.asarray(_initial_labels(layout)))
@@ -87,7 +87,7 @@ def find_faces(layout: PaddedLayout, links: Links) -> Faces:
 
 
 def label_faces(layout: PaddedLayout, links: Links) -> UInt[Array, " padded"]:
-    """Labels the corners between one grid's tiles by their face: 0 for the outer face, and one label for each other.
+    """Labels the corners of one grid by their face: 0 for the outer face, another label for each inner face.
 
     Labels are less than the length of the padded vector.
     """

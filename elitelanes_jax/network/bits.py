@@ -14,32 +14,32 @@ from elitelanes_jax.network.xla import UNIT
 
 
 def check_key(key: UserValue) -> None:
-    """Raises `InputError` for anything but a key of JAX, of the new style or the old."""
+    """Raises `InputError` for anything but a key of JAX, new or old style."""
     is_array = isinstance(key, jax.Array | np.ndarray)
     if not is_array or not (key.dtype == jnp.uint32 or jnp.issubdtype(key.dtype, jax.dtypes.prng_key)):
         raise InputError(f"key: expected a jax.random.key, got {shorten(repr(key))}")
 
 
 def random_bits(key: Key[Array, ""], shape: tuple[int, ...]) -> UInt32[Array, "..."]:
-    """Draws uint32 of a shape, all bits random; the key is consumed."""
+    """Draws uint32 ``[*shape]``, all bits random; the key is consumed."""
     # The same bits as `jax.random.bits` returns for the shape. Drawn as one vector they compile four times faster.
     return jax.random.bits(key, (prod(shape),), jnp.uint32).reshape(shape)
 
 
 def random_bits16(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
-    """Draws int32 in [0, 2**16) of a shape, all 16 bits random; the key is consumed."""
+    """Draws int32 ``[*shape]`` in [0, 2**16), all 16 bits random; the key is consumed."""
     size = prod(shape)
     bits = random_bits(key, (-(-size // 2),))
     return jnp.concatenate([bits & 0xFFFF, bits >> 16])[:size].reshape(shape).astype(jnp.int32)
 
 
 def symmetric_uniform(key: Key[Array, ""], shape: tuple[int, ...]) -> Int32[Array, "..."]:
-    """Draws numbers uniformly from -1 to 1, int32 in units of 1 / `UNIT`; the key is consumed."""
+    """Draws int32 ``[*shape]`` uniformly from -1 to 1 in units of 1 / `UNIT`; the key is consumed."""
     return random_bits16(key, shape) // 8 - UNIT
 
 
 def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[Array, "..."]:
-    """Makes a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
+    """Returns a whole number in [0, count) from 32 random bits, each with probability 1 / count within 2**-32.
 
     It is the upper half of the 64-bit product of the bits and the count, in 32-bit arithmetic.
 
@@ -59,30 +59,30 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 
 
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
-    """Makes True with a probability from 32 random bits, of which it uses the upper 24.
+    """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.
 
-    With probability 0 it never makes True, with probability 1 always.
+    Args:
+      bits: uint32, any shape.
+      probability: 0 to 1, a number or an array that broadcasts against `bits`.
+
+    Returns:
+      bool, of the broadcast shape.
     """
     return (bits >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
 
 
 def exponential(bits: UInt32[Array, "..."]) -> Int32[Array, "..."]:
-    """Makes an exponentially distributed number of mean 1 from 32 random bits, in units of 1 / `UNIT`, at most 8.4.
+    """Returns an exponentially distributed number of mean 1 from 32 random bits, in units of 1 / `UNIT`, at most 8.4.
 
-    It is one of 2048 quantiles, each equally likely.
+    It is one of 2048 equally likely quantiles.
     """
     return jnp.asarray(_QUANTILES)[bits >> 21]
 
 
 def categorical(bits: UInt32[Array, "..."], logits: Int32[Array, "K ..."]) -> Int32[Array, "..."]:
-    """Makes a whole number in [0, K) from 32 random bits, with the probabilities of a softmax, within 1 / 10,000.
+    """Returns a whole number in [0, K) from 32 random bits, with the probabilities of a softmax, within 1 / 10,000.
 
-    Args:
-      bits: uint32 ``[...]``.
-      logits: int32 ``[K, ...]``, K at most 31, in units of 1 / `UNIT`.
-
-    Returns:
-      int32 ``[...]``.
+    The logits int32 ``[K, ...]`` are in units of 1 / `UNIT`; K is at most 31.
     """
     weights = _exponential_of(logits - logits.max(axis=0))
     drawn = randint(bits, weights.sum(axis=0, dtype=jnp.int32))

@@ -16,7 +16,7 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
 
     Args:
       shape: to check.
-      new: whether it is the shape of maps to create. No road forms a loop on a map one tile wide.
+      new: whether it is the shape of maps to create. A map one tile wide has no loop, so their sides are at least 2.
 
     Raises:
       InputError: unless it is two whole numbers from 1, or from 2 for new maps, to `LONGEST_SIDE`.
@@ -32,23 +32,17 @@ def check_shape(shape: UserValue, *, new: bool = False) -> tuple[int, int]:
 
 
 def check_sides(rows: list[list[UserValue]]) -> None:
-    """Checks the number of rows and their lengths, which may differ, against the longest side of a grid.
-
-    Raises:
-      InputError: if there are more rows, or a row is longer.
-    """
+    """Checks that the number of rows, and the length of each, is at most `LONGEST_SIDE`."""
     width = max(map(len, rows), default=0)
     if max(len(rows), width) > LONGEST_SIDE:
         raise InputError(f"shape: expected sides up to {LONGEST_SIDE}, got {len(rows)} x {width}")
 
 
 def check_grid(grid: AnyArray) -> AnyArray:
-    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is an array of JAX, else of NumPy.
+    """Checks a grid; returns it as an int8 array ``[H, W]``, of JAX if it is an array of JAX, otherwise of NumPy.
 
-    A record with a grid in its field ``codes``, such as a `RoadMap`, stands for that grid.
-
-    Under `jax.jit` and `jax.vmap` codes are not known and not checked, and a code outside 0..15 gives meaningless
-    results.
+    A record with a grid in its field ``codes``, such as a `RoadMap`, is also accepted. Under `jax.jit` and `jax.vmap`
+    codes are unknown and not checked; a code outside 0..15 gives meaningless results.
 
     Raises:
       InputError: if it is not two-dimensional, has a side under 1 or over `LONGEST_SIDE`, holds anything but integers,

@@ -66,7 +66,7 @@ KINDS: dict[str, tuple[int, ...]] = {
     "crossing3": (7, 11, 13, 14),
     "crossing4": (15,),
 }
-"""The codes of each kind of tile."""
+"""The codes of each kind of tile, by its name."""
 
 KIND_OF = {code: kind for kind, codes in KINDS.items() for code in codes}
 """The kind of each code."""
@@ -75,45 +75,29 @@ CROSSINGS = KINDS["crossing3"] + KINDS["crossing4"]
 """The codes with three or four connections."""
 
 ROAD_ALPHABET = tuple(code for code in range(16) if CONNECTIONS[code] >= 2)
-"""The 11 codes with two or more connections: every tile that has a picture. New tiles are drawn from it by default."""
+"""The 11 codes with two or more connections, which have pictures. By default, new tiles are drawn from them."""
 
 
 def rotate_codes(codes: AnyArray, quarter_turns: int = 1) -> AnyArray:
-    """Rotates tile codes counter-clockwise by quarter turns: N becomes W, W becomes S.
-
-    Args:
-      codes: an int, or integers of NumPy or JAX of any shape.
-      quarter_turns: any whole number.
-
-    Returns:
-      Codes of the same type and shape.
-    """
+    """Rotates codes of any shape counter-clockwise by quarter turns: N becomes W, W becomes S."""
     for _ in range(quarter_turns % 4):
         codes = (codes << 1) & 15 | codes >> 3
     return codes
 
 
 def exchange_sides(codes: AnyArray, one: int, other: int) -> AnyArray:
-    """Exchanges the connections of two sides of tile codes: of east and west, for a mirror image.
-
-    Args:
-      codes: an int, or integers of NumPy or JAX of any shape.
-      one: the bit of a side.
-      other: the bit of another side, the lower one.
-
-    Returns:
-      Codes of the same type and shape.
-    """
+    """Exchanges two sides of codes of any shape, such as east and west for a mirror image; `one` is the higher bit."""
     shift = one.bit_length() - other.bit_length()
     return codes & (15 ^ one ^ other) | (codes & one) >> shift | (codes & other) << shift
 
 
-def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
-    """Checks a set of tile codes; returns it as a sorted tuple without repeats.
+def transpose_codes(codes: AnyArray) -> AnyArray:
+    """Exchanges north with west and east with south in codes of any shape."""
+    return exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH)
 
-    Raises:
-      InputError: if it is empty or contains anything but whole numbers 0..15.
-    """
+
+def check_alphabet(codes: Iterable[UserValue]) -> tuple[int, ...]:
+    """Checks a set of tile codes; returns it as a sorted tuple without repeats. Raises `InputError` if it is empty."""
     expected = "alphabet: expected tile codes, whole numbers 0 to 15"
     try:
         listed = np.asarray(codes if hasattr(codes, "shape") else list(codes)).ravel().tolist()

@@ -16,7 +16,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
 
     Args:
       metrics: of one grid, or of many with the same leading axes.
-      weights: integers, or integer arrays that broadcast against the metrics; for their size see `check_weights`.
+      weights: integers, or integer arrays that broadcast against the metrics. The sum must fit int32.
 
     Returns:
       int32, of the metrics' shape.
@@ -38,7 +38,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
 
 
 def penalty_weights(weights: Weights) -> Weights:
-    """Returns the weights of penalties alone: rewards and the constant are 0."""
+    """Returns the weights of penalties alone: negative weights and the constant are 0."""
     return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
 
 

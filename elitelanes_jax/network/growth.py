@@ -15,17 +15,16 @@ from jaxtyping import Array, Bool, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.checks import check_shape
-from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides
+from elitelanes_jax.network.codes import CROSSINGS, EAST, NORTH, SOUTH, WEST, exchange_sides, transpose_codes
 
 SMALLEST_GROWN = 3
 """The shortest side of a grid on which a town grows."""
 
-# Towns differ in their number of blocks and bends: the fewest have one per first number of cells, the most one per
-# second number.
+# Cells per block and per bend, the most and the fewest: towns differ in both.
 _CELLS_A_BLOCK, _CELLS_A_BEND = (29, 16), (12, 4)
-# The largest width of a stretch that a bend moves, in links (the smallest is 2), and the largest distance.
+# A bend moves a stretch of 2 to 4 links by 1 to 3 cells.
 _WIDEST, _FARTHEST = 4, 3
-# Cells per step, and the largest number of steps, whatever the size of the grid.
+# Cells per step, and the limit of steps.
 _CELLS_A_STEP, _MOST_STEPS = 4, 256
 
 _ALONG, _UPRIGHT = EAST | WEST, NORTH | SOUTH
@@ -46,15 +45,7 @@ class _Town(NamedTuple):
 
 
 def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]:
-    """Grows a town that covers its grid.
-
-    Args:
-      key: consumed.
-      shape: (height, width), each at least `SMALLEST_GROWN`.
-
-    Raises:
-      InputError: for a bad shape, or one with a shorter side.
-    """
+    """Grows a town that covers its grid. Both sides are at least `SMALLEST_GROWN`; the key is consumed."""
     height, width = check_shape(shape, new=True)
     if min(shape) < SMALLEST_GROWN:
         raise InputError(f"shape: expected sides of at least {SMALLEST_GROWN} for a town to grow, got {shape}")
@@ -78,7 +69,6 @@ def _ring(height: int, width: int) -> Int8[np.ndarray, "H W"]:
 
 
 def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
-    """Adds a street or a bend, if one is still to be added and fits."""
     codes = _turn(town.codes, bits[0])
     is_street = bits[0] & 8 == 0
     fits, changed = (
@@ -87,24 +77,19 @@ def _grow(town: _Town, bits: UInt32[Array, " 5"]) -> _Town:
     )
     happens = fits & jnp.where(is_street, town.streets > 0, town.bends > 0)
     return _Town(
-        jnp.where(happens, _turn_back(changed, bits[0]), town.codes),
+        jnp.where(happens, _transpose(_mirror(changed, bits[0]), bits[0]), town.codes),
         town.streets - (happens & is_street),
         town.bends - (happens & ~is_street),
     )
 
 
 def _turn(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    """Transforms a square by one of its eight symmetries. In the result streets run south and bends lead south."""
+    """Transforms a square by one of its eight symmetries, so that it suffices to build streets and bends southwards."""
     return _mirror(_transpose(codes, bits), bits)
 
 
-def _turn_back(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    return _transpose(_mirror(codes, bits), bits)
-
-
 def _transpose(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
-    exchanged = exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH).T
-    return jnp.where(bits & 1 == 0, codes, exchanged)
+    return jnp.where(bits & 1 == 0, codes, transpose_codes(codes).T)
 
 
 def _mirror(codes: Int8[Array, "N N"], bits: UInt32[Array, ""]) -> Int8[Array, "N N"]:
@@ -116,7 +101,7 @@ def _street(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[
     """Adds a street that runs south at a random position; returns whether there is one, and the codes."""
     along, free = (_with_sides(codes == code) for code in (_ALONG, 0))
     rows, columns = _indices(codes)
-    # The first row from here on that is not free, times two; plus one if no street can end there.
+    # The first row from here that is not free, times two; plus one if no street can end there.
     end = _next(jnp.where(free, 2**20, 2 * rows + ~along), axis=0)
     after = jnp.pad(end[1:], ((0, 1), (0, 0)), constant_values=1)
     some, north, column = _draw(bits[1], along & (after & 1 == 0) & (after > 2 * rows + 2) & (after < 2**20))
@@ -132,7 +117,7 @@ def _bend(codes: Int8[Array, "N N"], bits: UInt32[Array, " 5"]) -> tuple[Bool[Ar
     side = len(codes)
     wide, far = 2 + randint(bits[2], _WIDEST - 1), 1 + randint(bits[3], _FARTHEST)
     rows, columns = _indices(codes)
-    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first row with a road from here on
+    road = _next(jnp.where(codes > 0, rows, side), axis=0)  # the first row from here with a road
     below = jnp.pad(road[1:], ((0, 1), (0, 0)), constant_values=side)
     free = (below > rows + far + 1) | (below == side) & (rows + far < side)
     # A stretch of straight tiles, and no crossing beside its ends.
@@ -163,12 +148,10 @@ def _indices(codes: Int8[Array, "N N"]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_sides(cells: Bool[Array, "N N"]) -> Bool[Array, "N N"]:
-    """Returns where a cell and its neighbours to the east and west are all True."""
     return cells & jnp.pad(cells, ((0, 0), (1, 0)))[:, :-1] & jnp.pad(cells, ((0, 0), (0, 1)))[:, 1:]
 
 
 def _next(numbers: Int32[Array, "N N"], axis: int) -> Int32[Array, "N N"]:
-    """Returns the least number from each index on, along an axis."""
     return jax.lax.cummin(numbers, axis=axis, reverse=True)
 
 

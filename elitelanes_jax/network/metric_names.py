@@ -60,11 +60,11 @@ class Metrics(NamedTuple):
 
 
 METRIC_NAMES = Metrics._fields[:-1]
-"""The metrics that are whole numbers: all except the coverage, which follows from the tiles."""
+"""The metrics that are whole numbers: all except `coverage`, which follows from `tiles`."""
 
 
 def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
-    """Returns an upper bound of each metric that is a whole number on grids ``(height, width)``, by name."""
+    """Returns an upper bound of each metric in `METRIC_NAMES` on grids ``(height, width)``, by name."""
     area = shape[0] * shape[1]
     # Two links, two pairs and four connections per tile. A pair of crossings counts twice, and scores at most eight
     # each time. One run in each row or column scores L².

@@ -41,11 +41,9 @@ def stack_metrics(metrics: Metrics) -> Int32[Array, "... M"]:
 
 
 def unstack_metrics(features: Int32[Array, "... F"], cells: int) -> Metrics:
-    """Returns `Metrics` of arrays ``[...]`` from the columns of `stack_metrics`, which others may follow.
+    """Returns `Metrics` of arrays ``[...]`` from the columns of `stack_metrics`, for grids of `cells` cells.
 
-    Args:
-      features: the columns.
-      cells: the number of cells of a grid.
+    Further columns are ignored.
     """
     columns = dict(zip(METRIC_NAMES, jnp.moveaxis(features, -1, 0), strict=False))
     return Metrics(**columns, coverage=_coverage(columns["tiles"], cells))
@@ -156,10 +154,10 @@ def _odd_numbers(straight: Bool[Array, " size"], step: int, longest: int) -> Int
 
 
 def _sums(terms: dict[str, tuple[Array, int]], cells: int) -> dict[str, Int32[Array, ""]]:
-    """Sums each vector, whose largest possible element is known.
+    """Sums each vector, whose largest possible element is given.
 
-    Counters are packed into the bits of one word, the widest first, and summed together: sums are what a small grid's
-    metrics spend their time on.
+    Counters are packed into the bits of one word, the widest first, and summed together, because the sums take most of
+    the time on a small grid.
     """
     words: list[list[tuple[str, int, int]]] = []  # of (name, lowest bit, bits)
     widths = {name: (most * cells).bit_length() for name, (_, most) in terms.items()}

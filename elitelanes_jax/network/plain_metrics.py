@@ -13,17 +13,10 @@ _Cells = NDArray[np.bool_]
 
 
 def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict[str, Numeric]:
-    """Measures one grid as `measure` does, without JAX.
-
-    Args:
-      grid: integer codes ``[H, W]``, repaired or not.
-      alphabet: the codes that `off_alphabet` does not count; all 16 by default.
+    """Measures one grid as `measure` does, without JAX; see `measure` for the arguments and errors.
 
     Returns:
       The fields of `Metrics` by name: ints, `coverage` a float32 of NumPy; equal to those of `measure`.
-
-    Raises:
-      InputError: as `measure`.
     """
     codes = np.asarray(check_grid(grid))
     allowed = range(16) if alphabet is None else check_alphabet(alphabet)
@@ -84,18 +77,12 @@ def _pairs(cells: _Cells) -> int:
 
 
 def _squared_runs(straight: _Cells) -> int:
-    """Sums the squares of the lengths of all runs in rows."""
     steps = np.diff(np.pad(straight, ((0, 0), (1, 1))).ravel().astype(np.int8))
     return int(((np.flatnonzero(steps < 0) - np.flatnonzero(steps > 0)) ** 2).sum())
 
 
 def _count_faces(east_links: _Cells, south_links: _Cells) -> tuple[int, int]:
-    """Counts the inner faces and the bridges (see `elitelanes_jax.network._faces`), by flooding each face.
-
-    Args:
-      east_links: ``[H, W - 1]``, from each tile to the one to its east.
-      south_links: ``[H - 1, W]``, from each tile to the one to its south.
-    """
+    """Counts the inner faces and the bridges by flooding each face, see `elitelanes_jax.network._faces`."""
     # Corners [H + 1, W + 1]. A link to the east separates the corners north and south of it, a link to the south the
     # corners west and east of it.
     height, stride = east_links.shape[0] + 1, south_links.shape[1] + 1

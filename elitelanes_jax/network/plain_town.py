@@ -1,4 +1,4 @@
-"""The simpler features of a town in NumPy alone, for settings that are read before JAX is loaded."""
+"""The features of a town that need no blocks and streets, in NumPy alone, for options that are read without JAX."""
 
 import numpy as np
 
@@ -14,14 +14,7 @@ def cut_to_roads(grid: AnyArray) -> AnyArray:
 
 
 def plain_town(grid: AnyArray) -> dict[str, int]:
-    """Measures the features of one town that need no blocks and streets, as `measure_town` does.
-
-    Args:
-      grid: integer codes ``[H, W]``.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
-    """
+    """Measures these features of one grid ``[H, W]``, as `measure_town` does."""
     codes = cut_to_roads(np.asarray(check_grid(grid)))
     metrics, road = plain_measure(codes), codes > 0
     tiles = max(metrics["tiles"], 1)

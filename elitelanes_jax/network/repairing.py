@@ -33,8 +33,8 @@ def repair(
       raster: bool, whether each tile decides over its neighbours to the east and south instead. The paper's loop, which
         goes row by row, does this if all tiles are dirty.
       fill: whether to add connections to every tile with fewer than two, until all tiles are straights, turns or
-        crossings. A stub is continued straight ahead if the grid does not end there. Every grid can be filled, except
-        one that is one tile wide.
+        crossings. A stub is continued straight ahead if the grid does not end there. Every grid at least two tiles wide
+        can be filled.
       fixed: bool ``[H, W]``, tiles that do not change: they decide over all others, and filling adds no connection to
         them. Their neighbours may then have fewer than two. None by default.
 
@@ -117,10 +117,9 @@ def _both_ends(cells: PackedCells, links: UInt32[Array, " N"]) -> UInt32[Array, 
     return links | (cells.preceding(links, 1) & _EAST) >> 2 | (cells.preceding(links, cells.width) & _SOUTH) << 2
 
 
-# The links that filling adds to cells with fewer than two connections, stage by stage. First a stub is continued
-# straight ahead: the roads that searches find are better than with any other first stage (measured). Then each stage
-# adds links in one direction: to the east, to the south, then to the west and to the north, which the neighbours there
-# hold. A cell that still lacks a connection has fewer than two neighbours.
+# The links that each stage of filling adds to cells with fewer than two connections. The first stage continues stubs
+# straight ahead; with it searches find better roads than with any other first stage. The others add links to the east,
+# to the south, and to the west and north, which the neighbours there hold.
 _OWN = np.array([0, _EAST, _SOUTH, 0, 0], np.uint32)
 _NEIGHBOURS = np.array([_EAST | _SOUTH, 0, 0, _EAST, _SOUTH], np.uint32)
 

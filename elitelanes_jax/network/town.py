@@ -1,4 +1,4 @@
-"""The features of a town, from one grid to whole numbers: blocks, streets, outline, symmetry, repetition, detours."""
+"""The features of a town: blocks, streets, outline, symmetry, repetition and detours of one grid, as whole numbers."""
 
 from functools import partial
 
@@ -76,7 +76,6 @@ def _count(cells: Bool[Array | np.ndarray, "..."]) -> Int32[Array, ""]:
 
 
 def _least(numbers: Int32[Array, " N"]) -> Int32[Array, ""]:
-    """Returns the least number over 0, or 0 if there is none."""
     least = jnp.where(numbers > 0, numbers, 2**30).min(initial=2**30)
     return jnp.where(least == 2**30, 0, least)
 
@@ -167,7 +166,7 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
 
 
 def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
-    """Extends the tiles within reach of each tile link by link, until a round adds none."""
+    """Returns `mean_detour`: extends the tiles that each tile reaches link by link, until a round adds none."""
     height, width = east.shape[0], south.shape[1]
     cells = height * width
     start = jnp.eye(cells, dtype=bool).reshape(cells, height, width)

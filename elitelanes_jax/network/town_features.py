@@ -15,29 +15,30 @@ LONGEST_DETOUR = 32
 class TownFeatures(NamedTuple):
     """The features of one town, int32 scalars, or arrays ``[...]`` of many.
 
-    None but `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths,
-    rounded down; what is measured of nothing is 0. Areas are in squares of a tile between the middles of roads, so that
-    the block around one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either
-    is one street.
+    Only `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths, rounded
+    down. A mean or part of nothing is 0. Areas are in squares of a tile between the middles of roads, so that the block
+    around one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either is one
+    street. The box is the smallest one around the town.
 
     Attributes:
       largest_block: area of the largest block, an inner face of the network.
       smallest_block: area of the smallest block.
       mean_block: mean area of the blocks, a ratio.
-      block_spread: mean difference of a block's area from their mean, as a ratio to the mean.
+      block_spread: mean difference between a block's area and the mean area, a ratio to the mean area.
       small_blocks: part of the blocks that have an area of at most 4, such as those around one cell.
-      loops_per_tile: cyclomatic number to tiles, a ratio.
+      loops_per_tile: cyclomatic number / tiles, a ratio.
       longest_street: links of the longest street.
       shortest_street: links of the shortest street.
-      mean_street: mean of the streets' links, a ratio.
-      border_share: part of the tiles that lie along the sides of the smallest box around the town.
-      box_fill: part of that box that has tiles.
-      box_share: part of the grid that this box covers.
-      box_length: longer side of that box to the shorter one, a ratio.
-      symmetry: largest part of the box whose cells are tiles or empty as when it is mirrored either way or turned half.
-      repetition: part of the tiles whose neighbourhood of 3 x 3 cells, codes and all, some other tile has too.
-      adjacent_turns_per_tile: pairs of turns that share a side, to tiles, a ratio.
-      mean_detour: way by road to way on a full grid of streets, summed over all pairs of linked tiles, a ratio.
+      mean_street: mean number of links of a street, a ratio.
+      border_share: part of the tiles that lie along the sides of the box.
+      box_fill: part of the box that has tiles.
+      box_share: part of the grid that the box covers.
+      box_length: longer side of the box / shorter side, a ratio.
+      symmetry: part of the cells of the box that agree (both tiles or both empty) with its most similar image: mirrored
+        either way, or rotated by half a turn.
+      repetition: part of the tiles whose neighbourhood of 3 x 3 codes equals that of another tile.
+      adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
+      mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked tiles, a ratio.
     """
 
     largest_block: "Int32[Array, '...']"

@@ -17,7 +17,7 @@ class Weights(NamedTuple):
     """The amount that one unit of each metric adds to the fitness: integers; negative ones reward.
 
     The default is the paper's equation (section "Fitness Function"), with a(x) read as adjacent crossings and b(x) as
-    bridges. A number may be an array that `jax.vmap` maps over.
+    bridges. `jax.vmap` may map over arrays of weights.
 
     Attributes:
       components: for each component beyond the first.
@@ -50,13 +50,9 @@ class Weights(NamedTuple):
 def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> Weights:
     """Checks weights; returns them as ints.
 
-    Args:
-      weights: `Weights` of concrete numbers.
-      shape: (height, width) of the grids.
-      more: an upper bound of what other features add to the fitness, in size.
-
     Raises:
-      InputError: if one is not a whole number, or the fitness of a grid of that shape might not fit int32.
+      InputError: if one is not a whole number, or the fitness of a grid of the shape might not fit int32 together with
+        other features, which add at most `more` in size.
     """
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
@@ -74,7 +70,7 @@ def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> 
 
 
 def largest_side(weights: Weights) -> int:
-    """Returns the longest side of squares whose fitness always fits int32; 0 if the weights are too large for any."""
+    """Returns the longest side of a square grid whose fitness always fits int32; 0 if the weights are too large."""
     fits = [side for side in range(2, LONGEST_SIDE + 1) if _largest_fitness(weights, (side, side)) < 2**31]
     return max(fits, default=0)
 

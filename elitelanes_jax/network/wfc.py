@@ -1,12 +1,12 @@
 """Wave Function Collapse (paper, section "Wave Function Collapse for Road Networks"), in NumPy alone.
 
-Each cell has a domain: the codes that it may still take, as the bits of a number. Repeatedly, the cell with the
-smallest domain takes one of its codes at random. Codes that its neighbours can no longer take are removed from their
-domains, and so on outwards. An empty domain is a contradiction: the grid starts again.
+Each cell has a domain: the codes that it may still take, as the bits of a number. In each step the cell with the
+smallest domain takes one of its codes at random. Codes that no longer fit are removed from the neighbours' domains, and
+so on outwards. An empty domain is a contradiction: the grid starts again.
 
-Many grids are collapsed in lockstep, with their cells laid end to end in one vector. Guard cells, whose domain never
-changes, surround each grid, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry
-for each of the 2**(K + 1) domains gives the codes that a domain allows its neighbour.
+Many grids are collapsed together, with their cells end to end in one vector. Guard cells, whose domain never changes,
+surround each grid, so that a neighbour is a shift and nothing passes from grid to grid. A table with an entry for each
+of the 2**(K + 1) domains has the codes that a domain allows its neighbour.
 """
 
 from functools import lru_cache
@@ -81,22 +81,12 @@ def generate_batch(
     crossing_ban: bool = True,
     attempts: int = 10,
 ) -> Collapsed:
-    """Collapses many grids in lockstep; see `generate`.
+    """Collapses n grids together; see `generate` for the other arguments, limits and errors.
 
-    Args:
-      rng: the source of all randomness; each grid depends on n too.
-      n: the number of grids.
-      shape: (height, width), each at least 2.
-      alphabet: the codes that cells may take.
-      border: "open" or "closed".
-      crossing_ban: whether two crossings may not be linked.
-      attempts: the largest number of attempts for each grid.
+    Each grid also depends on n.
 
     Returns:
       A `Collapsed` of arrays, grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
-
-    Raises:
-      InputError: for an argument out of its range.
     """
     if not isinstance(rng, np.random.Generator):
         raise InputError(f"rng: expected a numpy.random.Generator, got {type(rng).__name__}")
@@ -111,12 +101,12 @@ def generate_batch(
         return Collapsed(grids, success, tries, solvable=False)
 
     tries += 1
-    alive = np.arange(n)  # the grids that are not finished, in the order of their cells
+    alive = np.arange(n)  # the unfinished grids, in the order of their cells
     cells = np.tile(start, n)
     inside = _inside(shape)
     while alive.size:
         by_grid = cells.reshape(alive.size, -1)
-        # The smallest domain first; among equal ones the one with the smallest 16 random bits.
+        # The smallest domain first; among equal domains the one with the smallest 16 random bits.
         lots = np.frombuffer(rng.bytes(2 * cells.size), np.uint16).reshape(by_grid.shape)
         cell = (rules.urgency[by_grid] | lots).argmin(axis=1)
         index = cell + np.arange(0, cells.size, start.size)
@@ -142,11 +132,11 @@ def generate_batch(
 
 
 class _Rules(NamedTuple):
-    """Tables by domain. Bit i of a domain stands for the alphabet's code i, the highest bit for a guard cell.
+    """Tables by domain. Bit i of a domain is the alphabet's code i, the highest bit a guard cell.
 
     Attributes:
       guard: int, the domain of a guard cell.
-      allowed: int32 ``[4, domains]``, the domain that is left to the neighbour to the north, east, south, west.
+      allowed: int32 ``[4, domains]``, what is left of the domain of the neighbour to the north, east, south, west.
       options: int8 ``[domains]``, the number of codes.
       urgency: uint32 ``[domains]``, the number of codes times 2**16; the largest value if there is nothing to choose.
       option: int32 ``[domains, K]``, the domain of the first, second, ... code alone.

@@ -1,7 +1,4 @@
-"""Arithmetic, control flow and layouts that have this form because of what XLA makes of them.
-
-Each says what it is worth, measured on one core of a CPU at 12 x 12.
-"""
+"""Arithmetic, control flow and layouts whose form suits XLA. Gains were measured on one core of a CPU at 12 x 12."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
@@ -17,8 +14,8 @@ _Carry = TypeVar("_Carry")
 UNIT = 4096
 """The whole number that stands for 1 in fixed-point numbers.
 
-XLA fuses and orders operations on floats differently on other machines and in other batches, which changes the last
-bits. Sums and products of whole numbers are always the same.
+Other machines and batches fuse and order float operations differently, which changes the last bits. Sums and products
+of whole numbers are always the same.
 """
 
 
@@ -36,7 +33,7 @@ def multiply(value: Int32[Array, "..."], factor: Int32[Array, "..."]) -> Int32[A
 def materialize(array: Shaped[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns an array of numbers unchanged, and makes XLA compute it once and store it.
 
-    Without it, XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. The input of a
+    Otherwise XLA on a CPU computes a value again for each of its uses, and in a shift for each tile. The input of a
     loop is stored. This loop has no round (or one that changes nothing), which XLA cannot know.
     """
 
@@ -54,7 +51,7 @@ def _(axis_size: int, batched: list[bool], array: Array) -> tuple[Array, bool]:
 
 
 def run_if(condition: Bool[Array, ""], compute: Callable[[Bool[Array, ""], _Carry], _Carry], carry: _Carry) -> _Carry:
-    """Returns ``compute(True, carry)`` if a condition holds, else `carry`, and skips the computation if it does not.
+    """Returns ``compute(True, carry)`` if a condition holds, otherwise `carry` without computing.
 
     A loop of at most one round. `jax.lax.cond` would copy the carry, and under `jax.vmap` always compute. The first
     argument of `compute` is a traced True: what depends on it cannot be moved out of the loop.
@@ -78,8 +75,8 @@ def batch_all(axis_size: int, batched: Sequence[bool], arrays: Sequence[Array]) 
 def lookup(values: Shaped[Array, " N"], indices: Int[Array, "..."]) -> Shaped[Array, "..."]:
     """Returns the values at indices, each in [0, N).
 
-    A batch of vectors is looked up as one long vector. Otherwise XLA computes the index within the batch again for each
-    value.
+    A batch of vectors is looked up as one long vector, because otherwise XLA computes the index within the batch again
+    for each value.
     """
     return values.at[indices.astype(jnp.uint32)].get(mode="promise_in_bounds")
 
@@ -94,8 +91,8 @@ def _(axis_size: int, batched: list[bool], values: Array, indices: Array) -> tup
 class PaddedLayout(NamedTuple):
     """The layout of a grid as one vector, so that every neighbour is a shift of a long contiguous vector.
 
-    Each row of the grid ends in one empty guard cell. An empty row lies above the grid and below it. Beyond the border
-    a tile then sees an empty cell, and no kernel needs a special case::
+    Each row of the grid ends in one empty guard cell, and an empty row is above and below the grid. Beyond the border a
+    tile then sees an empty cell, and no kernel needs a special case::
 
         . . . . .        . is empty padding; a row of W tiles has the stride W + 1
         a b c d .
@@ -103,11 +100,7 @@ class PaddedLayout(NamedTuple):
         . . . . .
 
     `pad` makes the padded vector of a grid. `here`, `east`, `west`, `south` and `north` return the values that each
-    tile sees there: vectors of length `size`, guard cells included.
-
-    Attributes:
-      height: rows of the grid.
-      width: columns of the grid.
+    tile sees there: vectors of length `size` = height x `stride`, guard cells included.
     """
 
     height: int
@@ -115,40 +108,31 @@ class PaddedLayout(NamedTuple):
 
     @property
     def stride(self) -> int:
-        """The length of a row with its guard cell."""
         return self.width + 1
 
     @property
     def size(self) -> int:
-        """The length of the vector without the two empty rows: height x stride."""
         return self.height * self.stride
 
     def pad(self, grid: Shaped[Array | np.ndarray, "H W"]) -> Shaped[Array, " padded"]:
-        """Lays a grid out, with two empty rows and a guard cell after each row."""
         return jnp.pad(grid, ((1, 1), (0, 1))).reshape(-1)
 
     def unpad(self, vector: Shaped[Array, " size"]) -> Shaped[Array, "H W"]:
-        """Returns the grid in a vector of length `size`."""
         return vector.reshape(self.height, self.stride)[:, : self.width]
 
     def here(self, padded: Shaped[Array, " padded"]) -> Shaped[Array, " size"]:
-        """Returns each tile's own value."""
         return self._shift(padded, 0)
 
     def east(self, padded: Shaped[Array, " padded"]) -> Shaped[Array, " size"]:
-        """Returns the value of each tile's eastern neighbour."""
         return self._shift(padded, 1)
 
     def west(self, padded: Shaped[Array, " padded"]) -> Shaped[Array, " size"]:
-        """Returns the value of each tile's western neighbour."""
         return self._shift(padded, -1)
 
     def south(self, padded: Shaped[Array, " padded"]) -> Shaped[Array, " size"]:
-        """Returns the value of each tile's southern neighbour."""
         return self._shift(padded, self.stride)
 
     def north(self, padded: Shaped[Array, " padded"]) -> Shaped[Array, " size"]:
-        """Returns the value of each tile's northern neighbour."""
         return self._shift(padded, -self.stride)
 
     def _shift(self, padded: Shaped[Array, " padded"], cells: int) -> Shaped[Array, " size"]:
@@ -171,13 +155,9 @@ _SHIFTS = np.arange(_CELLS, dtype=np.uint32) * _BITS
 class PackedCells(NamedTuple):
     """The layout of a grid with eight cells in a word, four bits each: the bits of a code, or masks of sides.
 
-    The cells form one long vector, row by row. Empty cells follow the last row, at least one more than a row has. Many
-    grids can then lie end to end in one vector, every neighbour is a shift of it, and what a shift brings in from the
-    next grid is empty. A step on all cells takes a few operations on few words.
-
-    Attributes:
-      height: rows of the grid.
-      width: columns of the grid.
+    The cells form one long vector, row by row. After the last row there are empty cells, at least one more than a row
+    has. Many grids can then be joined to one vector, every neighbour is a shift of it, and what a shift brings in from
+    the next grid is empty. A step on all cells takes a few operations on few words.
     """
 
     height: int
@@ -185,30 +165,27 @@ class PackedCells(NamedTuple):
 
     @property
     def words(self) -> int:
-        """The number of words, N."""
         return -(-(self.height * self.width + self.width + 1) // _CELLS)
 
     def pack(self, cells: Int[Array | np.ndarray, "H W"]) -> UInt32[Array, " N"]:
-        """Packs cells of 0 to 15."""
         flat = jnp.asarray(cells, jnp.uint32).reshape(-1)
         flat = jnp.pad(flat, (0, -flat.size % _CELLS)).reshape(-1, _CELLS)
         words = (flat << _SHIFTS).sum(axis=1, dtype=jnp.uint32)
         return jnp.pad(words, (0, self.words - words.size))
 
     def unpack(self, words: UInt32[Array, " N"]) -> Int[Array, "H W"]:
-        """Returns the cells, int8."""
         cells = (words[:, None] >> _SHIFTS & 15).astype(jnp.int8).reshape(-1)
         return cells[: self.height * self.width].reshape(self.height, self.width)
 
     def following(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
-        """Returns for each cell the cell that many positions later, of one grid or of many end to end."""
+        """Returns for each cell the cell that many positions later, of one grid or of several joined grids."""
         step, bits = divmod(cells * _BITS, 32)
         ahead = jnp.pad(words, (0, step + 1))
         near, far = (lax.slice_in_dim(ahead, start, start + words.size) for start in (step, step + 1))
         return near >> bits | far << (32 - bits) if bits else near
 
     def preceding(self, words: UInt32[Array, " M"], cells: int) -> UInt32[Array, " M"]:
-        """Returns for each cell the cell that many positions earlier, of one grid or of many end to end."""
+        """Returns for each cell the cell that many positions earlier, of one grid or of several joined grids."""
         step, bits = divmod(cells * _BITS, 32)
         behind = jnp.pad(words, (step + 1, 0))
         far, near = (lax.slice_in_dim(behind, start, start + words.size) for start in (0, 1))
@@ -216,5 +193,4 @@ class PackedCells(NamedTuple):
 
 
 def in_all_cells(bits: int) -> np.uint32:
-    """Returns a word whose eight cells have the same four bits."""
     return np.uint32(bits * 0x11111111)
