@@ -29,7 +29,7 @@ class Population(NamedTuple):
 
     @property
     def valid(self) -> Bool[Array, "*S P"]:
-        """Bool ``[P]``: which slots are not vacant. The grid and the features of a vacant slot have no meaning."""
+        """Bool ``[P]``: which slots are filled. The grid and the features of a vacant slot have no meaning."""
         return self.fitness < vacant_fitness(self.fitness.dtype)
 
 
@@ -43,8 +43,8 @@ def insert(
 ) -> Population:
     """Offers each grid to its niche, which keeps the grid of lowest fitness.
 
-    Among equal grids the elite stays, then the first in the batch: the result does not depend on the order in which a
-    device writes.
+    Among equal grids the elite stays, or else the first grid of the batch wins: the result does not depend on the order
+    in which a device writes.
 
     Args:
       archive: one slot for each of N niches.
@@ -64,7 +64,7 @@ def insert(
     slots = jnp.where(first[niche] == batch, niche, niches + batch)
 
     def write(into: Array, values: Array) -> Array:
-        # One round after another: XLA would compute grids twice if they were concatenated with themselves.
+        # XLA would compute grids twice if they were concatenated with themselves.
         for one_round in slots.reshape(rounds.shape):
             into = into.at[one_round].set(values, mode="drop", unique_indices=True)
         return into
@@ -73,7 +73,7 @@ def insert(
 
 
 def keep_best(archives: Population) -> Population:
-    """Returns the best elite of each niche among K archives ``[K, ...]``; the first archive's among equals."""
+    """Returns the best elite of each niche among K archives ``[K, ...]``; among equal elites the first archive's."""
     first = jnp.argmin(archives.fitness, axis=0)
 
     def take(array: Array) -> Array:

@@ -23,7 +23,7 @@ from elitelanes_jax.problem.ranges import Range
 
 _MOST_ROUNDS = 200
 
-# The metrics, and further numbers, that count the tiles of one kind.
+# The metrics and further counts of the tiles of one kind.
 _COUNTED = {
     "straights": "straight",
     "turns": "turn",
@@ -31,7 +31,7 @@ _COUNTED = {
     "four-way crossings": "crossing4",
 }
 
-# The town features that are a metric to the tiles.
+# The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
 
 
@@ -60,7 +60,7 @@ class FeatureBounds(NamedTuple):
     inequalities: tuple[_Inequality, ...]
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
-        """Returns a lower and an upper bound of a feature that is not the user's; shares and ratios in units of 1."""
+        """Returns a lower and an upper bound of a feature that is not the user's, in units of 1."""
         if feature in TOWN_FEATURES:
             return self._of_town(feature)
         part, whole = SHARES.get(feature, (feature, ()))
@@ -117,20 +117,15 @@ def find_bounds(
 
 
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
-    """Checks that the bounds do not rule out a map in all ranges.
-
-    Args:
-      where: the ranges.
-      bounds: of the maps.
-      maps: words for the maps, for the message.
+    """Checks that the bounds do not rule out a map in all ranges; `maps` is how the message calls the maps.
 
     Raises:
-      InputError: for the first range that no map with the ranges before it can be in; the message states the bound.
+      InputError: for the first range that contradicts the bounds or the ranges before it; the message states the bound.
     """
     before = ""
     for item in where:
         if item.name not in (*FEATURES, *TOWN_FEATURES):
-            continue  # the user's have no bounds
+            continue  # a user's feature has no bounds
         low, high = bounds.of(item.name)
         if (item.low or 0) > high or (item.high is not None and item.high < low):
             expected = _format(low) if low == high else f"some of {_format(low)}..{_format(high)}"
@@ -152,14 +147,8 @@ def free_links(
 ) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Finds the links that all maps have, and the links that maps may have or lack.
 
-    Args:
-      shape: (height, width) of the maps.
-      fix: fixed cells.
-      filled: whether every cell has a road.
-
-    Returns:
-      The certain links and the free links, ints ``[N, 3]``: row and column of a cell, and the index in `SIDES` of the
-      side, east or south, to which it may be linked.
+    `filled` says whether every cell has a road. Returns the certain and the free links, ints ``[N, 3]``: row and column
+    of a cell, and the index in `SIDES` of the side, east or south, to which it may be linked.
     """
     codes = np.full(shape, -1) if fix is None else np.where(fix.fixed, fix.grid, -1)
     corner = np.zeros(shape, bool)
@@ -214,7 +203,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         _Inequality({"edges": -1, "unlinked_neighbours": -1, "empty_cells": -1}, -pairs),
         _Inequality({"edges": 1, "unlinked_neighbours": 1, "empty_cells": 4}, pairs),
         _Inequality({"edges": -1, "mismatches": -1}, -pairs),
-        # Linked pairs of crossings count from both sides and score 6 to 8 each; then pairs with a crossing or turn.
+        # Linked pairs of crossings are counted twice and score 6 to 8 each time. All are crowded.
         _Inequality({"three-way crossings": 3, "four-way crossings": 4, "adjacent_crossings": -1}, 0),
         _Inequality({"edges": 2, "adjacent_crossings": -1}, 0),
         _Inequality({"adjacent_crossing_score": 1, "adjacent_crossings": -3}, 0),
@@ -275,7 +264,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
 
 
 def _fixed_counts(fix: FixedCells) -> tuple[_Inequality, ...]:
-    """Returns how many tiles of each kind, and how many links, fixed cells imply."""
+    """Returns the numbers of tiles of each kind and of links that fixed cells imply."""
     free = fix.codes.count(None)
     found = []
     for name, kind in {**_COUNTED, "empty_cells": "empty"}.items():
@@ -321,7 +310,7 @@ def _narrowed(bounds: FeatureBounds) -> FeatureBounds:
                     _set(intervals, name, max(low, -(-limit // factor)), high)
                 elif factor < 0:
                     _set(intervals, name, low, min(high, limit // factor))
-        # The most pairs of neighbours among so many cells are in a square (Harary and Harborth, 1976).
+        # For a number of tiles, a square has the most pairs of neighbours (Harary and Harborth, 1976).
         tiles = intervals["tiles"][1]
         low, high = intervals["edges"]
         _set(intervals, "edges", low, min(high, 2 * tiles - (isqrt(4 * tiles - 1) + 1 if tiles else 0)))

@@ -1,4 +1,4 @@
-"""What each metric, share and town feature means, and its range, in words."""
+"""The meaning and the range of each metric, share and town feature, in words."""
 
 from elitelanes_jax._util.records import descriptions
 from elitelanes_jax.network.metric_names import Metrics
@@ -10,8 +10,9 @@ from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, fea
 def describe_features() -> dict[str, tuple[str, str]]:
     """Returns the meaning and the range of each metric, share and town feature, by name.
 
-    The range is that of `feature_range`. A proven bound that lies beyond it follows in parentheses. For a town feature,
-    the text is the kind of its values instead, and "filled" with its value if all maps without empty cells have one.
+    The range is that of `feature_range`, followed by a proven bound in parentheses if it differs. For a town feature,
+    the text is the kind of its values instead, and "filled" with its value if all maps without empty cells have the
+    same.
     """
     shares = {share: f"{part} / {' + '.join(whole)}" for share, (part, whole) in SHARES.items()}
     meanings = shares | descriptions(Metrics) | descriptions(TownFeatures)
@@ -33,5 +34,5 @@ def _range_text(name: str) -> str:
 
 
 def value_text(value: float) -> str:
-    """Returns the text of a metric's or share's value: whole numbers in full, others in three digits."""
+    """Returns the text of a metric's or share's value: whole numbers in full, others with three digits."""
     return f"{value:.3g}" if isinstance(value, float) else str(value)

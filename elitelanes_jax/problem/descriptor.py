@@ -12,7 +12,7 @@ from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.problem.features import SHARE_UNIT, check_feature, default_width, is_share, select_features
 
 MOST_NICHES = 2**20
-"""The largest number of niches: with more, the archives of a single seed would not fit in memory."""
+"""The largest number of niches, so that the archives of a single seed fit in memory."""
 
 
 class Axis(NamedTuple):
@@ -21,9 +21,9 @@ class Axis(NamedTuple):
     Attributes:
       metric: the name of the feature.
       bins: the number of bins.
-      width: the width of a bin, of a share in thousandths; 0 for `default_width` on the grid's shape.
+      width: the width of a bin, for a share in thousandths; 0 for `default_width` on the grid's shape.
       start: the value at which the first bin starts.
-      target: the one bin whose niches are sought; niches in other bins are stepping stones. By default all are sought.
+      target: the bin whose niches are sought; niches in other bins are stepping stones. By default all are sought.
     """
 
     metric: str
@@ -91,11 +91,7 @@ def parse_axes(axes: UserValue, features: Collection[str] | None = ()) -> tuple[
 
 
 def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[str] | None = ()) -> tuple[Axis, ...]:
-    """Reads axes as `parse_axes` does, and gives each axis of width 0 the width that suits grids of a shape.
-
-    Raises:
-      InputError: as `parse_axes`.
-    """
+    """Reads axes as `parse_axes` does, and replaces width 0 by the default width on grids of a shape."""
     return tuple(
         axis._replace(width=axis.width or default_width(axis.metric, axis.bins, shape))
         for axis in parse_axes(axes, features)
@@ -103,16 +99,7 @@ def resolve_axes(axes: UserValue, shape: tuple[int, int], features: Collection[s
 
 
 def compute_descriptor(features: AnyArray, feature_names: Sequence[str], axes: tuple[Axis, ...]) -> AnyArray:
-    """Computes descriptors: the values of the axes' features.
-
-    Args:
-      features: int32 ``[..., F]``, of NumPy or JAX.
-      feature_names: the F names.
-      axes: D of them.
-
-    Returns:
-      int32 ``[..., D]``, of the same library.
-    """
+    """Returns the values of the axes' features, int32 ``[..., D]``, from features ``[..., F]`` of NumPy or JAX."""
     return select_features(features, feature_names, [axis.metric for axis in axes])
 
 

@@ -1,4 +1,4 @@
-"""Digests of functions of the user: of their jaxprs, with all constants."""
+"""Digests of functions of the user, made from their jaxprs with all constants."""
 
 import re
 import sys
@@ -14,13 +14,9 @@ from elitelanes_jax._util.types import Pytree
 
 
 def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
-    """Returns 16 hexadecimal digits, the same in every process for functions with the same jaxpr and constants.
+    """Returns 16 hexadecimal digits that are the same in every process for functions with the same jaxpr and constants.
 
-    Calls outside of JAX, such as callbacks, are not seen.
-
-    Args:
-      function: a pure function that JAX can trace.
-      *arguments: for the function, or their shapes and dtypes.
+    Calls out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
     """
     closed = jax.make_jaxpr(function)(*arguments)
     with np.printoptions(threshold=sys.maxsize):
@@ -32,7 +28,7 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
 
 
 def _constants(closed: core.ClosedJaxpr) -> Iterator[bytes]:
-    """Yields the constants of a jaxpr and of those in it, of which its text has only the shapes."""
+    """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
     for constant in closed.consts:
         is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
         yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()

@@ -13,7 +13,7 @@ from elitelanes_jax.problem.features import FEATURES, SHARES
 from elitelanes_jax.problem.rules import map_constraints
 
 EXTREMES = Path(__file__).with_name("extremes.txt")
-"""The file of maps that ``docs/metrics.py`` found: a map per line, in rows of codes, a hexadecimal digit per tile."""
+"""The file of maps that ``docs/metrics.py`` found. Each line is a map, in rows with one hexadecimal digit per tile."""
 
 
 def features_of(grid: NDArray[np.int8]) -> dict[str, float]:
@@ -35,10 +35,7 @@ def _measured() -> list[tuple[NDArray[np.int8], dict[str, float]]]:
 def feature_range(name: str) -> tuple[float, float]:
     """Returns the smallest and the largest value of a feature that searches found at 12 x 12.
 
-    The maps are those that `generate` writes by default: in one piece, without dead ends and empty cells.
-
-    Args:
-      name: of the feature.
+    The maps have the constraints that `generate` has by default: one component, no dead ends and no empty cells.
     """
     values = [features[name] for _, features in _measured()]
     return min(values), max(values)
@@ -50,11 +47,7 @@ def _bounds() -> FeatureBounds:
 
 
 def feature_bounds(name: str) -> tuple[Fraction, Fraction]:
-    """Returns proven bounds of a feature on the same maps; where `feature_range` is equal, it is proven.
-
-    Args:
-      name: of the feature.
-    """
+    """Returns proven bounds of a feature on the maps of `feature_range`. If both are equal, the range is proven."""
     return _bounds().of(name)
 
 

@@ -1,4 +1,4 @@
-"""Finds constraints that no map satisfies, before a search: by bounds of the metrics, or by trying all small maps."""
+"""Finds constraints that no map satisfies before a search, by bounds of the metrics or by trying all small maps."""
 
 from collections.abc import Iterable, Sequence
 
@@ -14,7 +14,7 @@ from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.ranges import Range, satisfies
 from elitelanes_jax.problem.rules import RULES, map_constraints
 
-# All grids are tried if they have at most this many cells altogether: 2**16 grids of 4 x 4.
+# All grids are tried if they have at most this many cells in total: 2**16 grids of 4 x 4.
 _MOST_CELLS = 2**20
 
 
@@ -29,7 +29,7 @@ def check_feasible(
     maps: int = 1,
     exhaustive: bool = False,
 ) -> None:
-    """Checks that enough different maps can satisfy all constraints; takes milliseconds, and refuses only if none can.
+    """Checks in milliseconds whether enough different maps can satisfy all constraints. Some contradictions are missed.
 
     Args:
       shape: (height, width) of the maps, each at least 2.
@@ -96,7 +96,7 @@ def _check_fixed(fix: FixedCells, rules: str | None) -> None:
 
 
 def _all_grids(shape: tuple[int, int], fix: FixedCells | None, *, filled: bool) -> Int8[np.ndarray, "M H W"] | None:
-    """Returns all grids without dead ends; None if they are too many."""
+    """Returns all grids without dead ends; None if there are too many."""
     certain, free = free_links(shape, fix, filled=filled)
     if len(free) >= _MOST_CELLS.bit_length() or 2 ** len(free) * shape[0] * shape[1] > _MOST_CELLS:
         return None
@@ -112,7 +112,7 @@ def _all_grids(shape: tuple[int, int], fix: FixedCells | None, *, filled: bool) 
 
 
 def _one_of_each_form(grids: Int8[np.ndarray, "M H W"]) -> list[Int8[np.ndarray, "H W"]]:
-    """Returns the grids that are no rotation or mirror image of an earlier one."""
+    """Returns the grids that are not rotations or mirror images of earlier ones."""
     images = []
     for image in (grids, exchange_sides(grids, EAST, WEST)[:, :, ::-1]):
         for _ in range(4):

@@ -49,7 +49,7 @@ _USUAL = {
 }
 
 LARGEST_FITNESS = 2**29
-"""The largest size of what features, or a fitness, of the user may add: the sum with any penalty fits int32."""
+"""The largest size of a user's fitness, or weighted sum of features, so that penalties fit int32 too."""
 
 
 def is_share(name: str) -> bool:
@@ -68,14 +68,9 @@ def columns_for(*groups: Iterable[str]) -> tuple[str, ...]:
 
 
 def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyArray, tuple[str, ...]]:
-    """Adds a column for each share that follows from the metrics in an array of features.
+    """Adds a column for each share that follows from the metrics, to features int32 ``[..., F]`` of NumPy or JAX.
 
-    Args:
-      features: int32 ``[..., F]``, of NumPy or JAX.
-      feature_names: the F names.
-
-    Returns:
-      int32 ``[..., F + S]``, of the same library, and the F + S names.
+    Returns int32 ``[..., F + S]``, of the same library, and the F + S names.
     """
     xp, column = features.__array_namespace__(), list(feature_names).index
     shares = {share: parts for share, parts in SHARES.items() if {parts[0], *parts[1]} <= set(feature_names)}
@@ -87,31 +82,16 @@ def with_shares(features: AnyArray, feature_names: Sequence[str]) -> tuple[AnyAr
 
 
 def select_features(features: AnyArray, feature_names: Sequence[str], selected: Sequence[str]) -> AnyArray:
-    """Returns the columns of the selected features; computes those of shares.
-
-    Args:
-      features: int32 ``[..., F]``, of NumPy or JAX.
-      feature_names: the F names.
-      selected: D names.
-
-    Returns:
-      int32 ``[..., D]``, of the same library.
-    """
+    """Returns the columns of the selected features, int32 ``[..., D]``, of NumPy or JAX; computes those of shares."""
     if not set(selected) <= set(feature_names):
         features, feature_names = with_shares(features, feature_names)
     return features[..., np.array([feature_names.index(name) for name in selected], int)]
 
 
 def check_feature(source: str, name: UserValue, features: Collection[str] | None = ()) -> str:
-    """Checks the name of a feature.
+    """Checks the name of a feature; messages start with `source`.
 
-    Args:
-      source: the start of the message: what the name comes from.
-      name: to check.
-      features: the names of the user's features; None accepts any name.
-
-    Raises:
-      InputError: if no feature has this name.
+    `features` are the names of the user's features; None accepts any name.
     """
     if features is None and isinstance(name, str):
         return name
@@ -125,7 +105,7 @@ def check_feature(source: str, name: UserValue, features: Collection[str] | None
 
 
 def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
-    """Returns the width of bins that suits a feature on grids of a shape.
+    """Returns the default width of bins of a feature on grids of a shape.
 
     The range of a share is divided into equal bins. Bins of the cyclomatic number have width 1 at 12 x 12 and grow with
     the area. Bins of any other metric cover the range that networks reach: 0 to half the number of cells.
@@ -140,12 +120,7 @@ def default_width(name: str, bins: int, shape: tuple[int, int]) -> int:
 
 
 def largest_addend(weights: Iterable[tuple[str, int]], shape: tuple[int, int]) -> int:
-    """Returns an upper bound of what weighted features other than metrics add to the fitness, in size.
-
-    Args:
-      weights: pairs of a feature and its weight; metrics are ignored.
-      shape: (height, width) of the grids.
-    """
+    """Returns an upper bound of the size of what weighted features other than metrics add to the fitness."""
     others = {name: abs(weight) for name, weight in weights if weight and name not in METRIC_NAMES}
     towns = sum(weight * largest_town_feature(name, shape) for name, weight in others.items() if name in TOWN_FEATURES)
     # Grids with a larger sum of the user's features are refused, see `road_problem`.

@@ -1,4 +1,4 @@
-"""Kernels of the user, functions of one grid: features of their own, and a fitness of their own."""
+"""Kernels of the user: functions of one grid that return a feature or a fitness."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
@@ -22,7 +22,7 @@ from elitelanes_jax.problem.features import FEATURES, LARGEST_FITNESS, TOWN_FEAT
 Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Integer[ArrayLike, ""]]
 """A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
 
-Its size is less than 2**30; a grid with a larger value is refused, see `road_problem`.
+A grid whose value has a size of 2**30 or more is refused, see `road_problem`.
 """
 
 Fitness: TypeAlias = Callable[..., Real[ArrayLike, ""]]
@@ -34,23 +34,18 @@ It takes any of these arguments, by name:
 - ``features``: a dictionary of all features that the search measures, by name: metrics, shares in thousandths, the
   user's, and the town features that the search names.
 - ``grid``: int8 ``[H, W]``.
-- ``usual``: int32, the weighted sum that the fitness would be otherwise.
+- ``usual``: int32, the weighted sum of features that is the fitness by default.
 
-It returns an integer scalar, less than 2**29 in size, or a float scalar, taken as float32. A grid with any other
+It returns an integer scalar, at most 2**29 in size, or a float scalar, converted to float32. A grid with any other
 value, such as NaN, is refused, see `road_problem`.
 """
 
 
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
-    """Checks the user's features.
-
-    Args:
-      features: kernels by name; None for none.
-      shape: (height, width) of the grids that they take.
+    """Checks the user's features for grids of a shape: kernels by name, or None.
 
     Raises:
-      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name that no other feature
-        has.
+      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name of its own.
     """
     if features is None:
         return {}
@@ -71,12 +66,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 
 
 def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
-    """Checks a fitness of the user.
-
-    Args:
-      fitness: to check.
-      shape: (height, width) of the grids.
-      feature_names: the columns of features that the search measures.
+    """Checks a fitness of the user for grids of a shape with these columns of features.
 
     Raises:
       InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
@@ -105,15 +95,7 @@ def apply_fitness(
 ) -> Real[Array, " P"]:
     """Applies a fitness of the user to grids.
 
-    Args:
-      fitness: the kernel.
-      feature_names: the names of the F columns of features.
-      grids: int8 ``[P, H, W]``.
-      features: int32 ``[P, F]``.
-      usual: int32 ``[P]``, the weighted sum that the fitness would be otherwise.
-
-    Returns:
-      float32 ``[P]``, or int32, where an integer that is out of range has the size 2**30.
+    Returns float32 ``[P]``, or int32 ``[P]`` with size 2**30 for an integer out of range.
     """
     arguments = _arguments(fitness)
 
@@ -134,7 +116,7 @@ def apply_fitness(
 
 
 def uses_usual(fitness: Fitness) -> bool:
-    """Returns whether a fitness of the user takes the weighted sum that it would be otherwise."""
+    """Returns whether a fitness of the user has the argument ``usual``."""
     return "usual" in _arguments(fitness)
 
 
@@ -146,15 +128,9 @@ def is_finite(fitness: Real[Array, " P"]) -> Bool[Array, " P"]:
 def measure_features(
     grids: Int8[Array | np.ndarray, "P H W"], names: Sequence[str], kernels: Mapping[str, Kernel]
 ) -> Int32[Array, "P K"]:
-    """Measures K features that are not metrics.
+    """Measures K features that are not metrics: town features and the user's.
 
-    Args:
-      grids: to measure.
-      names: town features and features of the user.
-      kernels: the user's features by name.
-
-    Returns:
-      The features. A value of the user's that is out of range has the size 2**30.
+    A value of the user's that is out of range gets the size 2**30.
     """
     users = [name for name in names if name not in TOWN_FEATURES]
     units = np.eye(len(names), dtype=np.int32)
@@ -169,7 +145,7 @@ def measure_features(
 
 
 def in_range(features: Int32[Array, "P K"]) -> Bool[Array, " P"]:
-    """Returns which grids have no value out of range among the user's features, as `measure_features` returns them."""
+    """Returns for which grids all of the user's features, as `measure_features` returns them, are in range."""
     return (jnp.abs(features) < LARGEST).all(axis=-1)
 
 
@@ -201,7 +177,7 @@ def with_town_features(
     return found
 
 
-# Grids that are measured at once: few enough for the memory, and always the same number, for one compilation.
+# The number of grids that are measured at once: they fit in memory, and one program serves all batches.
 _BATCH = 256
 
 

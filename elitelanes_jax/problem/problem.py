@@ -55,7 +55,7 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All that an optimiser knows of a task. See `road_problem` for the paper's; the first two fields make another.
+    """A task of an optimiser. `road_problem` makes the paper's; the first two fields suffice for another task.
 
     Attributes:
       shape: (height, width) of the grids, each at least 2.
@@ -68,9 +68,10 @@ class Problem:
         `elitelanes_jax.network.repair`. By default a code outside the alphabet becomes one of its K codes, the one at
         index code mod K.
       penalties: features int32 ``[..., F]`` -> int32 ``[...]``, the part of the fitness that no reward lowers; by
-        default 0. The tuned MAP-Elites counts it alone in some cycles.
+        default 0. The tuned MAP-Elites uses it alone in some cycles.
       initial: int8 ``[N, H, W]``, grids that every run starts from, or None.
-      fill: whether `repair` leaves nothing to fill, so that moves need not. Else moves may apply the repair of roads.
+      fill: whether `repair` leaves nothing to fill, so that moves need not. Otherwise moves may apply the repair of
+        roads.
       fixed: bool ``[H, W]``, the cells that `repair` never changes, or None.
     """
 
@@ -116,12 +117,7 @@ class Problem:
         return prod(axis.bins for axis in self.axes)
 
     def empty_archive(self, dtype: DTypeLike = jnp.int32, *, copies: int = 1) -> Population:
-        """Returns a population of vacant slots, one for each niche.
-
-        Args:
-          dtype: of the fitness.
-          copies: the number of archives, end to end.
-        """
+        """Returns a number of archives of vacant slots, end to end, for a fitness of a dtype."""
         slots, kind = copies * self.niches, jnp.dtype(dtype)
         return Population(
             grids=jnp.zeros((slots, *self.shape), jnp.int8),
@@ -149,11 +145,9 @@ class Problem:
         return self.repair(grid, raster=True)
 
     def descriptor(self, features: Int32[Array, "... F"]) -> Int32[Array, "... D"]:
-        """Returns the values of the axes' features."""
         return compute_descriptor(features, self.feature_names, self.axes)
 
     def niche(self, features: Int32[Array, "... F"]) -> Int32[Array, "..."]:
-        """Returns the index of the niche."""
         return niche_index(self.descriptor(features), self.axes)
 
 
@@ -198,7 +192,7 @@ def road_problem(
       fill: whether repair also fills (see `elitelanes_jax.network.repair`).
       where: ranges of features, as `parse_ranges` takes them; the distance from them adds to the fitness.
       limits: the same as an array that may be traced, see `range_limits`; replaces `where`.
-      measured: the names of K features to measure beside the metrics; those of axes and ranges may be omitted.
+      measured: the names of K features to measure beside the metrics; features of axes and ranges may be omitted.
       feature_weights: int ``[K]``, weights of these features in the fitness; may be traced. By default 0.
       features: kernels of the user's features, by name.
       fitness: a fitness of the user, which replaces the weighted sum or uses it. The penalty of ranges is added.

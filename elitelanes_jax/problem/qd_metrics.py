@@ -1,4 +1,4 @@
-"""Measures of an archive as a whole (Pugh, Soros and Stanley, "Quality diversity", 2016), in NumPy alone."""
+"""Metrics of an archive as a whole (Pugh, Soros and Stanley, "Quality diversity", 2016), in NumPy alone."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,12 +7,12 @@ from elitelanes_jax._util.types import AnyArray
 
 
 def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
-    """Sums by how much all elites together are better than the worst fitness that counts, float ``[...]``.
+    """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
     Args:
       fitness: ``[..., N]``, lower is better; anything in vacant niches.
       valid: bool ``[..., N]``, which niches are filled.
-      worst: the fitness from which on an elite adds nothing.
+      worst: an elite of this fitness or more adds nothing.
     """
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
@@ -22,7 +22,7 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
 
     Args:
       valid: bool ``[..., N]``, which niches are filled.
-      feasible: bool ``[N]``, the niches that can be filled, where that is known; by default all count.
+      feasible: bool ``[N]``, the niches that can be filled, if known; by default all count.
     """
     valid = np.asarray(valid, bool)
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)
@@ -30,8 +30,8 @@ def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
 
 
 def gaps(fitness: AnyArray, valid: AnyArray, best_known: AnyArray) -> NDArray[np.float64]:
-    """Returns each elite's distance from the best known fitness of its niche, float ``[..., N]``.
+    """Returns how much each elite's fitness exceeds the best known fitness of its niche, float ``[..., N]``.
 
-    It is negative where the elite is better, not a number in vacant niches.
+    It is negative if the elite is better, and NaN in vacant niches.
     """
     return np.where(valid, np.asarray(fitness, np.float64) - np.asarray(best_known, np.float64), np.nan)

@@ -23,7 +23,7 @@ from elitelanes_jax.problem.features import (
     with_shares,
 )
 
-# The penalty of one unit of distance: that of a dead end, so that the search does not exchange one for the other.
+# The penalty of one unit of distance equals that of a dead end, so that the search does not exchange the two.
 _STEEPNESS = 480
 
 
@@ -75,14 +75,9 @@ def parse_ranges(where: UserValue, features: Collection[str] | None = ()) -> tup
 
 
 def range_limits(where: Iterable[Range], feature_names: Sequence[str]) -> Int32[np.ndarray, "2 C"]:
-    """Returns the lower and upper limits of all columns of `with_shares`, so that other ranges need no compilation.
+    """Returns the lower and upper limits of all columns of `with_shares`, int32 ``[2, C]``, shares in thousandths.
 
-    Args:
-      where: the ranges; a feature without a range has no limit.
-      feature_names: the names of the columns of features.
-
-    Returns:
-      int32 ``[2, C]``, shares in thousandths.
+    As an array, ranges can be traced, so that other ranges need no compilation.
     """
     names = (*feature_names, *SHARES)
     limits = np.array([[-LARGEST], [LARGEST]], np.int32).repeat(len(names), axis=1)
@@ -123,12 +118,7 @@ def range_penalty(
 def satisfies(features: Mapping[str, AnyArray], where: Iterable[Range]) -> Bool[np.ndarray, "..."]:
     """Returns which networks are in all ranges, exactly.
 
-    Args:
-      features: whole numbers of one shape, by name: all metrics, and the other features that have a range.
-      where: the ranges.
-
-    Returns:
-      bool, of the same shape.
+    `features` has all metrics, and the other features with a range: whole numbers of one shape, by name.
     """
     inside = np.ones(np.shape(features[METRIC_NAMES[0]]), bool)
     for name, low, high in where:
@@ -180,7 +170,7 @@ def _limit(source: str, name: str, limit: UserValue) -> Fraction:
         raise InputError(f"{source}: expected {least:,} to {most:,}{unit}, got {shorten(text)}")
     if feature_unit(name) == 1 and number.denominator != 1:
         raise InputError(f"{source}: expected whole numbers, got {shorten(text)}")
-    # 0.333333333 stands for a third, and small denominators keep sums within 64 bits.
+    # So 0.333333333 becomes a third, and sums fit 64 bits.
     return number.limit_denominator(10**6)
 
 

@@ -20,7 +20,7 @@ class Rules(NamedTuple):
 
 
 RULES = {
-    # Duckietown's appearance specification, "Topological constraints": a map that can be built on a real floor.
+    # Duckietown's appearance specification, "Topological constraints".
     "duckietown": Rules(
         forbidden=("crowded_crossings", "unlinked_neighbours"),
         weights=Weights(crowded_crossings=300, unlinked_neighbours=300, adjacent_turns=0, adjacent_crossings=0),
@@ -55,9 +55,7 @@ _ALWAYS = (
 def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...]:
     """Returns the constraints that every map satisfies; a grid is counted under the first one that it violates.
 
-    Args:
-      rules: the name of the set of rules that maps keep, or None.
-      filled: whether every cell of a map has a road, unless rules leave cells empty.
+    `filled` says whether every cell of a map has a road, unless rules leave cells empty.
     """
     if rules is not None:
         return (*_ALWAYS, *(Constraint(metric, 0, "against the rules") for metric in RULES[rules].forbidden))
@@ -65,11 +63,7 @@ def map_constraints(rules: str | None, *, filled: bool) -> tuple[Constraint, ...
 
 
 def check_rules(name: UserValue) -> str:
-    """Checks the name of a set of rules.
-
-    Raises:
-      InputError: if no set has this name.
-    """
+    """Checks the name of a set of rules."""
     if not isinstance(name, str) or name not in RULES:
         raise InputError(f"rules: expected one of {', '.join(RULES)}, got {name!r}")
     return name

@@ -1,4 +1,4 @@
-"""Example values: features of example maps, whose distribution the chosen maps should have."""
+"""Example values: features of example maps. The chosen maps should have the same distribution."""
 
 from collections.abc import Collection, Iterable, Mapping
 from math import isfinite
@@ -28,13 +28,8 @@ class ExampleValues(NamedTuple):
 def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[ExampleValues, ...]:
     """Reads example values from a mapping of features to values, or from pairs of them.
 
-    Args:
-      targets: for each feature one value per example map, in the same order.
-      features: the names of the user's features.
-
-    Raises:
-      InputError: for anything else, an unknown or repeated feature, a value out of range, or features with different
-        numbers of values.
+    Each feature has one value per example map, in the same order. Raises `InputError` for anything else, an unknown or
+    repeated feature, a value out of range, or features with different numbers of values.
     """
     pairs = targets.items() if isinstance(targets, Mapping) else targets
     if isinstance(pairs, str) or not isinstance(pairs, Iterable):
