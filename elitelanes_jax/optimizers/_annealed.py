@@ -3,7 +3,7 @@
 In the EA a chain is a parent with one offspring a step, and its mate is any grid of its island. The swarms move through
 the space of networks instead of a space of real numbers: a pull towards a good position copies a block of that grid,
 and a particle moves by itself with any other move (Clerc, "Discrete particle swarm optimization", 2004, does so with
-permutations). No sampling is needed, so a grid near an optimum can come nearer.
+permutations). Grids are not sampled, so that a grid near an optimum can come nearer.
 """
 
 from collections.abc import Callable
@@ -38,10 +38,10 @@ from elitelanes_jax.problem.problem import Problem
 @pytree
 @dataclass(frozen=True)
 class AnnealedPsoConfig(Record):
-    """Settings of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
+    """Options of the tuned PSO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
-      annealing: settings of the particles; each knows those of its island.
+      annealing: options of the particles; each knows the particles of its island.
       cognitive: probability that a particle is pulled towards its own best position.
       social: probability that it is pulled towards the best position of its island. Otherwise it moves by itself.
     """
@@ -60,11 +60,11 @@ class AnnealedPsoConfig(Record):
 @pytree
 @dataclass(frozen=True)
 class AnnealedGwoConfig(Record):
-    """Settings of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
+    """Options of the tuned GWO; the defaults are its preset `tuned`. A pytree: `jax.vmap` may map over the numbers.
 
     Attributes:
-      annealing: settings of the wolves; each island is a pack.
-      leaders: the number of a pack's best positions that lead it: alpha, beta and so on; limited to the whole pack.
+      annealing: options of the wolves; each island is a pack.
+      leaders: the number of best positions that lead a pack: alpha, beta and so on; at most the whole pack.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig())
@@ -72,13 +72,13 @@ class AnnealedGwoConfig(Record):
 
 
 class AnnealedState(NamedTuple):
-    """The state that is carried from step to step.
+    """The state of all chains.
 
     Attributes:
-      chains: the current grids of the chains.
+      chains: the current grids.
       cycle_best: the best grid of each chain in this cycle.
       best: the best grid of each chain in all cycles.
-      cooling: how far the run is in its cycle.
+      cooling: the step within the cycle.
     """
 
     chains: Population
@@ -95,7 +95,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 
     Args:
       problem: the problem to solve.
-      config: settings; the defaults are the preset `tuned`.
+      config: options; the defaults are the preset `tuned`.
     """
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:

@@ -12,7 +12,7 @@ cycle counts penalties alone and moves past a vacant niche to the ends of the ax
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,45 +46,45 @@ from elitelanes_jax.optimizers._emitters import (
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move, Variation
-from elitelanes_jax.optimizers._population import evaluate, select
+from elitelanes_jax.optimizers._population import concatenate, evaluate, select
 from elitelanes_jax.optimizers._strips import refit_strip
 from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
 from elitelanes_jax.problem.archive import Population, insert
 from elitelanes_jax.problem.descriptor import niche_bins
 from elitelanes_jax.problem.problem import Problem
 
-# From experiments/search/moves.md: the share of `refit_window` on small grids; the groups of isolated chains; among how
-# many niches the mate is the nearest elite; and of cycles in a direction, their share of the restarts, length in usual
-# cycles, penalty of a bin and temperatures.
+# All measured in experiments/search/moves.md. The weight of `refit_window` on small grids, the number of groups of
+# isolated chains, and the number of niches from which the elite nearest to the goal becomes the mate.
 _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
+# Cycles in a direction: their share of the restarts, length in usual cycles, penalty of a bin, and temperatures.
 _DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
 @pytree
 @dataclass(frozen=True)
 class AnnealedMapElitesConfig(Record):
-    """Settings; the defaults are the preset `tuned`. A pytree: `jax.vmap` may map over the numbers that are not static.
+    """Options; the defaults are the preset `tuned`. A pytree: `jax.vmap` may map over the numbers that are not static.
 
     Attributes:
-      annealing: settings of the chains; each is an island of its own. Cycles do not grow; their default length is a
-        thirty-second of the tuned EA's first cycle.
+      annealing: options of the chains; each is an island of its own. Cycles do not grow; their default length is 1/32
+        of the tuned EA's first cycle.
       bin_penalty: the fitness that each bin of distance from the goal adds.
       restart: probability that a cycle of an isolated chain starts from a random grid.
       restart_length: the length of a restarted cycle, in usual cycles.
-      vacant_probability: probability that the goal is a vacant niche, if one is within reach.
+      vacant_probability: probability that the goal is a vacant niche, if one is reachable.
       elite_mate: probability that a mate is an elite.
-      symmetric_probability: probability that a move of a cycle from an elite is made symmetrically too, see
+      symmetric_probability: probability that a move is also made symmetrically in a cycle from an elite, see
         `with_symmetric_copy`.
-      strips: whether half of the moves are `refit_strip` instead of moves of the mix; static.
+      strips: whether half of the moves are `refit_strip` instead of moves drawn by weight; static.
       diagonal: whether the symmetric copy may also be mirrored in a diagonal; static. By default it may on grids of up
         to 64 cells whose cells may stay empty.
-      initial_towns_from: the number of cells from which on the chains start from grown towns (see `grow_town`) instead
-        of random grids, and do not restart; None for never; static. On 24 x 24 tiles the moves do not lead from random
-        grids to networks without violations.
-      accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness: without
-        this, elites would hardly change, and cycles would start from the same ones.
+      initial_towns_from: the least number of cells with which the chains start from grown towns (see `grow_town`)
+        instead of random grids, and do not restart; None for never; static. On 24 x 24 tiles the moves do not lead from
+        random grids to networks without violations.
+      accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness. Without
+        this, elites would hardly change, and cycles would start from the same elites.
       require_feasible: whether a niche counts as vacant until its elite has no penalty; static. Without this, cycles
-        seldom pursue niches that hold infeasible elites.
+        seldom pursue niches with infeasible elites.
     """
 
     annealing: AnnealingConfig = nested(AnnealingConfig(chains=1, hottest=40, coldest=12))
@@ -99,9 +99,6 @@ class AnnealedMapElitesConfig(Record):
     initial_towns_from: int | None = static(None, none_or(whole(1)))
     accept_equal: bool = static(False, flag)
     require_feasible: bool = static(False, flag)
-
-
-_Tree = TypeVar("_Tree")
 
 
 class _Bits(NamedTuple):
@@ -138,13 +135,13 @@ class Cycle(NamedTuple):
 
 
 class AnnealedMapElitesState(NamedTuple):
-    """The state that is carried from step to step.
+    """The state of all chains.
 
     Attributes:
-      chains: the current grids of the chains.
-      cycles: the current cycles of the chains.
+      chains: the current grids.
+      cycles: the current cycles.
       archives: one archive for each group of isolated chains, then the archive of all chains, end to end.
-      cooling: arrays ``[C]``, how far each chain is in its cycle.
+      cooling: arrays ``[C]``, the step of each chain within its cycle.
     """
 
     chains: Population
@@ -158,7 +155,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
 
     Args:
       problem: the problem to solve, with at least one axis. Niches outside an axis' target bin are stepping stones.
-      config: settings; the defaults are the preset `tuned`.
+      config: options; the defaults are the preset `tuned`.
 
     Raises:
       InputError: for a problem without axes.
@@ -247,7 +244,7 @@ def _initial_towns(problem: Problem, key: Key[Array, ""], count: int) -> Int8[Ar
 
 
 def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> Int32[Array, ""]:
-    """Returns the steps of a cycle from an elite, so that no cycle is longer than `LONGEST_CYCLE`."""
+    """Returns the steps of a cycle from an elite, so that no cycle exceeds `LONGEST_CYCLE`."""
     length = config.annealing.cycle
     if length is None:
         length = max(16, config.annealing.first_cycle(shape) // 32)
@@ -261,8 +258,8 @@ class _Groups(NamedTuple):
     Attributes:
       niches: the N niches of each archive.
       isolated: bool ``[C]``, whether each chain is isolated: the first half of them.
-      first: int32 ``[C]``, the index at which the archive that each chain knows begins.
-      last: the index at which the archive of all chains begins.
+      first: int32 ``[C]``, the first index of the archive that each chain knows.
+      last: the first index of the archive of all chains.
       accept_equal: whether a grid replaces an elite of equal fitness.
     """
 
@@ -294,16 +291,9 @@ def _draw_cycle(
     fitness: Real[Array, " A"],
     filled: Bool[Array, " A"],
 ) -> Cycle:
-    """Draws the next cycle of one chain.
+    """Draws the next cycle of one chain, which knows the archive from index `first` on.
 
-    Args:
-      groups: the archives.
-      config: the settings.
-      bits: random bits of the chain.
-      first: index at which the archive that the chain knows begins.
-      isolated: whether the chain is isolated.
-      fitness: ``[A]``, of all archives.
-      filled: bool ``[A]``, the niches that do not count as vacant.
+    `fitness` and `filled` are those of all archives; niches that are not filled count as vacant.
     """
     niches = groups.niches
     known, known_filled = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.bins)) for array in (fitness, filled))
@@ -341,10 +331,10 @@ def _vary(
     grids: Int8[Array, "C H W"],
     mates: Int8[Array, "C H W"],
 ) -> Variation:
-    """Makes a move from each chain's grid: from one of each two chains, drawn at random, the strip.
+    """Makes a move from each chain's grid. Chains form pairs, and a random chain of each pair makes the strip.
 
-    So every step computes each kind of move for half of the chains only. With a draw for each chain it would compute
-    both for all.
+    So every step computes each kind of move for half of the chains. If each chain drew for itself, both kinds would be
+    computed for all.
     """
 
     @jax.vmap
@@ -358,18 +348,14 @@ def _vary(
         jax.tree.map(lambda array, part=part: array[part], chains)
         for part in (slice(half), slice(half, 2 * half), slice(2 * half, None))
     )
-    # A chain needs these bits where a cycle begins, and makes no move there.
+    # A chain uses these bits only when a cycle begins, and then makes no move.
     turn = bits.fresh[:half] & 1 > 0
     drawn, _, before, _ = select(turn, first, second)
     refitted = jax.vmap(strip.apply)(drawn[:, : strip.bits], before)
-    mixed = mix(*_joined(select(turn, second, first), left))
+    mixed = mix(*concatenate(select(turn, second, first), left))
     others = jax.tree.map(lambda array: array[:half], mixed)
     last = jax.tree.map(lambda array: array[half:], mixed)
-    return _joined(select(turn, refitted, others), select(turn, others, refitted), last)
-
-
-def _joined(*trees: _Tree) -> _Tree:
-    return jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *trees)
+    return concatenate(select(turn, refitted, others), select(turn, others, refitted), last)
 
 
 def _make_child(
@@ -380,7 +366,7 @@ def _make_child(
     varied: Variation,
     elite: Int8[Array, "H W"],
 ) -> Int8[Array, "H W"]:
-    """Repairs a move's result. Where a cycle begins, returns its first grid instead: a random grid or an elite."""
+    """Repairs a move's result. If a cycle begins, returns its first grid instead: a random grid or an elite."""
     first = jnp.where(restarts, random_grid(problem, bits), elite)
     return problem.repair(jnp.where(begins, first, varied.grid), varied.dirty, begins & restarts)
 
@@ -388,7 +374,6 @@ def _make_child(
 def _pursued_fitness(
     problem: Problem, niches: Niches, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
 ) -> Real[Array, " C"]:
-    """Returns the fitness of each chain's grid with the penalty for the distance from its goal."""
     bins = niche_bins(problem.descriptor(found.features), problem.axes)
     usual = penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty)
     bin_penalties = np.where(niches.free, _DIRECTION_PENALTY, 0).astype(np.int32)

@@ -2,8 +2,8 @@
 
 Kirkpatrick, Gelatt and Vecchi, "Optimization by simulated annealing", 1983. The chains of an island copy parts of each
 other's grids. Islands exchange nothing, so that they keep different grids. A cycle cools from hot to cold. Then all
-chains restart from random grids, and the next cycle is half as long again: whatever the size of the grid, some cycle
-has about the right length, and the budget need not be known in advance.
+chains restart from random grids, and the next cycle is half as long again. So for every size of grid some cycle has
+about the right length, and the budget need not be known in advance.
 """
 
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ from elitelanes_jax.optimizers._moves import MoveWeights, random_move
 from elitelanes_jax.optimizers._mutations import Move
 from elitelanes_jax.problem.problem import Problem
 
-# Temperatures are whole sixteenths of a unit of fitness. A hotter one times a random number would not fit int32.
+# Temperatures are whole sixteenths of a unit of fitness. Over 4000, the product with a random number exceeds int32.
 _PARTS, _HOTTEST = 16, 4000
 
-# The settings give temperatures for grids of this side; they grow with the side, as the scores of straights do.
+# The options are temperatures for grids of this side. They grow with the side, like the scores of straights.
 _USUAL_SIDE = 12
 
 # The number of temperatures in a cycle.
@@ -37,19 +37,19 @@ LONGEST_CYCLE = 2**22
 """The longest cycle in steps: its product with the number of temperatures fits int32."""
 
 SMALL = 64
-"""The largest number of cells of a small grid. There islands of one chain are better (experiments/moves.md)."""
+"""The largest number of cells of a small grid. There islands of one chain are better (experiments/search/moves.md)."""
 
-# Chains of an island on larger grids.
+# The number of chains of an island on larger grids.
 _CHAINS = 4
 
-# Replaces the fitness of refused grids: larger than any other, and the difference of two fits int32.
+# Replaces the fitness of refused grids: larger than any other, and differences fit int32.
 _REFUSED = 2**30
 
 
 @pytree
 @dataclass(frozen=True)
 class AnnealingConfig(Record):
-    """Settings of annealing; the defaults are those of the tuned EA. A pytree.
+    """Options of annealing; the defaults are the tuned EA's. A pytree.
 
     `jax.vmap` may map over `cycle` and `moves`. Temperatures are static: their table is made in double precision on the
     host, so that it is the same on every machine.
@@ -92,7 +92,7 @@ class AnnealingConfig(Record):
 
 
 class Cooling(NamedTuple):
-    """How far a run is in its cycle.
+    """The step of a run within its cycle.
 
     Attributes:
       step: int32, the next step of the cycle, from 0.
@@ -109,7 +109,7 @@ class Cooling(NamedTuple):
 
     @property
     def begins(self) -> Bool[Array, "..."]:
-        """Bool: whether the next step begins a cycle."""
+        """Whether the next step begins a cycle."""
         return self.step == 0
 
     def after(self, *, grows: bool) -> "Cooling":
@@ -121,10 +121,7 @@ class Cooling(NamedTuple):
     def temperature(self, hottest: int, coldest: int, shape: tuple[int, int]) -> Int32[Array, "..."]:
         """Returns the temperature in sixteenths of a unit of fitness; it falls by equal factors.
 
-        Args:
-          hottest: temperature at the start of a cycle, in units of fitness at 12 x 12.
-          coldest: temperature at the end.
-          shape: (height, width) of the grids.
+        `hottest` and `coldest` are those at the start and the end of a cycle, in units of fitness at 12 x 12.
         """
         fall = (coldest / hottest) ** (np.arange(_STEPS) / (_STEPS - 1))
         table = np.rint(_PARTS * hottest * max(shape) / _USUAL_SIDE * fall)
@@ -138,16 +135,11 @@ def metropolis_accepts(
     before: Real[Array, "..."],
     after: Real[Array, "..."],
 ) -> Bool[Array, "..."]:
-    """Returns whether a chain replaces a grid of fitness `before` by one of fitness `after`: Metropolis' rule.
+    """Returns whether a chain replaces a grid of fitness `before` by a grid of fitness `after`: Metropolis' rule.
 
     A grid that is not worse is always accepted. A grid that is worse by d is accepted with probability
-    exp(-d / temperature), a refused grid only in place of another one.
-
-    Args:
-      bits: uint32, random bits.
-      temperature: in sixteenths of a unit of fitness.
-      before: int32 or float32.
-      after: int32 or float32.
+    exp(-d / temperature), a refused grid only instead of another refused one. The temperature is in sixteenths of a
+    unit.
     """
     if jnp.issubdtype(after.dtype, jnp.floating):
         rise = jnp.where(after == before, 0, after - before)  # refused grids are infinite
@@ -160,11 +152,11 @@ class StepBits(NamedTuple):
     """The random bits of one step, for each of C chains.
 
     Attributes:
-      accept: uint32 ``[C]``, for `metropolis_accepts`.
-      mate: uint32 ``[C]``, for the choice of a mate.
-      fresh: uint32 ``[C]``, for a random grid.
-      extra: uint32 ``[C, extra]``, for further choices of one method.
-      move: uint32 ``[C, bits]``, for the move.
+      accept: for `metropolis_accepts`.
+      mate: for the choice of a mate.
+      fresh: for a random grid.
+      extra: for further choices of one method.
+      move: for the move.
     """
 
     accept: UInt32[Array, " C"]
@@ -193,14 +185,10 @@ def island_mates(bits: UInt32[Array, " C"], grids: Int8[Array, "C H W"], chains:
 
 
 def random_grid(problem: Problem, bits: UInt32[Array, ""]) -> Int8[Array, "H W"]:
-    """Makes a random grid of the alphabet from 32 random bits, to be repaired in raster order.
+    """Makes a random grid of the problem's alphabet from 32 random bits, to be repaired in raster order.
 
     Every step makes one for each chain. It is cheap, and since all seeds of a run are one computation, a branch would
     always be computed.
-
-    Args:
-      problem: its shape and alphabet are used.
-      bits: uint32.
     """
     codes = jnp.asarray(problem.alphabet, jnp.int8)
     cells = np.arange(problem.shape[0] * problem.shape[1], dtype=np.uint32).reshape(problem.shape)

@@ -22,7 +22,7 @@ def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimiz
 
     Args:
       problem: the problem to solve.
-      config: settings; the defaults are the preset `paper`.
+      config: options; the defaults are the preset `paper`.
     """
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 

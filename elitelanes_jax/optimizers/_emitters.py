@@ -15,7 +15,7 @@ from jaxtyping import Array, ArrayLike, Bool, Int32, Real, UInt32
 from elitelanes_jax.network.bits import bernoulli, randint
 from elitelanes_jax.problem.descriptor import Axis
 
-# Replaces the fitness of a vacant niche: larger than any other, and the sum with a penalty fits int32.
+# Replaces the fitness of a vacant niche: larger than any other, and sums with a penalty fit int32.
 _FAR = 2**29
 
 
@@ -38,7 +38,6 @@ class Niches(NamedTuple):
 
     @staticmethod
     def of(axes: tuple[Axis, ...]) -> "Niches":
-        """Returns the niches of a descriptor space."""
         shape = tuple(axis.bins for axis in axes)
         bins = np.indices(shape).reshape(len(shape), -1).T.astype(np.int32)
         free = np.array([axis.target is None for axis in axes])
@@ -52,14 +51,7 @@ def penalise_distance(
     goal: Int32[ArrayLike, "... D"],
     penalty: Int32[ArrayLike, "..."],
 ) -> Real[Array, "..."]:
-    """Adds a penalty to a fitness for each bin between a grid's niche and the goal.
-
-    Args:
-      fitness: int32 or float32 ``[...]``.
-      bins: int32 ``[..., D]``, the grid's niche.
-      goal: int32 ``[..., D]``, the bins of the goal.
-      penalty: int32, one for all axes or one for each, ``[D]``.
-    """
+    """Adds a penalty to a fitness for each bin between a grid's niche and the goal; it may differ between axes."""
     return fitness + (jnp.abs(bins - jnp.asarray(goal)) * penalty).sum(axis=-1, dtype=jnp.int32)
 
 
@@ -75,7 +67,7 @@ def nearest_elite(
 
 
 def reachable(niches: Niches, filled: Bool[Array, " N"]) -> Bool[Array, " N"]:
-    """Returns the vacant niches in all target bins that are within reach.
+    """Returns which vacant niches in all target bins are within reach.
 
     A niche is within reach if it or a neighbour on a free axis is filled, whatever the bins on the other axes.
     """
@@ -88,17 +80,7 @@ def reachable(niches: Niches, filled: Bool[Array, " N"]) -> Bool[Array, " N"]:
 def draw_goal(
     niches: Niches, bits: UInt32[Array, " 2"], filled: Bool[Array, " N"], vacant_probability: Real[ArrayLike, ""]
 ) -> Int32[Array, " D"]:
-    """Draws a goal in all target bins: a reachable vacant niche or a filled niche.
-
-    Args:
-      niches: of the archive.
-      bits: uint32 ``[2]``, random bits.
-      filled: bool ``[N]``, the filled niches.
-      vacant_probability: probability of a vacant niche, if one is reachable.
-
-    Returns:
-      int32 ``[D]``, the bins of the goal.
-    """
+    """Draws the bins of a goal in all target bins: a reachable vacant niche, with a probability, or a filled niche."""
     near, kept = reachable(niches, filled), filled & niches.targeted
     # Until a niche in all target bins is filled, any filled niche gives the bins on the free axes.
     kept = jnp.where(kept.any(), kept, jnp.where(filled.any(), filled, niches.targeted))
@@ -110,13 +92,7 @@ def draw_goal(
 def draw_direction(niches: Niches, bits: UInt32[Array, ""], filled: Bool[Array, " N"]) -> Int32[Array, " D"]:
     """Draws a reachable vacant niche and returns the ends of the axes beyond it, away from most filled niches.
 
-    Args:
-      niches: of the archive.
-      bits: uint32, random bits.
-      filled: bool ``[N]``, the filled niches; at least one vacant niche is reachable.
-
-    Returns:
-      int32 ``[D]``, the first or the last bin of each free axis.
+    At least one vacant niche must be reachable.
     """
     vacant = jnp.asarray(niches.bins)[draw_true(bits, reachable(niches, filled))]
     kept = (filled & niches.targeted)[:, None]

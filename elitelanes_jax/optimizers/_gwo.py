@@ -29,15 +29,15 @@ _LONGEST_HORIZON = 2**15 - 1
 @pytree
 @dataclass(frozen=True)
 class GwoConfig(Record):
-    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
+    """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over `perturbation` and `horizon`.
 
     Attributes:
       wolves: the number of wolves, and of grids that a step evaluates; static, a size of arrays.
       perturbation: the largest perturbation of the first step, in size, 0 to 16. From 1/6 on a code without a vote can
         beat a code with one. The paper calls it small.
       horizon: the number of steps over which the perturbation shrinks linearly to 0, 1 to 32,767.
-      omega: "own" is each wolf's own position ("and their own" in the paper), "worst" that of the worst wolf; static,
-        it chooses the program.
+      omega: "own" is each wolf's own position ("and their own" in the paper), "worst" the position of the worst wolf;
+        static, it chooses the program.
     """
 
     wolves: int = static(40, whole(1))
@@ -47,7 +47,7 @@ class GwoConfig(Record):
 
 
 class GwoState(NamedTuple):
-    """The state that is carried from step to step.
+    """The state of the pack.
 
     Attributes:
       pack: the wolves' grids.
@@ -65,7 +65,7 @@ def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
 
     Args:
       problem: the problem to solve.
-      config: settings; the defaults are the preset `paper`.
+      config: options; the defaults are the preset `paper`.
     """
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)

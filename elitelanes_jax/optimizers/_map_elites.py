@@ -4,12 +4,13 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Int8, UInt32
+from jaxtyping import Array
 
 from elitelanes_jax._util.checks import one_of
 from elitelanes_jax._util.pytrees import pytree, static
 from elitelanes_jax._util.records import Record, nested
-from elitelanes_jax.network.bits import randint, random_bits
+from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.optimizers._emitters import draw_true
 from elitelanes_jax.optimizers._mutations import paper_mutation
 from elitelanes_jax.optimizers._population import (
     EvolutionConfig,
@@ -27,10 +28,10 @@ from elitelanes_jax.problem.problem import Problem
 @pytree
 @dataclass(frozen=True)
 class MapElitesConfig(Record):
-    """Settings; the defaults are the preset `paper`, with parents from the archive the preset `standard`. A pytree.
+    """Options; the defaults are the preset `paper`. Parents from the archive are the preset `standard`. A pytree.
 
     Attributes:
-      loop: settings of the evolutionary loop.
+      loop: options of the evolutionary loop.
       parents: "population" draws parents by tournament from a population beside the archive, as the paper does.
         "archive" draws them uniformly from the filled niches, as MAP-Elites is usually defined. Static: it chooses the
         program.
@@ -41,7 +42,7 @@ class MapElitesConfig(Record):
 
 
 class MapElitesState(NamedTuple):
-    """The state that is carried from step to step.
+    """The population and the archive.
 
     Attributes:
       population: sorted, best first; if parents come from the archive, always the first population.
@@ -53,11 +54,11 @@ class MapElitesState(NamedTuple):
 
 
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
-    """Makes MAP-Elites on the problem's descriptor space. The first population is inserted into the archive too.
+    """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.
 
     Args:
       problem: the problem to solve, with at least one axis.
-      config: settings; the defaults are the preset `paper`.
+      config: options; the defaults are the preset `paper`.
 
     Raises:
       InputError: for a problem without axes.
@@ -74,7 +75,7 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         population, archive = state
         bits = random_bits(key, (loop.offspring, loop.tournament + mutation.bits))
         if config.parents == "archive":
-            parents = _draw_elites(bits[:, 0], archive)
+            parents = archive.grids[draw_true(bits[:, 0], archive.valid)]
         else:
             parents = tournament(bits[:, : loop.tournament], population)
         offspring = breed(problem, mutation, bits[:, loop.tournament :], parents)
@@ -88,10 +89,3 @@ def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) ->
         return state._replace(archive=select(elites.fitness < state.archive.fitness, elites, state.archive))
 
     return Optimizer(init, step, lambda state: state.archive, loop.offspring, migrate)
-
-
-def _draw_elites(bits: UInt32[Array, " count"], archive: Population) -> Int8[Array, "count H W"]:
-    """Draws grids from filled niches, each equally likely."""
-    rank = jnp.cumsum(archive.valid, dtype=jnp.int32)
-    drawn = randint(bits, rank[-1])
-    return archive.grids[jnp.searchsorted(rank, drawn, side="right")]

@@ -23,7 +23,7 @@ from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.network.bits import bernoulli, randint
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, exchange_sides, rotate_codes, transpose_codes
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.xla import lookup, materialize
 from elitelanes_jax.optimizers._mutations import Move, Variation
@@ -94,8 +94,8 @@ class MoveWeights(Record):
         """Returns the weights with some changed, and with moves of the user.
 
         Args:
-          moves: by name: the weight of a move above, such as ``{"mirror": 0}``, or the weight and the `Move` of another
-            name, such as ``{"zigzag": (4, zigzag)}``.
+          moves: by name: the weight of a move above, such as ``{"mirror": 0}``; or for another name a weight and a
+            `Move`, such as ``{"zigzag": (4, zigzag)}``.
 
         Raises:
           InputError: for anything else.
@@ -154,7 +154,7 @@ def toggle_corner() -> Move:
 
 
 def toggle_outline() -> Move:
-    """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles, each height and width as likely."""
+    """Toggles the links along the outline of a rectangle of at least 2 x 2 tiles; all sizes are equally likely."""
     return _move({_plan_outline: 1})
 
 
@@ -174,7 +174,7 @@ def clear_block() -> Move:
 
 
 def mirror_block() -> Move:
-    """Mirrors a block of tiles where it is, east to west or north to south."""
+    """Mirrors a block of tiles in its position, east to west or north to south."""
     return _move({_plan_mirroring: 1})
 
 
@@ -197,7 +197,7 @@ def transplant(*, displaced: bool = False) -> Move:
 def refit_window(*, empty: bool = True) -> Move:
     """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
 
-    The windows come from a table (see `valid_windows`) and are about equally likely. If no other one fits, the grid
+    The windows come from a table (see `valid_windows`) and are about equally likely. If no other window fits, the grid
     does not change.
 
     Args:
@@ -209,7 +209,7 @@ def refit_window(*, empty: bool = True) -> Move:
 def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray = None) -> Move:
     """Makes a move, then with the given probability a repair that fills.
 
-    Where cells may stay empty, this leads from a network with dead ends to a near one without. Single moves find it
+    If cells may stay empty, this leads from a network with dead ends to a near network without. Single moves find it
     slowly.
     """
 
@@ -226,8 +226,8 @@ def with_fill(probability: Real[ArrayLike, ""], move: Move, *, fixed: AnyArray =
 def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move, *, diagonal: bool = False) -> Move:
     """Makes a move, then with the given probability the same change again, rotated by half a turn around the centre.
 
-    A grid that is symmetric under half a turn stays symmetric, unless repair fills. One step then does what would take
-    two steps with a worse grid in between.
+    A grid that is symmetric under half a turn stays symmetric, unless repair fills. One step then replaces two steps
+    with a worse grid in between.
 
     Args:
       probability: of the second change.
@@ -256,7 +256,7 @@ def with_symmetric_copy(probability: Real[ArrayLike, ""], move: Move, *, diagona
 
 
 def _symmetric_image(symmetry: Int32[Array, ""], tiles: Int32[Array, "N N"]) -> Int32[Array, "N N"]:
-    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2; higher bits move with the four of the code."""
+    """Rotates codes by half a turn, or mirrors them in diagonal 1 or 2. The bits above a code move with it."""
 
     def exchanged(tiles: Array, one: int, other: int, third: int, fourth: int) -> Array:
         return tiles & ~15 | exchange_sides(exchange_sides(tiles, one, other), third, fourth)
@@ -273,15 +273,15 @@ class _Change(NamedTuple):
 
     Attributes:
       sides: north, south, west and east of a rectangle of tiles, all included.
-      toggles: bool, whether the links along its outline are toggled (along a rectangle one tile wide, the links in
-        it). Otherwise its tiles are written.
-      code: int32, the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for a window.
-      rows: int32 ``[H]`` and
-      columns: int32 ``[W]``, whose sum is the index of the tile that each tile is copied from.
-      flipped: bool, whether copied tiles are mirrored north to south.
-      mirrored: bool, whether they are mirrored east to west.
-      transposed: bool, whether rows and columns of the source are exchanged first.
-      from_mate: bool, whether they come from the mate.
+      toggles: whether the links along its outline are toggled (along a rectangle one tile wide, the links in it).
+        Otherwise its tiles are written.
+      code: the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for a window.
+      rows: with `columns`, the index of the tile that each tile is copied from is their sum.
+      columns: see `rows`.
+      flipped: whether copied tiles are mirrored north to south.
+      mirrored: whether they are mirrored east to west.
+      transposed: whether rows and columns of the source are exchanged first.
+      from_mate: whether they come from the mate.
     """
 
     sides: _Sides
@@ -300,10 +300,10 @@ _Plan = Callable[[Array, tuple[int, ...]], _Change]
 
 _COPIED, _REFITTED = -1, -2
 
-# The longest side of a window that is refitted.
+# The longest side of a refitted window.
 _WINDOW = 3
 
-# One number draws the plan, and a plan uses at most seven.
+# One number draws the plan, and a plan uses at most seven numbers.
 _BITS = 1 + 7
 
 
@@ -314,7 +314,7 @@ def _move(
     empty: bool = True,
 ) -> Move:
     """Makes one of the plans or moves, drawn in proportion to its weight; for `empty` see `refit_window`."""
-    # What is never drawn is not computed.
+    # Moves of weight 0 are not computed.
     weights = {plan: weight for plan, weight in weights.items() if not (isinstance(weight, int) and weight == 0)}
     others = {name: one for name, one in user_moves.items() if not (isinstance(one[0], int) and one[0] == 0)}
     ends = jnp.cumsum(jnp.array([*weights.values(), *(weight for weight, _ in others.values())], jnp.int32))
@@ -364,14 +364,13 @@ def _apply(
 def _copy(change: _Change, grid: Int8[Array, "H W"], mate: Int8[Array, "H W"]) -> Int8[Array, "H W"]:
     source = materialize(jnp.where(change.from_mate, mate, grid).reshape(-1))
     tiles = materialize(lookup(source, change.rows[:, None] + change.columns))
-    transposed = exchange_sides(exchange_sides(tiles, NORTH, WEST), EAST, SOUTH)
-    tiles = jnp.where(change.transposed, transposed, tiles)
+    tiles = jnp.where(change.transposed, transpose_codes(tiles), tiles)
     tiles = jnp.where(change.mirrored, exchange_sides(tiles, EAST, WEST), tiles)
     return jnp.where(change.flipped, exchange_sides(tiles, NORTH, SOUTH), tiles)
 
 
 def _refit(bits: UInt32[Array, ""], sides: _Sides, grid: Int8[Array, "H W"], *, empty: bool) -> Int8[Array, "H W"]:
-    """Draws another valid window in place of the one between four sides; tiles outside it have no meaning."""
+    """Draws another valid window for the rectangle between four sides. Tiles outside it have no meaning."""
     height, width = (min(side, _WINDOW) for side in grid.shape)
     windows = valid_windows(height, width, empty=empty)
     all_first, all_rows = jnp.asarray(windows.first), jnp.asarray(windows.rows)
@@ -412,9 +411,9 @@ def _plan_link(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
     across = height * (width - 1)
     drawn = randint(bits[0], across + (height - 1) * width)
     east = drawn < across
-    number = jnp.where(east, drawn, drawn - across)
+    index = jnp.where(east, drawn, drawn - across)
     length = jnp.where(east, width - 1, width)
-    row, column = number // length, number % length
+    row, column = index // length, index % length
     return _toggle((row, row + ~east, column, column + east), shape)
 
 
@@ -495,7 +494,7 @@ def _plan_refit(bits: UInt32[Array, " 7"], shape: tuple[int, ...]) -> _Change:
 
 
 def _plan_mate_block(bits: UInt32[Array, " 7"], shape: tuple[int, ...], down: Array, right: Array) -> _Change:
-    """Plans to copy a block of the mate that lies `down` rows and `right` columns farther there, transformed."""
+    """Plans to copy a block from the mate, transformed, from `down` rows below and `right` columns to the right."""
     height, width = shape
     mirrored, flipped = bits[4] & 1 != 0, bits[4] & 2 != 0
     transposed = (bits[4] & 4 != 0) & (height == width)

@@ -34,7 +34,7 @@ class Move(NamedTuple):
     """A random change of a grid.
 
     Attributes:
-      bits: int, the number of uint32 of random bits that it takes.
+      bits: int, the number of uint32 random numbers that it takes.
       apply: (bits uint32 ``[bits]``, grid int8 ``[H, W]``, mate int8 ``[H, W]`` or None) -> `Variation`. A move may
         copy a part of the mate; without a mate it copies from the grid.
     """
@@ -43,7 +43,7 @@ class Move(NamedTuple):
     apply: Callable[..., Variation]
 
     def __repr__(self) -> str:
-        """Returns the number of bits; an address of the function would differ in every process."""
+        """Returns a text without the function's address, which differs in every process."""
         return f"Move({self.bits} bits)"
 
 
@@ -65,11 +65,7 @@ def change_tile(alphabet: tuple[int, ...]) -> Move:
 
 
 def insert_crossing(alphabet: tuple[int, ...]) -> Move:
-    """Changes one random tile to a crossing of the alphabet, each equally likely; the tile may stay the same.
-
-    Raises:
-      InputError: if the alphabet has no crossing.
-    """
+    """Changes one random tile to a crossing of the alphabet, each equally likely; the tile may stay the same."""
     crossings = jnp.array([code for code in alphabet if code in CROSSINGS], jnp.int8)
     if not crossings.size:
         raise InputError(f"alphabet: expected at least one crossing among {CROSSINGS}, got {alphabet}")
@@ -112,8 +108,8 @@ def paper_mutation(
 ) -> Move:
     """Returns the paper's two mutations, each with its probability (table "Algorithm-specific parameters").
 
-    An alphabet without crossings has the first one only. The paper's base configuration also has a "mutation rate 0.3",
-    whose role could not be identified and which is not used: as a probability per tile it fits the paper's results
+    For an alphabet without crossings, returns the first one alone. The paper's base configuration also has a "mutation
+    rate 0.3", which is not used because its role is unclear: as a probability per tile it fits the paper's results
     worst.
     """
     changed = with_probability(tile_rate, change_tile(alphabet))

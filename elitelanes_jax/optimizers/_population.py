@@ -26,7 +26,7 @@ _Tree = TypeVar("_Tree")
 @pytree
 @dataclass(frozen=True)
 class EvolutionConfig(Record):
-    """Settings of the loop; the defaults are the paper's. A pytree: `jax.vmap` may map over the rates.
+    """Options of the loop; the defaults are the paper's. A pytree: `jax.vmap` may map over the rates.
 
     Attributes:
       population: mu, the number of survivors of a generation; static, a size of arrays.
@@ -58,25 +58,13 @@ def random_population(problem: Problem, key: Key[Array, ""], count: int) -> Popu
 
 
 def tournament(bits: UInt32[Array, "count size"], population: Population) -> Int8[Array, "count H W"]:
-    """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement.
-
-    Args:
-      bits: uint32 ``[count, size]``, random bits for each competitor.
-      population: sorted, best first.
-    """
+    """Chooses parents from a sorted population: each is the best of its competitors, drawn with replacement."""
     drawn = randint(bits, population.fitness.size)
     return population.grids[drawn.min(axis=1)]
 
 
 def breed(problem: Problem, mutation: Move, bits: UInt32[Array, "P bits"], parents: Int8[Array, "P H W"]) -> Population:
-    """Returns one mutated, repaired and evaluated offspring of each parent, in the same order.
-
-    Args:
-      problem: repairs and evaluates.
-      mutation: the move that makes an offspring of a parent.
-      bits: uint32 ``[P, mutation.bits]``.
-      parents: int8 ``[P, H, W]``.
-    """
+    """Returns one mutated, repaired and evaluated offspring of each parent, in the same order."""
 
     def offspring(bits: Array, parent: Array) -> Array:
         return problem.repair(*mutation.apply(bits, parent))
@@ -107,17 +95,17 @@ def evaluate(problem: Problem, grids: Int8[Array, "P H W"]) -> Population:
 
 
 def select(which: Bool[Array, " P"], new: _Tree, old: _Tree) -> _Tree:
-    """Returns a record of arrays ``[P, ...]``: the row of `new` at each index where `which` is True, else of `old`."""
+    """Returns a record of arrays ``[P, ...]``: row i of `new` if `which[i]` is True, otherwise row i of `old`."""
     return jax.tree.map(lambda a, b: jnp.where(which.reshape(-1, *(1,) * (a.ndim - 1)), a, b), new, old)
 
 
-def concatenate(*populations: Population) -> Population:
-    """Concatenates populations."""
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *populations)
+def concatenate(*records: _Tree) -> _Tree:
+    """Concatenates records of arrays along the first axis."""
+    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *records)
 
 
 def truncate(*populations: Population, count: int) -> Population:
-    """Returns the `count` best grids of several populations, sorted, best first; among equals the earlier is first."""
+    """Returns the `count` best grids of several populations, sorted, best first; equal grids keep their order."""
     everyone = concatenate(*populations)
     order = jnp.argsort(everyone.fitness, stable=True)[:count]
     return jax.tree.map(lambda array: array[order], everyone)

@@ -22,15 +22,15 @@ from elitelanes_jax.optimizers.base import Info, Optimizer, count_refused
 from elitelanes_jax.problem.archive import Population
 from elitelanes_jax.problem.problem import Problem
 
-# Differences of positions, and positions, are clipped to these, so that products fit int32. With the paper's settings
-# no difference comes near.
+# The largest difference of positions and the largest position, so that products fit int32. The paper's settings stay
+# far below.
 _FARTHEST_PULL, _FARTHEST = 32 * UNIT, 2**29
 
 
 @pytree
 @dataclass(frozen=True)
 class PsoConfig(Record):
-    """Settings; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over all but `particles`.
+    """Options; the defaults are the preset `paper`. A pytree: `jax.vmap` may map over all but `particles`.
 
     Attributes:
       particles: the number of particles, and of grids that a step evaluates; static, a size of arrays.
@@ -50,7 +50,7 @@ class PsoConfig(Record):
 
 
 class PsoState(NamedTuple):
-    """The state that is carried from step to step.
+    """The state of the particles.
 
     Attributes:
       position: int32 ``[P, K, H, W]``, the position of each particle for each of K codes, in units of 1 / `UNIT`.
@@ -70,7 +70,7 @@ def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
 
     Args:
       problem: the problem to solve.
-      config: settings; the defaults are the preset `paper`.
+      config: options; the defaults are the preset `paper`.
     """
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)

@@ -1,9 +1,9 @@
 """Strips of three lines, refitted by an exact search over all their valid fillings.
 
-Two adjacent tiles may stay together if their sides carry a common label. A side that faces east or south offers: a and
-b without a link (a turn: a alone), c and d with one (a turn: c alone, a crossing: d alone). Towards west or north, a
-and b change places, and so do c and d: so neither two turns nor two linked crossings have a common label. The labels
-between two columns of a strip are one of 64 states, and a set of states is 64 bits.
+Two adjacent tiles may stay together if their sides carry a common label. A side that faces east or south offers labels
+a and b without a link (a turn: a alone), c and d with a link (a turn: c alone, a crossing: d alone). For sides that
+face west or north, a and b are exchanged, and c and d: so neither two turns nor two linked crossings have a common
+label. The labels between two columns of a strip are one of 64 states, and a set of states is 64 bits.
 """
 
 from functools import cache
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, Real, UInt32
 
 from elitelanes_jax.network.bits import bernoulli, randint
-from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, exchange_sides
+from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, transpose_codes
 from elitelanes_jax.network.xla import lookup, materialize
 from elitelanes_jax.optimizers._mutations import Move, Variation
 
@@ -25,7 +25,7 @@ LINES = 3
 
 _STATES, _SHOWN = 4**LINES, 5
 _FORTH = np.array([0b0011, 0b0001, 0b1100, 0b0100, 0b1000])
-"""The labels that a side offers to the east or south: without a link, of a turn; with one, of a turn, a crossing."""
+"""The labels on an eastern or southern side: no link, a turn without link, a link, a turn's and a crossing's link."""
 _BACK = np.array([0b0011, 0b0010, 0b1100, 0b1000, 0b0100])
 
 
@@ -40,7 +40,7 @@ _EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NOR
 
 
 class StripTables(NamedTuple):
-    """Everything that fits; "around" is what the tiles above and below a column show, 5 x above + below.
+    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below.
 
     Attributes:
       before: uint32 ``[25 * 8 * 256, 2]``, the states west of a column if the states east of it are these eight bits.
@@ -63,7 +63,6 @@ class StripTables(NamedTuple):
 
 @cache
 def strip_tables(*, empty: bool) -> StripTables:
-    """Makes the tables; `empty` says whether cells may be empty."""
     codes = [code for code in range(16) if code.bit_count() > 1 or (empty and not code)]
     columns = [
         column
@@ -120,43 +119,31 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
         length = jnp.where(upright, height, width)
         ends = jnp.where(bernoulli(bits[0], whole), jnp.stack([length * 0, length - 1]), randint(bits[2:4], length))
         rows, columns = np.arange(height)[:, None], np.arange(width)[None]
-        line, place = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
-        inside = (line >= 0) & (line < LINES) & (place >= ends.min()) & (place <= ends.max())
+        line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
+        inside = (line >= 0) & (line < LINES) & (along >= ends.min()) & (along <= ends.max())
 
         side = max(height, width)
         padded = materialize(
             jnp.pad(grid, ((1, side - height + 1), (1, side - width + 1))).astype(jnp.int32).reshape(-1)
         )
-        lines, places = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)
+        lines, steps = first + np.arange(LINES + 2)[:, None], np.arange(1, side + 1)
         stride = side + 2
-        tiles = lookup(padded, jnp.where(upright, places * stride + lines, lines * stride + places))
-        tiles = materialize(jnp.where(upright, _transposed(tiles), tiles))
+        tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps))
+        tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
         strip = materialize(_refitted(bits[4], tiles, ends.min(), ends.max(), empty=empty))
-        new = lookup(strip, jnp.broadcast_to(place, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
-        new = jnp.where(upright, _transposed(new), new)
+        new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
+        new = jnp.where(upright, transpose_codes(new), new)
         return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
 
     return Move(5, apply)
 
 
-def _transposed(codes: Array) -> Array:
-    return exchange_sides(exchange_sides(codes, NORTH, WEST), EAST, SOUTH)
-
-
 def _refitted(
     bits: UInt32[Array, ""], tiles: Int32[Array, "5 N"], west: Int32[Array, ""], east: Int32[Array, ""], *, empty: bool
 ) -> Int32[Array, " N"]:
-    """Draws a valid filling of the columns from `west` to `east` of a strip.
+    """Draws a valid filling of the columns `west` to `east` of a strip, whose tiles include the lines above and below.
 
-    Args:
-      bits: random bits.
-      tiles: the strip, and the lines above and below it.
-      west: the first column that may change.
-      east: the last one.
-      empty: see `refit_strip`.
-
-    Returns:
-      Columns as in `StripTables`; the same as before if there is no filling.
+    Returns columns as in `StripTables`; the same as before if there is no filling.
     """
     tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
     length = tiles.shape[1]
@@ -211,7 +198,7 @@ def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32
 
 
 def _hash(bits: UInt32[Array, "..."]) -> UInt32[Array, "..."]:
-    """Mixes bits, so that numbers that differ in a few become unrelated."""
+    """Mixes bits, so that similar numbers become unrelated."""
     bits = (bits ^ bits >> 16) * np.uint32(0x7FEB352D)
     bits = (bits ^ bits >> 15) * np.uint32(0x846CA68B)
     return bits ^ bits >> 16

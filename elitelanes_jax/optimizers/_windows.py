@@ -1,7 +1,7 @@
 """All valid windows of a small size, by the links that lead out of them.
 
 A window is valid if its links match, no tile has a single connection, no two turns share a side and no two crossings
-are linked. Of 3 x 3 tiles there are a few thousand.
+are linked. There are a few thousand windows of 3 x 3 tiles.
 """
 
 from functools import cache
@@ -30,13 +30,7 @@ class WindowTable(NamedTuple):
 
 @cache
 def valid_windows(height: int, width: int, *, empty: bool) -> WindowTable:
-    """Lists the valid windows of a size.
-
-    Args:
-      height: in tiles.
-      width: in tiles.
-      empty: whether cells may be empty.
-    """
+    """Returns the valid windows of a size; `empty` says whether cells may be empty."""
     codes = np.array([code for code in range(16) if code.bit_count() > 1 or (empty and not code)])
     beside, below = _fitting(EAST, WEST), _fitting(SOUTH, NORTH)
     rows = codes[:, None]

@@ -1,4 +1,4 @@
-"""The convention that all optimisers share: a record of pure functions, no base class."""
+"""The convention of all optimisers: a record of pure functions, no base class."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from elitelanes_jax.problem.archive import Population
 
 
 class Info(NamedTuple):
-    """What a step reports. It is not carried to the next step: the state holds what a step needs of the past.
+    """What a step reports. It is not carried to the next step: the state has what a step needs of the past.
 
     Attributes:
       best_fitness: the lowest fitness among the elites after the step.
@@ -26,7 +26,6 @@ class Info(NamedTuple):
 
 
 def count_refused(evaluated: Population) -> Int32[Array, ""]:
-    """Returns how many grids were refused."""
     return (~evaluated.valid).sum(dtype=jnp.int32)
 
 
@@ -41,7 +40,7 @@ class Optimizer(NamedTuple):
       step: (key, state) -> (state, `Info`).
       elites: state -> `Population`, the grids that the optimiser has found; slots may be vacant.
       evaluations_per_step: int, the number of grids that a step evaluates.
-      migrate: (state, elites) -> state that has taken over each elite that is better, slot by slot; None without an
+      migrate: (state, elites) -> state in which each better elite replaces the elite of its slot; None without an
         archive.
     """
 

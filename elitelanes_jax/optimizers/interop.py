@@ -34,7 +34,7 @@ def qdax_scoring_fn(problem: Problem) -> Callable[[Array, Key[Array, ""]], tuple
       extra scores). The descriptor is the bin on each axis, a whole number from 0; its nearest centroid in
       `qdax_centroids` is the niche. The extra scores are ``{"features": int32 [B, F]}``, in the order of
       `Problem.feature_names`. The key is not used, because the evaluation has no noise. Genotypes are not repaired;
-      those of `Problem.random` and `qdax_moves` are.
+      `Problem.random` and `qdax_moves` return repaired ones.
 
     Raises:
       InputError: from the function, for genotypes of another shape or type.
@@ -58,7 +58,7 @@ def _check_genotypes(problem: Problem, genotypes: Array) -> None:
 
 
 def qdax_centroids(axes: tuple[Axis, ...]) -> Array:
-    """Returns centroids, float32 ``[N, D]``, with which QDax has the same niches, in the order of `niche_index`.
+    """Returns centroids, float32 ``[N, D]``, that give QDax the same niches, in the order of `niche_index`.
 
     They are whole numbers, so that distances are exact and only the niche's own centroid is nearest.
     """
@@ -100,7 +100,7 @@ def qdax_moves(
 
 
 class EvosaxState(NamedTuple):
-    """The state that an `EvosaxTask` carries.
+    """The state of an `EvosaxTask`.
 
     Attributes:
       counter: int32, the number of batches evaluated so far.
@@ -158,7 +158,7 @@ def evosax_task(problem: Problem) -> EvosaxTask:
 
 
 def ribs_archive_space(problem: Problem) -> dict[str, Untyped]:
-    """Returns arguments for pyribs's `GridArchive` (pyribs 0.12) so that its cells are our niches, in the same order.
+    """Returns arguments for pyribs's `GridArchive` (pyribs 0.12) that make its cells our niches, in the same order.
 
     Returns:
       ``solution_dim``, H·W; ``dims``, the bins of each axis; and ``ranges``, from the start of the first bin to the end

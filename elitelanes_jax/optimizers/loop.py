@@ -15,7 +15,7 @@ from elitelanes_jax.optimizers.base import Info, Optimizer
 
 
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
-    """Makes keys ``[K]`` from a whole number; each depends on the number and its index alone.
+    """Makes keys ``[K]`` from a whole number. Each depends on the number and its index alone.
 
     Args:
       seed: 0 to 2**32 - 1.
@@ -30,7 +30,7 @@ def _fold_in(seed: Array, indices: Array) -> Key[Array, " K"]:
 
 
 def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple[Pytree, Info]:
-    """Runs an optimiser from the start. Apply `jax.jit`; for runs in parts see `advance`.
+    """Runs an optimiser from the start; for `jax.jit`.
 
     Args:
       optimizer: on one problem.
@@ -63,16 +63,8 @@ def advance(
     equal 1 to 100 and then 101 to 200, bit for bit, and a seed's result does not depend on other seeds. `first` and
     `last` may be traced: one compiled call serves every part of every run.
 
-    Args:
-      optimizer: on one problem.
-      keys: ``[S]``, the same in every part of a run.
-      states: of generation `first` - 1, arrays ``[S, ...]``.
-      first: the first generation to run.
-      last: the last generation to run; if it is less than `first`, none is run.
-      most: the largest number of generations that the call can run, static.
-
-    Returns:
-      The states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1 rows have a meaning.
+    Returns the states, and an `Info` of arrays ``[most, S]``. Only the first `last` - `first` + 1 rows have a meaning;
+    if `last` is less than `first`, no generation is run. `most` is static.
     """
 
     @partial(jax.jit, inline=True)  # so that it is traced once, for the shapes and for the loop

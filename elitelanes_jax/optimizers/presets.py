@@ -36,12 +36,12 @@ Config: TypeAlias = (
     | AnnealedGwoConfig
     | GwoConfig
 )
-"""The configuration of a method; its kind says which method."""
+"""The configuration of a method; its type determines the method."""
 
-# No mirrored blocks and few copied ones, so that the parts of a map differ. Outlines of rectangles lead from one sparse
-# network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual one 47. Towns have the same
-# fitness, and most infeasible ones violate one constraint: so elites are replaced by equal ones, windows are refitted,
-# and a niche is pursued until its elite is feasible.
+# No mirrored blocks and few copied blocks, so that the parts of a map differ. Outlines of rectangles lead from one
+# sparse network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual weight 47. Many towns
+# have the same fitness, and most infeasible towns violate one constraint. Therefore equal grids replace elites, windows
+# are refitted, and a niche is pursued until its elite is feasible.
 _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
@@ -103,11 +103,7 @@ def make_optimizer(problem: Problem, config: Config) -> Optimizer:
 
 
 def with_moves(config: Config, moves: UserValue) -> Config:
-    """Returns a configuration with other weights of moves, and with moves of the user; see `MoveWeights.with_moves`.
-
-    Raises:
-      InputError: for a configuration of a method without moves, or bad moves.
-    """
+    """Returns a configuration with other moves, see `MoveWeights.with_moves`; raises `InputError` if it has none."""
     annealing = _annealing(config)
     if annealing is None:
         raise InputError(f"moves: expected a method with moves, such as preset tuned, got {type(config).__name__}")
@@ -127,14 +123,9 @@ def _annealing(config: Config) -> AnnealingConfig | None:
 
 
 def find_preset(config: Config) -> tuple[str, str, bool]:
-    """Finds the preset of a configuration.
+    """Returns the method and preset of a configuration, and whether it equals the preset.
 
-    Returns:
-      The method, the preset, and whether the configuration is the preset's. If it is that of no preset, the preset is
-      the first one of its kind.
-
-    Raises:
-      InputError: for anything else than a configuration.
+    If it equals no preset, the preset is the first one of its type. Raises `InputError` for anything else.
     """
     alike = [(found, known == config) for found, known in PRESETS.items() if type(known) is type(config)]
     if not alike:
@@ -145,7 +136,7 @@ def find_preset(config: Config) -> tuple[str, str, bool]:
 
 
 def config_to_plain(config: Config) -> dict[str, Plain]:
-    """Returns the kind and the fields of a configuration, plain values for JSON; a move of the user is its weight."""
+    """Returns the type and the fields of a configuration, plain values for JSON; a move of the user is its weight."""
 
     def plain(fields: list[tuple[str, Plain]]) -> dict[str, Plain]:
         values = dict(fields)
@@ -159,8 +150,7 @@ def config_to_plain(config: Config) -> dict[str, Plain]:
 def config_from_plain(plain: Plain) -> Config | None:
     """Returns the configuration that `config_to_plain` described, or None if it has moves of the user.
 
-    Raises:
-      InputError: for an unknown kind, a missing or unknown field, or a wrong value.
+    Raises `InputError` for an unknown type, a missing or unknown field, or a wrong value.
     """
     kinds = {kind.__name__: kind for kind in _FACTORIES}
     if not isinstance(plain, Mapping) or plain.get("kind") not in kinds:
