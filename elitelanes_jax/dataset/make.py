@@ -130,7 +130,7 @@ def make_dataset(
     if own is None:
         spec.check_search()
         for shape, count in maps_by_shape(spec).items():
-            search.count_maps(shape, count)
+            search.check_maps(shape, count, exhaustive=True)
     identity = _identity(spec, tiles, own)
     settle(out)
     if (out / RECORD).exists():

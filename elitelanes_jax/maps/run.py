@@ -59,7 +59,7 @@ def plan_run(spec: GenerateSpec) -> Run:
     """
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     search = drawable(spec.search, tiles).on(spec.size)
-    search.count_maps(spec.size, 1 if spec.at_most else spec.maps)
+    search.check_maps(spec.size, 1 if spec.at_most else spec.maps, exhaustive=True)
     return Run(spec, search, tiles)
 
 

@@ -1,4 +1,4 @@
-"""A search: its settings, the run itself, its result, and the choice of maps among what it found."""
+"""A search: its options, the run itself, its result, and the choice of maps among the elites."""
 
 import lazy_loader
 

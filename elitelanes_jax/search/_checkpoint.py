@@ -1,4 +1,4 @@
-"""Checkpoints of a search: its result so far, in a folder that one process at a time has."""
+"""Checkpoints of a search: its result so far, in a folder that only one process at a time can use."""
 
 import time
 from collections.abc import Iterator
@@ -12,11 +12,11 @@ from elitelanes_jax.search.result import Result
 
 _RESULT, _SETTINGS = "result.npz", "search.json"
 
-# Writing takes one part in so many of the time, at most.
-_SELDOM = 20
+# The time between two checkpoints is at least 20 times the time that it takes to write one.
+_TIMES_WRITING = 20
 
-# The seconds of a search that an interruption keeps: to start it again costs no more.
-_WORTH_KEEPING = 10
+# A search that is interrupted earlier, in seconds, leaves no checkpoint, because it can soon be repeated.
+_SECONDS_TO_KEEP = 10
 
 
 class Checkpoint:
@@ -24,8 +24,8 @@ class Checkpoint:
 
     Args:
       folder: locked, see `open_checkpoint`.
-      identity: all that the search depends on but its budget, plain values for JSON.
-      every: seconds from one writing to the next, 0 to write whenever it is asked.
+      identity: all that the search depends on except its budget, plain values for JSON.
+      every: seconds between two checkpoints; 0 to write at every occasion.
     """
 
     def __init__(self, folder: Path, identity: dict[str, Plain], every: float) -> None:
@@ -34,11 +34,7 @@ class Checkpoint:
         self._began = self._due = float("inf")
 
     def load(self) -> Result | None:
-        """Returns the result so far; None where nothing is kept.
-
-        Raises:
-          InputError: for the result of another search, or a damaged file.
-        """
+        """Returns the result so far, or None. Raises `InputError` for another search's result, or a damaged file."""
         if not self.kept:
             return None
         hint = "use another folder, or delete this one to start anew"
@@ -47,38 +43,37 @@ class Checkpoint:
 
     @property
     def kept(self) -> bool:
-        """Whether there is a result."""
         return (self.folder / _RESULT).exists()
 
     @property
-    def worth_keeping(self) -> bool:
-        """Whether an interrupted search is to be written."""
-        return self.kept or time.monotonic() - self._began >= _WORTH_KEEPING
+    def keeps_interrupted(self) -> bool:
+        """Whether to write a checkpoint of an interrupted search."""
+        return self.kept or time.monotonic() - self._began >= _SECONDS_TO_KEEP
 
     @property
     def due(self) -> bool:
-        """Whether it is time to write; the first question starts the clock, as compiling is no search."""
+        """Whether it is time to write. The timer starts at the first call, so compile time does not count."""
         now = time.monotonic()
         if self._began > now:
             self._began, self._due = now, now + self._every
         return now >= self._due
 
     def save(self, result: Result) -> None:
-        """Writes the result so far; a kill meanwhile leaves the one before."""
+        """Writes the result so far. A kill leaves the result before."""
         began = time.monotonic()
         if not self.kept:
             write_json(self.folder / _SETTINGS, self._identity)
         result.save(self.folder / _RESULT)
         now = time.monotonic()
-        self._due = now + (max(self._every, _SELDOM * (now - began)) if self._every else 0)
+        self._due = now + (max(self._every, _TIMES_WRITING * (now - began)) if self._every else 0)
 
 
 @contextmanager
 def open_checkpoint(folder: str | Path, identity: dict[str, Plain], every: float) -> Iterator[Checkpoint]:
-    """Opens the folder of a search, which is made where it is missing; see `Checkpoint` for the arguments.
+    """Opens the folder of a search, and makes it if it does not exist; see `Checkpoint` for the arguments.
 
     Raises:
-      InputError: if another process has it, or it cannot be written to.
+      InputError: if another process uses it, or it cannot be written to.
     """
     folder = Path(folder)
     with locked(folder, folder):

@@ -1,4 +1,4 @@
-"""Rows of arrays side by side on all local devices: the cores of the processor, GPUs, TPU cores."""
+"""Spreads the rows of arrays over all local devices: the cores of the processor, GPUs, TPU cores."""
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
@@ -12,8 +12,8 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import AnyArray, Pytree
 
-# Rows of one call on a device. With fewer rows the calls cost more than the rows; with more rows the memory grows, and
-# the time does not fall.
+# Rows of one call on a device. With fewer rows the calls cost more than the rows. More rows need more memory and are
+# not faster.
 _ROWS_A_CALL = 4096
 
 
@@ -26,8 +26,8 @@ def spread(
     the memory for intermediate results does not grow with the number of rows. Example: ``spread(measure, grids)``.
 
     Args:
-      function: takes arrays without their first axis, and returns a tree of arrays. It is compiled once, for as long as
-        the function object exists.
+      function: takes arrays without their first axis, and returns a tree of arrays. It is compiled once for each
+        function object.
       *arrays: ``[N, ...]`` each, of NumPy or JAX.
       devices: as in `evolve`; defaults to all local devices.
 
@@ -63,17 +63,13 @@ def _batched(function: Callable[..., Pytree]) -> Callable[..., Pytree]:
 
 
 def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[jax.Device]:
-    """Returns the devices that share some work, one for each part of it.
+    """Returns the devices for the parts of some work; a device may be repeated.
 
-    JAX's device for the processor stands for all cores, and runs as many programs at once as there are threads that
-    call it. So the list has it once per core.
-
-    Args:
-      devices: the devices, which may be repeated, or their number. Defaults to all local devices, and to as many cores
-        as `use_cores` allows.
+    By default these are all local devices, and for the processor its device once for each core that `use_cores` allows:
+    JAX has one device for all cores, and runs a program for each thread that calls it.
 
     Raises:
-      InputError: for a number under 1, or anything else that is not devices.
+      InputError: for anything else than devices, or their number from 1.
     """
     local = jax.local_devices()
     if devices is None:
@@ -86,30 +82,23 @@ def choose_devices(devices: int | Sequence[jax.Device] | None = None) -> list[ja
 
 
 def part_rows(rows: int, devices: Sequence[jax.Device]) -> tuple[int, int]:
-    """Returns the rows of each part that `cut` makes of so many rows, and the number of parts."""
+    """Returns the number of rows in each part that `cut` makes of `rows` rows, and the number of parts."""
     size = -(-rows // len(devices))
     return size, -(-rows // size)
 
 
 def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
-    """Cuts arrays into parts with equally many rows, and puts each part on its device.
+    """Cuts arrays ``[S, ...]`` into parts with equally many rows, and puts each part on its device.
 
     If the rows do not divide evenly, the last parts repeat the last row. All parts have one size, so one program serves
-    them, and a part with repeated rows takes no longer than the first part.
-
-    Args:
-      tree: arrays ``[S, ...]``.
-      devices: for the parts; there may be fewer parts than devices.
-
-    Returns:
-      The parts, trees of arrays ``[size, ...]``.
+    them, and a part with repeated rows takes no longer than the first part. There may be fewer parts than devices.
     """
     rows = len(jax.tree.leaves(tree)[0])
     size, count = part_rows(rows, devices)
     if count == 1:
         return [_put(tree, devices[0])]
     indices = np.minimum(np.arange(count * size), rows - 1).reshape(count, size)
-    # NumPy compiles nothing for this, but has no arrays of keys.
+    # Indexing in NumPy compiles nothing, but NumPy has no arrays of keys.
     tree = jax.tree.map(lambda array: array if _is_key(array) else np.asarray(array), tree)
     return [
         _put(jax.tree.map(lambda array, part=part: array[part], tree), device)
@@ -118,7 +107,7 @@ def cut(tree: Pytree, devices: Sequence[jax.Device]) -> list[Pytree]:
 
 
 def join(parts: Sequence[Pytree], rows: int) -> Pytree:
-    """Joins the parts that `cut` has made, to arrays ``[rows, ...]``."""
+    """Joins the parts that `cut` made to arrays ``[rows, ...]``."""
     if len(parts) == 1:
         return parts[0]
 
@@ -135,5 +124,5 @@ def _is_key(array: Pytree) -> bool:
 
 
 def _put(tree: Pytree, device: jax.Device) -> Pytree:
-    """Puts arrays on a device. It binds no arrays to the default device: JAX would compile again for bound ones."""
+    """Puts arrays on a device. Arrays for the default device are not bound to it: JAX would compile again for those."""
     return tree if device == jax.local_devices()[0] else jax.device_put(tree, device)

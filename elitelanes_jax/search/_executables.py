@@ -1,8 +1,8 @@
-"""Compiled programs in files: a later process loads them, and neither traces nor lowers nor compiles.
+"""Compiled programs in files: a later process loads them instead of tracing, lowering and compiling.
 
-A file has the programs of one search. Its name is the digest of all that they depend on, so a change of any of it makes
-another file. A file is written whole or not at all; one that cannot be read or loaded is replaced. Only programs for
-the processor are kept, in a folder beside JAX's own cache, if that is in use.
+A file has the programs of one search. Its name is a digest of all that they depend on, so any change leads to another
+file. A file that cannot be read or loaded is replaced. Only programs for the processor are kept, next to JAX's own
+cache, if that is in use.
 """
 
 import json
@@ -25,7 +25,7 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import Plain, Pytree, Untyped
 
-# The bytes of all files, at most; the files that were used least recently are removed.
+# The limit of all files together, in bytes. The least recently used files are removed.
 _MOST_BYTES = 2**28
 
 # The rooms whose sources make the programs.
@@ -43,19 +43,12 @@ class Executable:
     """A loaded program: takes any arrays, and returns arrays on its device."""
 
     def __init__(self, program: bytes, device: jax.Device, outputs: Pytree) -> None:
-        """Loads a program.
-
-        Args:
-          program: as XLA serialises it.
-          device: that it is for.
-          outputs: the structure of what it returns.
-        """
+        """Loads a program that XLA serialised for a device; `outputs` is the structure of what it returns."""
         devices = jax.sharding.SingleDeviceSharding(device)._internal_device_list
         self._loaded = backend.get_backend().deserialize_executable(program, devices)
         self._device, self._outputs = device, outputs
 
     def __call__(self, *arguments: Pytree) -> Pytree:
-        """Runs the program."""
         arrays = jax.device_put(jax.tree.leaves(arguments), self._device)
         results = self._loaded.execute_sharded(arrays).disassemble_into_single_device_arrays()
         return jax.tree.unflatten(self._outputs, [array for (array,) in results])
@@ -64,22 +57,24 @@ class Executable:
 def find_file(*parts: Plain) -> Path | None:
     """Returns the file of the programs that depend on some values, or None if no programs are kept.
 
-    Args:
-      *parts: values whose `repr` tells all of them.
+    The `repr` of each value must say all that matters of it.
     """
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder or "://" in folder or jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
         return None
-    settings = {
-        name: getattr(jax.config, name, None) for name in sorted(jax.config.values) if "_cache" not in name
-    }  # of this thread
+    settings = [setting for setting in settings_of_thread() if "_cache" not in setting[0]]
     said = repr((_of_machine(), os.environ.get("XLA_FLAGS"), settings, parts))
     return Path(folder) / "executables" / sha256(said.encode()).hexdigest()
 
 
+def settings_of_thread() -> tuple[tuple[str, Plain], ...]:
+    """Returns the names and values of JAX's settings, which may differ between threads."""
+    return tuple((name, getattr(jax.config, name, None)) for name in sorted(jax.config.values))
+
+
 @cache
 def _of_machine() -> str:
-    """Returns what all programs depend on: sources, versions, and the processor, with its instructions."""
+    """Returns what all programs depend on: sources, versions, the processor and its instructions."""
     sources = sha256()
     for room in _ROOMS:
         for folder in find_spec(f"{__package__.split('.')[0]}.{room}").submodule_search_locations:  # type: ignore[union-attr]
@@ -94,7 +89,7 @@ def _of_machine() -> str:
 
 
 def load(file: Path) -> Kept | None:
-    """Reads a file; returns None if there is none, or one that is not whole."""
+    """Reads a file; returns None if there is none, or a damaged one."""
     try:
         content = file.read_bytes()
         os.utime(file)
@@ -115,7 +110,7 @@ def load(file: Path) -> Kept | None:
 
 
 def save(file: Path, kept: Kept) -> None:
-    """Writes a file, and removes the ones used least recently if there are too many; a full disk keeps none."""
+    """Writes a file, and removes the least recently used ones beyond the limit. A full disk keeps none."""
     facts = {**kept.facts, "programs": {name: len(program) for name, program in kept.programs.items()}}
     content = json.dumps(facts).encode() + b"\n" + b"".join(kept.programs.values())
     with suppress(OSError):
@@ -129,11 +124,11 @@ def save(file: Path, kept: Kept) -> None:
 
 
 def refuse(file: Path, error: Exception) -> None:
-    """Says that a file is of no use."""
+    """Announces that the programs of a file cannot be loaded."""
     announce(f"{file}: compiled programs cannot be loaded ({error}); they are compiled again")
 
 
-# The threads in which JAX took a program from its own cache: XLA serialises such a program without its functions.
+# The threads in which JAX took a program from its own cache. XLA serialises such programs without their functions.
 _taken: set[int] = set()
 
 
@@ -148,7 +143,8 @@ jax.monitoring.register_event_listener(_notice)
 def compile_and_serialise(lowered: jax.stages.Lowered, *, optimised: bool) -> tuple[jax.stages.Compiled, bytes | None]:
     """Compiles a program; returns it, and its bytes, or None if XLA cannot serialise it.
 
-    It cannot if the program was compiled before in this process and has run. A later process then adds it to the file.
+    XLA cannot serialise a program that was compiled earlier in this process and has run. A later process adds it to the
+    file.
     """
     _taken.discard(get_ident())
     compiled = compile_program(lowered, optimised=optimised)
@@ -166,13 +162,13 @@ def _serialise(executable: Untyped) -> bytes:
 
 
 def compile_program(lowered: jax.stages.Lowered, *, optimised: bool) -> jax.stages.Compiled:
-    """Compiles a program; without optimisation it takes a third of the time, and runs up to ten times as long."""
+    """Compiles a program. Unoptimised, it compiles in a third of the time, and runs up to ten times as long."""
     return lowered.compile(None if optimised else _unoptimised())
 
 
 @cache
 def _unoptimised() -> dict[str, str | bool]:
-    """Returns the options for compiling sooner that this version of XLA knows."""
+    """Returns the options of this version of XLA for faster compilation."""
     options: dict[str, str | bool] = {"xla_backend_optimization_level": "0"}
     with suppress(Exception):  # of XLA, of any type
         more = options | {"xla_cpu_use_fusion_emitters": False}
@@ -183,7 +179,7 @@ def _unoptimised() -> dict[str, str | bool]:
 
 @contextmanager
 def without_the_cache_of_jax() -> Iterator[None]:
-    """JAX writes no program to its own cache in this block."""
+    """Keeps JAX from writing programs to its own cache in this block."""
     name = "jax_persistent_cache_min_compile_time_secs"
     before = getattr(jax.config, name)
     jax.config.update(name, float("inf"))

@@ -1,4 +1,4 @@
-"""One search on many hosts: islands, each a whole MAP-Elites, that exchange their elites."""
+"""One search on many hosts: islands, each a whole MAP-Elites, that exchange elites."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -44,11 +44,11 @@ def evolve_islands(
     progress: bool | None = None,
     **options: Unpack[SearchOptions],
 ) -> Result:
-    """Evolves road networks on islands that share what they find: one search for all devices of all hosts.
+    """Evolves road networks on islands that exchange elites: one search for all devices of all hosts.
 
-    Each island is a MAP-Elites of its own, with the key ``fold_in(key, island)``. After every few generations all
-    islands take over the best elite of each niche where it is better than their own (island model: Tanese, "Distributed
-    genetic algorithms", 1989).
+    Each island is a MAP-Elites with the key ``fold_in(key, island)``. After every few generations, each island replaces
+    the elites of its niches by better ones of other islands (island model: Tanese, "Distributed genetic algorithms",
+    1989).
 
     With `jax.distributed.initialize`, call it in every process with the same arguments: the islands are spread over the
     devices of all processes, and each process returns the same result. It is the same, bit for bit, on any number of
@@ -57,19 +57,19 @@ def evolve_islands(
     Args:
       key: one `jax.random.key`, or a whole number, the same in all processes.
       shape: (height, width) of the grids, each at least 2.
-      islands: how many, a multiple of the number of devices.
+      islands: the number of islands, a multiple of the number of devices.
       every: generations from one exchange to the next.
       spec: the search; its budget is that of each island.
-      config: settings of MAP-Elites in place of a preset's.
-      features: features of your own, as in `evolve`.
-      fitness: a fitness of your own, as in `evolve`.
-      moves: weights of moves and moves of your own, as in `evolve`.
+      config: a configuration of MAP-Elites, instead of a preset.
+      features: your own features, as in `evolve`.
+      fitness: your own fitness, as in `evolve`.
+      moves: weights of moves and your own moves, as in `evolve`.
       progress: as in `evolve`; in the first process alone.
-      **options: fields of `SearchSpec`, in place of those of `spec`.
+      **options: options of `SearchSpec`, which override those of `spec`.
 
     Returns:
-      The best elite of each niche, as of one seed. The history has a row for each exchange; its evaluations and their
-      speed are those of all islands. There is no state to continue from.
+      The best elite of each niche, as of one seed. The history has a row for each exchange; its evaluations and speed
+      are those of all islands together. The state cannot be continued from.
 
     Raises:
       InputError: for an argument out of its range, a method without an archive, or islands that cannot be spread
@@ -125,10 +125,10 @@ def _evolve(
 def _compiled(
     optimizer: Optimizer, make_key: Callable[[], Key[Array, ""]], islands: int, every: int, devices: list[jax.Device]
 ) -> tuple[Callable[..., Pytree], Callable[..., Pytree]]:
-    """Returns the two programs, of the first populations and of the generations up to an exchange.
+    """Returns two compiled programs: the first populations, and the generations up to an exchange.
 
     Each returns the states of all islands, spread over the devices, and the elites that all have in common. The second
-    program returns with these the number of grids that all islands refused.
+    program also returns the number of grids that all islands refused.
     """
     mesh = jax.make_mesh((len(devices),), (_AXIS,), devices=devices, axis_types=(jax.sharding.AxisType.Auto,))
     split, same = PartitionSpec(_AXIS), PartitionSpec()
@@ -147,13 +147,13 @@ def _compiled(
     def begin() -> tuple[Pytree, Population]:
         return exchange(start(optimizer, keys()))
 
-    def go_on(states: Pytree, first: Array, last: Array) -> tuple[Pytree, tuple[Population, Array]]:
+    def proceed(states: Pytree, first: Array, last: Array) -> tuple[Pytree, tuple[Population, Array]]:
         states, info = advance(optimizer, keys(), states, first, last, most=every)
         states, elites = exchange(states)
         return states, (elites, jax.lax.psum(info.refused.sum(), _AXIS))
 
     spread = partial(jax.shard_map, mesh=mesh, out_specs=(split, same), check_vma=False)
-    return jax.jit(spread(begin, in_specs=())), jax.jit(spread(go_on, in_specs=(split, same, same)))
+    return jax.jit(spread(begin, in_specs=())), jax.jit(spread(proceed, in_specs=(split, same, same)))
 
 
 def _local(tree: Pytree) -> Pytree:

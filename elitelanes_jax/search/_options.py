@@ -1,7 +1,4 @@
-"""The types of a search's options, as callers may write them: type checkers and editors read them, the program checks.
-
-`elitelanes_jax.search.spec.SearchSpec` says what each option means.
-"""
+"""The types of a search's options for type checkers and editors. `SearchSpec` checks them and says what they mean."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -26,7 +23,7 @@ Limits: TypeAlias = "str | float | tuple[float | None, float | None]"
 
 
 class SearchOptions(TypedDict, total=False):
-    """The options of `evolve`, which takes the kernels of ``features`` by itself."""
+    """The options of `evolve`, which takes the user's features as kernels."""
 
     style: "str | Path | None"
     like: Maps

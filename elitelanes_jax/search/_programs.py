@@ -33,6 +33,7 @@ from elitelanes_jax.search._executables import (
     load,
     refuse,
     save,
+    settings_of_thread,
     without_the_cache_of_jax,
 )
 from elitelanes_jax.search.elites import MeasuredElites
@@ -42,12 +43,12 @@ States: TypeAlias = tuple[Array | np.ndarray, ...]
 """The leaves of the optimiser's states, arrays ``[S, ...]``."""
 
 MOST = 256
-"""The most generations of one call."""
+"""The largest number of generations of one call."""
 
-# The names of programs: what advances the seeds of a device has the device in it.
+# Parts of programs' names. A program that advances the seeds of a device also has the device in its name.
 _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 
-# Up to so many evaluated cells, unoptimised programs lose less time than optimising takes: a second on two cores.
+# Optimising takes a second on two cores. Unoptimised programs lose less than that up to this number of evaluated cells.
 _FEW_CELLS = 3_000_000
 
 
@@ -73,12 +74,12 @@ class Static(NamedTuple):
     config: Pytree  # the structure of the configuration; None for an optimiser of the user's own
     factory: Callable[[Problem], Optimizer] | None
     measured: tuple[str, ...]
-    kernels: tuple[tuple[str, Kernel], ...]  # of the user's own features that are needed
+    kernels: tuple[tuple[str, Kernel], ...]  # of the user's features that are needed
     fitness: Fitness | None
     impl: str = "threefry2x32"  # of the keys
 
     def optimizer(self, traced: Traced) -> Optimizer:
-        """Makes the optimiser; called while a program is traced."""
+        """Makes the optimiser, while a program is traced."""
         problem = road_problem(
             self.shape,
             self.axes,
@@ -101,7 +102,6 @@ class Static(NamedTuple):
         return make_optimizer(problem, jax.tree.unflatten(self.config, traced.config))
 
     def keys(self, data: KeyData) -> Key[Array, "*S"]:
-        """Makes keys of their data."""
         return jax.random.wrap_key_data(jnp.asarray(data), impl=self.impl)
 
 
@@ -114,17 +114,14 @@ class Programs:
     """
 
     def __init__(self, static: Static, traced: Pytree, keys: Pytree, single: bool, devices: Sequence[jax.Device]):
-        """Finds the programs on disk, or traces what the search takes; see `find_programs`.
-
-        Of `traced` and `keys` only the shapes and dtypes count.
-        """
+        """Finds the programs on disk, or traces the search. Only the shapes and dtypes of `traced` and `keys` count."""
         self._static, self._traced, self._keys, self._single = static, traced, keys, single
         self._rows, count = part_rows(len(keys), devices)
         self._devices = list(dict.fromkeys(devices[:count]))
         self._cells = 0  # evaluated in this process
         self._programs: dict[str, Callable[..., Pytree]] = {}
         self._contents: dict[str, bytes] = {}  # of the file
-        # The file's name tells nothing of what the user's functions compute.
+        # The name of a file does not depend on what the user's functions compute.
         users = static.factory or static.kernels or static.fitness
         if not users and not user_moves(jax.tree.unflatten(static.config, traced.config)):
             shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves((traced, keys))]
@@ -145,14 +142,10 @@ class Programs:
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
     def prepare(self, *, starts: bool, generations: int) -> None:
-        """Loads the programs for a run, and compiles the missing ones, side by side.
+        """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
 
-        What starts and collects runs once, and is not optimised. What advances is optimised as soon as the searches in
-        this process evaluate more than a few cells. The bits are the same.
-
-        Args:
-          starts: whether the run starts at generation 0.
-          generations: the number that will be run.
+        The programs that start and collect run once and are not optimised. The program that advances is optimised when
+        the searches in this process have evaluated more than a few cells. The bits are the same.
         """
         height, width = self._static.shape
         self._cells += generations * self.evaluations_per_step * len(self._keys) * height * width
@@ -176,7 +169,7 @@ class Programs:
         return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
-        """Returns the elites and the states; if there was one key alone, both without the axis of seeds."""
+        """Returns the elites and the states; for one key alone, both without the axis of seeds."""
         self.prepare(starts=False, generations=0)  # the program is missing if the compiler was interrupted
         program = self._programs["collect"]
         found = program(traced, states)
@@ -190,7 +183,7 @@ class Programs:
         return name if known or self._cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
 
     def _load(self, names: Sequence[str]) -> None:
-        """Loads programs of the file. If one cannot be loaded, all are left aside."""
+        """Loads programs of the file. If one of them cannot be loaded, none is."""
         leaf: Pytree = 0
         features: dict[str, Pytree] = dict.fromkeys(self._static.measured, leaf)
         elites = MeasuredElites(leaf, leaf, leaf, leaf, Metrics(*[leaf] * len(Metrics._fields)), features)
@@ -210,13 +203,9 @@ class Programs:
             self._contents = {}
 
     def _compile(self, names: Sequence[str]) -> None:
-        """Compiles programs, and adds them to the file.
-
-        Each is lowered in this thread, as JAX's settings may be those of this thread alone. An interruption leaves the
-        threads that compile.
-        """
+        """Compiles programs, and adds them to the file. An interruption does not wait for the threads that compile."""
         optimised = [name.startswith(_ADVANCE) and not name.endswith(_UNOPTIMISED) for name in names]
-        # Each is lowered while those before it compile.
+        # Each is lowered in this thread, whose settings of JAX may be its own, while those before it compile.
         lowered = ((self._lower(name), fast) for name, fast in zip(names, optimised, strict=True))
         if self._file is None:
             plain = (partial(compile_program, program, optimised=fast) for program, fast in lowered)
@@ -234,11 +223,11 @@ class Programs:
 
     @cached_property
     def _tree(self) -> Pytree:
-        """The shapes and dtypes of the states of all seeds, as the optimiser has them."""
+        """The shapes and dtypes of the states of all seeds, in the optimiser's structure."""
         return _start.eval_shape(self._static, self._traced, self._keys)
 
     def _device(self, name: str) -> jax.Device:
-        """Returns the device of a program; what starts and collects is for the default one."""
+        """Returns the device of a program. The programs that start and collect run on the default device."""
         said = name.removeprefix(f"{_ADVANCE} ").removesuffix(f", {_UNOPTIMISED}")
         return next((one for one in self._devices if str(one) == said), jax.local_devices()[0])
 
@@ -250,7 +239,7 @@ class Programs:
         if name == "collect":
             return _collect.lower(static, structure, traced, self.states, self._single)
         device = self._device(name)
-        # The default device binds nothing, see `_devices.cut`.
+        # Arrays for the default device are not bound to it, see `_devices._put`.
         bound = None if device == jax.local_devices()[0] else jax.sharding.SingleDeviceSharding(device)
         part = [
             jax.ShapeDtypeStruct((self._rows, *leaf.shape[1:]), leaf.dtype, sharding=bound)
@@ -265,17 +254,11 @@ def find_programs(
 ) -> Programs:
     """Returns the programs of a search: those of an earlier call if there was one of the same shapes.
 
-    Args:
-      static: what the programs are compiled for.
-      traced: arguments.
-      keys: of all seeds.
-      single: whether there was one key alone.
-      devices: that share the seeds.
+    `single` says whether there was one key alone. The devices share the seeds.
     """
     leaves, structure = jax.tree.flatten((traced, keys))
-    settings = tuple((name, getattr(jax.config, name, None)) for name in jax.config.values)  # of this thread
     shapes = tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves)
-    return _find(static, structure, shapes, single, tuple(devices), settings)
+    return _find(static, structure, shapes, single, tuple(devices), settings_of_thread())
 
 
 @lru_cache(maxsize=32)

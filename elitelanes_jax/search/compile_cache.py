@@ -7,23 +7,23 @@ import jax
 
 
 def use_compile_cache() -> Path | None:
-    """Keeps compiled programs on disk: what was compiled once is loaded within a second from then on.
+    """Keeps compiled programs on disk, so that later processes load them within a second.
 
-    The programs of `evolve` are loaded without tracing, unless they contain functions of your own.
+    The programs of `evolve` are loaded without tracing, unless they contain your own functions.
 
-    They are kept in the folder ``elitelanes_jax`` of the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``, unless
-    JAX's own setting, such as the variable JAX_COMPILATION_CACHE_DIR, names another one. It changes JAX's settings for
-    the whole process: call it in programs, not in libraries.
+    The folder is ``elitelanes_jax`` in the user's cache, ``$XDG_CACHE_HOME`` or ``~/.cache``, unless JAX's own setting,
+    such as the variable JAX_COMPILATION_CACHE_DIR, names another one. The call changes JAX's settings for the whole
+    process: call it in programs, not in libraries.
 
     Returns:
-      The folder, or None where none can be written to: the programs are then compiled each time.
+      The folder, or None if none can be written to: the programs are then compiled each time.
     """
     if named := jax.config.values.get("jax_compilation_cache_dir"):
         return Path(named)
     try:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "elitelanes_jax"
         cache.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError):  # RuntimeError where there is no home
+    except (OSError, RuntimeError):  # RuntimeError without a home
         return None
     if not os.access(cache, os.W_OK | os.X_OK):
         return None

@@ -1,4 +1,4 @@
-"""The elites of a search, with all that was measured of them."""
+"""The elites of a search, with all features that were measured."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -19,7 +19,7 @@ class MeasuredElites(NamedTuple):
       fitness: int32 ``[N]``, or float32 for a float fitness of the user; lower is better. In a vacant slot the largest
         int32, or infinity.
       descriptor: int32 ``[N, D]``, the values of the axes' features.
-      valid: bool ``[N]``, which slots are not vacant. The other values of a vacant slot have no meaning.
+      valid: bool ``[N]``, which slots are filled. The other values of a vacant slot have no meaning.
       metrics: `Metrics` of arrays ``[N]``.
       features: int32 ``[N]`` by name: the other features that the search measured. Parts of 1 and ratios are in
         thousandths.
@@ -33,7 +33,7 @@ class MeasuredElites(NamedTuple):
     features: dict[str, Int32[Array, "*S N"]]
 
     def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        """Returns types and shapes in a line."""
         return in_short(self)
 
     def by_name(self) -> dict[str, np.ndarray]:
@@ -41,12 +41,12 @@ class MeasuredElites(NamedTuple):
         return {name: np.asarray(values) for name, values in (self.metrics._asdict() | self.features).items()}
 
     def satisfies(self, where: Sequence[Range]) -> Bool[np.ndarray, "*S N"]:
-        """Tells which elites are in all the ranges, exactly."""
+        """Returns which elites are in all ranges, exactly."""
         return np.asarray(self.valid) & satisfies(self.by_name(), where)
 
 
 def in_short(record: Pytree) -> str:
-    """Returns the fields of a record of arrays, each with its type and shape, in a line."""
+    """Returns the name, type and shape of each field of a record of arrays, in a line."""
     fields = (
         f"{name} {value.dtype}{list(value.shape)}" if hasattr(value, "dtype") else f"{name} {type(value).__name__}"
         for name, value in record._asdict().items()

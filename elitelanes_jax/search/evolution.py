@@ -50,13 +50,13 @@ from elitelanes_jax.search.spec import CUSTOM, METHODS, SEEDS, SearchSpec, check
 
 Digests: TypeAlias = tuple[tuple[str, str], ...]
 
-# Between two compiled calls the progress is shown and a run can be interrupted: the seconds that a call should take.
+# The seconds that a compiled call should take. Between two calls the progress is shown and a run can be interrupted.
 _SECONDS_A_CALL = 0.2
 
-# The bytes without which the compiler ends the whole process: 0.1 GB are too few at 12 x 12, 0.3 GB are enough.
+# With less free memory, in bytes, the compiler ends the whole process. At 12 x 12, 0.1 GB are too few, 0.3 GB enough.
 _COMPILER = 200_000_000
 
-_OF_SEEDS = ("best_fitness", "elite_count", "refused")  # of a history
+_OF_SEEDS = ("best_fitness", "elite_count", "refused")  # the arrays of a history with an axis of seeds
 
 
 def evolve(
@@ -87,8 +87,8 @@ def evolve(
       shape: (height, width) of the grids, each at least 2.
       seeds: the number of runs, if `key` is a whole number; defaults to 8, as in the command.
       spec: the search.
-      config: a configuration of a method, instead of a preset; its type says which method.
-      optimizer: a factory of your own, `Problem` -> `Optimizer`, instead of a method.
+      config: a configuration of a method, instead of a preset; its type determines the method.
+      optimizer: your own factory, `Problem` -> `Optimizer`, instead of a method.
       state: of an earlier result, to continue from. 100 generations and 100 more equal 200, bit for bit.
       checkpoint: a folder for the result so far, in ``result.npz`` for `Result.load`. If the process is killed, the
         same call resumes and returns the same result, bit for bit except for the measured speeds. A larger budget
@@ -104,7 +104,7 @@ def evolve(
       fitness: your own fitness: a function of any of the arguments ``metrics``, ``features``, ``grid`` and ``usual``,
         that returns a scalar; see `Fitness`. ``lambda usual, metrics: usual + 50 * metrics.turns`` adds to the usual
         fitness. Ranges in `where` add their penalty to it. A grid with a feature or a fitness that is out of range, or
-        not a number, becomes no elite; the history counts such grids.
+        not a number, becomes no elite; the history counts these grids.
       moves: other weights of moves, such as ``{"mirror": 0}``, and your own moves with their weights, such as
         ``{"zigzag": (4, zigzag)}``; see `MoveWeights.with_moves`. For the tuned methods.
       **options: options of `SearchSpec`, which override those of `spec`.
@@ -119,7 +119,7 @@ def evolve(
     keys, impl, single = check_keys(key, seeds)
     shape = check_shape(shape, new=True)
     chosen = choose_devices(devices)
-    if len(keys) == 1 or impl != "threefry2x32":  # others' bits depend on the seeds beside them
+    if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
         chosen = chosen[:1]
     spec, config, static, traced = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
     static = static._replace(impl=impl)
@@ -138,7 +138,7 @@ def evolve(
 def _evolve(
     search: "_Search", first: int, inner: States | None, kept: Checkpoint | None, progress: bool | None
 ) -> Result:
-    """Runs a search from generation `first`, or from where its checkpoint is; `inner` is None at the very start."""
+    """Runs a search from generation `first`, or from its checkpoint; `inner` is None at generation 0."""
     spec, shape = search.spec, search.static.shape
     per_step = search.programs.evaluations_per_step
     last = first + spec.steps(per_step)
@@ -162,14 +162,14 @@ def _evolve(
                     states = cut(search.programs.start(search.traced, search.keys), search.devices)
             for after, part in _run(search, states, done, last, bar):
                 parts.append(part)
-                states, count = after, count + 1  # in one: an interruption falls before it or after it
+                states, count = after, count + 1  # one statement, so that an interruption cannot split it
                 if kept is not None and kept.due:
                     kept.save(search.result(states, parts, first))
         except KeyboardInterrupt:
-            if states is None:  # nothing is found yet
+            if states is None:
                 raise
             found = partial(search.result, states, parts[:count], first)
-            if kept is not None and kept.worth_keeping:
+            if kept is not None and kept.keeps_interrupted:
                 kept.save(found())
             generation = int(parts[count - 1].generation[-1]) if count else done
             raise SearchInterrupted(f"at generation {generation} of {last}", found) from None
@@ -180,7 +180,7 @@ def _evolve(
 
 
 def _check_memory(states: int, seeds: int, shape: tuple[int, int]) -> None:
-    """Checks that the compiler fits into the free memory, and the states twice: before and after a step."""
+    """Checks that the compiler, and the states before and after a step, fit into the free memory."""
     stats = jax.local_devices()[0].memory_stats()  # of an accelerator
     free = stats["bytes_limit"] - stats["bytes_in_use"] if stats and "bytes_limit" in stats else free_memory()
     needed = 2 * states + _COMPILER
@@ -260,10 +260,10 @@ def prepare(
     users: Users,
     options: Mapping[str, UserValue],
 ) -> tuple[SearchSpec, Config | None, Static, Traced]:
-    """Checks the options of a search, and parts them into those that a program is compiled for and its arguments.
+    """Checks the options of a search, and divides them into static and traced arguments of its programs.
 
     Returns:
-      The specification, which says what makes the result; the configuration, None for a factory; and the two parts.
+      The specification, which says what makes the result; the configuration, None for a factory; and both arguments.
     """
     spec = check_named("spec", record(SearchSpec), spec)
     for option, argument in (("size", "shape"), ("seed", "key")):  # as the command calls them
@@ -292,7 +292,7 @@ def prepare(
         raise InputError(
             f"features: expected the kernel of {unknown[0]}, as evolve(features={{name: kernel}}), got none"
         )
-    if factory is None:  # one of the user's may make any grids
+    if factory is None:  # a user's optimiser may make any grids
         with spec.naming_origins():
             _check_ranges(spec.where, shape, spec.repair_fills, spec.fix)
     if users.fitness is not None:
@@ -340,7 +340,7 @@ def _name_of(factory: Callable[..., Optimizer]) -> str:
 
 @lru_cache(maxsize=32)
 def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool, fix: FixedCells | None) -> None:
-    """Checks ranges against the limits of the metrics of a search's grids; raises `InputError`."""
+    """Checks ranges against the bounds of the metrics of a search's grids; raises `InputError`."""
     full = ("dead_ends", "empty_cells") if fills and fix is None else ()
     limits = find_bounds(shape, certain=dict.fromkeys(full, 0), fix=fix)
     check_ranges(where, limits, f"repaired grids of {shape[0]} x {shape[1]}")
@@ -348,12 +348,9 @@ def _check_ranges(where: tuple[Range, ...], shape: tuple[int, int], fills: bool,
 
 @lru_cache(maxsize=128)
 def _digests(static: Static, structure: jax.tree_util.PyTreeDef, numbers: tuple[jax.ShapeDtypeStruct, ...]) -> Digests:
-    """Returns what the functions of the user compute, see `digest`: an edited function keeps its name.
+    """Returns digests of what the user's functions compute, because an edited function keeps its name.
 
-    Args:
-      static: with the functions.
-      structure: of the other arguments of the program.
-      numbers: their shapes and dtypes.
+    `structure` and `numbers` are the structure, shapes and dtypes of the program's other arguments.
     """
     traced = jax.tree.unflatten(structure, numbers)
     grid = jax.ShapeDtypeStruct(static.shape, jnp.int8)
@@ -373,7 +370,6 @@ def _digests(static: Static, structure: jax.tree_util.PyTreeDef, numbers: tuple[
 
 
 def _call_all(static: Static, traced: Traced, key: Array) -> Pytree:
-    """Calls all functions of an optimiser once."""
     optimizer = static.optimizer(traced)
     state = optimizer.init(key)
     return optimizer.step(key, state), optimizer.elites(state), optimizer.evaluations_per_step
@@ -388,7 +384,7 @@ def _fingerprint(
 
 
 def _identity(search: _Search, first: int) -> dict[str, Plain]:
-    """Returns all that a search depends on but its budget, plain values for JSON."""
+    """Returns all that a search depends on except its budget, plain values for JSON."""
     options = search.spec.to_plain()
     del options["evaluations"], options["generations"], options["style"]
     return {
@@ -405,7 +401,7 @@ def _identity(search: _Search, first: int) -> dict[str, Plain]:
 
 
 def _restore(state: Pytree, search: _Search) -> tuple[int, States]:
-    """Returns the generation and the optimiser's states of a `RunState`, with the seeds in front."""
+    """Returns the generation and the optimiser's states of a `RunState`, with an axis of seeds."""
     if not isinstance(state, RunState):
         raise InputError(f"state: expected the state of a result of evolve, got {type(state).__name__}")
     arrays = tuple(jnp.asarray(array)[None if search.single else ...] for array in jax.tree.leaves(state.inner))
@@ -422,7 +418,7 @@ def _restore(state: Pytree, search: _Search) -> tuple[int, States]:
 def _run(
     search: _Search, states: list[States], done: int, last: int, bar: Progress
 ) -> Iterator[tuple[list[States], History]]:
-    """Runs the generations after `done` call by call; yields the states by device, and the history, seeds in front."""
+    """Runs the generations after `done` call by call; yields the states by device and the history, seeds first."""
     seeds, keys, stretch = len(search.keys), cut(search.keys, search.devices), MOST // 2
     per_step, advance = search.programs.evaluations_per_step, search.programs.advance
 

@@ -1,4 +1,4 @@
-"""Settings of a search for maps like given ones: their features become ranges and axes."""
+"""Options of a search for maps like example maps, whose features become ranges and axes."""
 
 from collections.abc import Sequence
 from math import ceil, floor
@@ -13,26 +13,20 @@ from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.style import read_style
 
-# The features that make maps alike, those with axes first; and the least that a range leaves on either side, a part of
-# 1 or a ratio: so much do maps of one hand differ.
+# The features that make maps alike: those with an axis and a range, and those with a range alone.
 _SPREAD = ("loops_per_tile", "turn_share", "box_fill", "symmetry")
 _HELD = ("crossing_share", "adjacent_turns_per_tile")
+# The least margin of a range on either side, a part of 1 or a ratio: maps of one author differ this much.
 _LEAST = {"loops_per_tile": 0.02, "crossing_share": 0.04}
 _USUAL_LEAST, _BINS = 0.1, 4
-
-
-def ranges_like() -> frozenset[str]:
-    """Returns the features of which `settings_like` gives ranges."""
-    return frozenset((*_SPREAD, *_HELD))
 
 
 def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
     """Returns the options of a search for maps like example maps, of any size.
 
-    The lowest and the highest value of each feature among the maps are the range of what is searched for, wider by a
-    quarter of their spread, and at least a little, on either side; axes spread the niches over these ranges. If all
-    given maps keep Duckietown's rules, so do the maps that are searched for. If a given map has empty cells, theirs may
-    be empty too.
+    Each feature is limited to the range found in the example maps, plus a margin on either side: a quarter of the
+    range, but at least a little. The niches divide these ranges. If all example maps keep Duckietown's rules, the
+    search has these rules. If an example map has empty cells, maps may have empty cells.
 
     Args:
       grids: integer codes ``[H, W]``, one or more, with roads.
@@ -72,15 +66,15 @@ def settings_like(grids: Sequence[AnyArray]) -> dict[str, Plain]:
 _COUNTED = {"straight_share": "straights", "turn_share": "turns", "crossing_share": "crossings"}
 
 
-def difference_from(grid: AnyArray, given: Sequence[AnyArray]) -> float:
-    """Returns the share of cells in which a map differs from the nearest of given ones, however that is turned.
+def difference_from(grid: AnyArray, examples: Sequence[AnyArray]) -> float:
+    """Returns the share of cells in which a map differs from the most similar image of any example map.
 
-    Both are cut to their roads; the smaller box lies in the north-west of one as large as both.
+    Both are cut to their roads and aligned in the north-west.
     """
     own = cut_to_roads(np.asarray(grid, np.int8))
     images = [
         rotate(side, turns)
-        for one in given
+        for one in examples
         for cut in [cut_to_roads(np.asarray(one, np.int8))]
         for side in (cut, mirror(cut))
         for turns in range(4)

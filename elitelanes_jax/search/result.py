@@ -33,8 +33,8 @@ from elitelanes_jax.search.spec import CUSTOM, METHODS, SearchSpec
 
 _FORMAT = "elitelanes result, version 1"
 
-# The arrays of a file: the dtype (or dtypes that it may have) and the axes: S for seeds, which the result of one key
-# lacks, N for the slots of elites, H and W for rows and columns, D for the descriptor's axes, G for generations.
+# The arrays of a file: the dtype (or the allowed dtypes) and the axes. S is the axis of seeds, which the result of one
+# key lacks, N of the elites' slots, H and W of rows and columns, D of the descriptor's axes, G of generations.
 _FITNESS = ("int32", "float32")
 _ELITES: dict[str, tuple[str | tuple[str, ...], str]] = {
     "grids": ("int8", "SNHW"),
@@ -52,7 +52,7 @@ _HISTORY: dict[str, tuple[str | tuple[str, ...], str]] = {
 }
 _METRICS = {f"metrics.{name}": ("float32" if name == "coverage" else "int32", "SN") for name in Metrics._fields}
 _ARRAYS = _ELITES | _METRICS | {f"history.{name}": kind for name, kind in _HISTORY.items()}
-# Not in every file: measured speeds, which equal searches do not share, and counts that are all 0.
+# Optional arrays: measured speeds, which differ between equal searches, and counts that are all 0.
 _SPEED, _REFUSED = "history.evaluations_per_second", "history.refused"
 _STATE, _EXTRA = "state.", "features."
 _OF_EXTRA = ("int32", "SN")
@@ -78,40 +78,35 @@ class History(NamedTuple):
     refused: Int32[np.ndarray, "*S G"]
 
     def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        """Returns types and shapes in a line."""
         return in_short(self)
 
     @property
     def seconds(self) -> float:
-        """The seconds that the generations took, of all seeds together, without compilation."""
+        """The time of the generations in seconds, of all seeds together, without compilation."""
         seeds = 1 if self.best_fitness.ndim == 1 else len(self.best_fitness)
         return float((np.diff(self.evaluations, prepend=0) * seeds / self.evaluations_per_second).sum())
 
     @classmethod
     def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":
-        """Makes the history of no generations; of several seeds if their number is given.
-
-        Args:
-          *seeds: the number of seeds.
-          dtype: of the fitness.
-        """
+        """Returns a history without generations, of one seed or of a number of seeds, for a fitness of a dtype."""
         none, counts = np.arange(0), np.zeros((*seeds, 0), np.int32)
         return cls(none, none, np.zeros((*seeds, 0), dtype), counts, np.zeros(0), counts)
 
     @classmethod
     def joined(cls, parts: "Sequence[History]") -> "History":
-        """Joins the histories of generations one after another."""
+        """Joins histories along the generations."""
         return cls(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
 
 
 class RunState(NamedTuple):
-    """The state that a run continues from, beside its key and settings; arrays only.
+    """The state that a run continues from, beside its key and options; arrays only.
 
     Attributes:
-      generation: int32, generations done.
+      generation: int32, the number of generations so far.
       inner: the arrays of the optimiser's state, in the order of `jax.tree.leaves`; with a leading axis of seeds if the
         result has one.
-      fingerprint: uint32, of the key and the settings, against continuing with others by mistake.
+      fingerprint: uint32, of the key and the options, so that a run with others cannot continue by mistake.
     """
 
     generation: Int32[Array | np.ndarray, ""]
@@ -119,7 +114,7 @@ class RunState(NamedTuple):
     fingerprint: UInt32[Array | np.ndarray, ""]
 
     def __repr__(self) -> str:
-        """Returns types and shapes in a line, as arrays would flood a notebook."""
+        """Returns types and shapes in a line."""
         return in_short(self)
 
 
@@ -132,10 +127,9 @@ class Result:
       elites: the grids found, with their metrics.
       history: of the generations of this call.
       state: to continue from.
-      spec: of the search: the method and the preset that made the result, `custom` if it was a configuration or an
-        optimiser of the user's own.
+      spec: the search. Its method and preset say what made the result; `custom` is your own configuration or optimiser.
       axes: of the descriptor.
-      config: the configuration of the method; None for an optimiser of the user's own.
+      config: the configuration of the method; None for your own optimiser.
     """
 
     elites: MeasuredElites
@@ -146,26 +140,26 @@ class Result:
     config: Config | None = field(default=None, metadata={"static": True})
 
     def best(self) -> Int8[Array, "*S H W"]:
-        """Returns the grid of lowest fitness, int8 ``[H, W]``; among equals the one in the first place."""
+        """Returns the grid of lowest fitness, int8 ``[H, W]``; among equal ones the first."""
         ranked = jnp.where(self.elites.valid, self.elites.fitness, vacant_fitness(self.elites.fitness.dtype))
-        place = jnp.argmin(ranked, axis=-1)[..., None, None, None]
-        return jnp.take_along_axis(self.elites.grids, place, axis=-3)[..., 0, :, :]
+        index = jnp.argmin(ranked, axis=-1)[..., None, None, None]
+        return jnp.take_along_axis(self.elites.grids, index, axis=-3)[..., 0, :, :]
 
     def satisfies(self) -> Bool[np.ndarray, "*S N"]:
-        """Tells which elites are in all the ranges of the specification, exactly."""
+        """Returns which elites are in all ranges of the specification, exactly."""
         return self.elites.satisfies(self.spec.where)
 
     def maps(self, count: int = 16, *, where: UserValue = (), seed: int = 0) -> list[RoadMap]:
         """Chooses maps that are valid, different and spread over the niches, as the command ``generate`` does.
 
         Args:
-          count: the most maps; fewer are returned where there are no more.
-          where: ranges that the maps are in, as `evolve` takes them, beside those of the search; one of a feature that
-            the search has a range of takes its place.
+          count: the largest number of maps; there may be fewer.
+          where: ranges as in `evolve`, added to those of the search. They override the search's range of the same
+            feature.
           seed: of the run, to be noted in the maps.
 
         Returns:
-          Maps with their metrics, sorted by niche, within one by fitness; see `choose_maps`.
+          Maps with their metrics, sorted by niche, and within a niche by fitness; see `choose_maps`.
 
         Raises:
           InputError: for a bad count or range.
@@ -185,7 +179,7 @@ class Result:
         Args:
           folder: new or empty.
           count: the number of maps.
-          force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
+          force: whether the folder is replaced, if an earlier run wrote all files in it.
           **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
 
         Returns:
@@ -209,13 +203,13 @@ class Result:
         exclude: Sequence[Int8[np.ndarray, "_ _"]] = (),
         min_difference: Sequence[float] = MIN_DIFFERENCE,
     ) -> Choice:
-        """Chooses maps of a search with an array of keys, and says why not the others; see `choose_maps`."""
+        """Chooses maps of a search with an array of keys, and says why the others were rejected; see `choose_maps`."""
         return choose_maps(
             self.elites, self.spec, self.axes, count, seed, exclude=exclude, min_difference=min_difference
         )
 
     def __repr__(self) -> str:
-        """Returns what was searched for and what was found, in a few lines."""
+        """Returns the search and its elites, in a few lines."""
         fitness, (height, width) = self.elites.fitness, self.elites.grids.shape[-2:]
         if not hasattr(fitness, "__array__") or isinstance(fitness, jax.core.Tracer):
             return f"Result(elites={self.elites!r}, spec={self.spec!r})"
@@ -229,7 +223,7 @@ class Result:
             [
                 f"Result of {self.spec.optimizer}{preset}: {height} x {width} tiles, "
                 f"{seeds} {'seed' if seeds == 1 else 'seeds'}, {spent:,} evaluations each",
-                f"  elites   {valid.sum():,} in {valid.size:,} places, {best}",
+                f"  elites   {valid.sum():,} in {valid.size:,} slots, {best}",
                 f"  axes     {axes}",
                 *([f"  where    {where}"] if where else []),
                 *([f"  config   {self.config}"] if self.config is not None and self.spec.preset == CUSTOM else []),
@@ -239,15 +233,15 @@ class Result:
         )
 
     def save(self, path: str | Path, *, state: bool = True, seed: int | None = None) -> None:
-        """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, settings as JSON in it.
+        """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, options as JSON in it.
 
         Args:
-          path: the file, with whatever ending; one that exists is replaced.
+          path: the file, with any suffix; an existing file is replaced.
           state: whether to write the state and the measured speeds too. Without them equal searches give equal bytes.
           seed: that the keys were made from, to be noted in the file.
 
         Raises:
-          InputError: for a state with other leaves than arrays of numbers, which an optimiser of one's own may have.
+          InputError: if your own optimiser's state has leaves that are not arrays of numbers.
           OSError: that names the file, if it cannot be written.
         """
         file = check_named("path", checked_path, path)
@@ -272,22 +266,18 @@ class Result:
 
     @classmethod
     def load(cls, path: str | Path) -> "Result":
-        """Reads a result that `save` has written, or the ``archive.npz`` of `elitelanes generate`.
+        """Reads a result that `save` wrote, or the ``archive.npz`` of `elitelanes generate`.
 
-        What was saved without state has speeds that are not numbers, and cannot be continued.
+        A result that was saved without state has NaN for the speeds, and cannot be continued.
 
         Raises:
-          InputError: if the file cannot be read, is no such file, is of another version or damaged.
+          InputError: if the file cannot be read, is no result, is damaged or has another version.
         """
         return load_with_seed(path)[0]
 
 
 def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
-    """Reads what `Result.load` reads, and the seed that is noted in the file, None without one.
-
-    Raises:
-      InputError: as `Result.load` does.
-    """
+    """Returns what `Result.load` returns, and the seed that is noted in the file, or None."""
     settings, arrays = unpack(check_named("path", checked_path, path))
     try:
         spec, config, axes, seed = _read_settings(settings)
@@ -305,7 +295,7 @@ def load_with_seed(path: str | Path) -> tuple[Result, int | None]:
 
 
 class SearchInterrupted(KeyboardInterrupt):
-    """An interruption of `evolve`, by Ctrl-C: a `KeyboardInterrupt` that has what was found until then.
+    """An interruption of `evolve` by Ctrl-C: a `KeyboardInterrupt` with the result so far.
 
     Args:
       message: what was done.
@@ -318,7 +308,7 @@ class SearchInterrupted(KeyboardInterrupt):
 
     @cached_property
     def result(self) -> Result:
-        """The result of the generations that were done, from whose state the search continues."""
+        """The result so far, from whose state the search continues."""
         return self._make()
 
 
@@ -332,9 +322,9 @@ def _state_arrays(state: RunState) -> dict[str, np.ndarray]:
 
 
 def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Axis, ...], int | None]:
-    """Reads the specification, the configuration, the axes and the seed; the errors' words follow "got"."""
+    """Reads the specification, the configuration, the axes and the seed; error messages continue "got"."""
     if not isinstance(settings, dict) or "format" not in settings:
-        raise InputError("a file without its settings")
+        raise InputError("a file without options")
     if settings["format"] != _FORMAT:
         raise InputError(f"one of the format {shorten(repr(settings['format']))}, not {_FORMAT!r}")
     try:
@@ -346,12 +336,12 @@ def _read_settings(settings: Plain) -> tuple[SearchSpec, Config | None, tuple[Ax
         if seed is not None and not is_whole(seed):
             raise InputError(f"seed: expected a whole number, got {seed!r}")
     except (InputError, KeyError, TypeError) as error:
-        raise InputError(f"one whose settings do not hold: {error}") from None
+        raise InputError(f"a file with wrong options: {error}") from None
     return spec, config, axes, seed
 
 
 def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
-    """Takes the state out of the arrays of a file; one that was not saved fits no search."""
+    """Takes the state out of the arrays of a file; without a state, returns one that fits no search."""
     kept = {name.removeprefix(_STATE): arrays.pop(name) for name in list(arrays) if name.startswith(_STATE)}
     arrays.pop("axes", None)
     inner = tuple(kept[name] for index in range(len(kept) - 2) if (name := f"inner.{index}") in kept)
@@ -359,12 +349,12 @@ def _read_state(arrays: dict[str, np.ndarray]) -> RunState:
         kept.get(name, np.zeros((), dtype)) for name, dtype in (("generation", np.int32), ("fingerprint", np.uint32))
     )
     if len(inner) < len(kept) - 2 or generation.shape or fingerprint.shape:
-        raise InputError("one whose state is not whole")
+        raise InputError("a file with an incomplete state")
     return RunState(generation, inner, fingerprint)
 
 
 def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, measured: Sequence[str]) -> None:
-    """Checks names, dtypes and shapes against each other; the errors' words follow "got"."""
+    """Checks names, dtypes and shapes against each other; error messages continue "got"."""
     sizes = {"D": axes}
     seeds = arrays.get("grids", np.empty(0)).ndim == 4
     kinds = _ARRAYS | {f"{_EXTRA}{name}": _OF_EXTRA for name in measured}
@@ -372,14 +362,14 @@ def _check_arrays(arrays: Mapping[str, np.ndarray], axes: int, measured: Sequenc
         letters = letters if seeds else letters.replace("S", "")
         array = arrays.get(name)
         if array is None:
-            raise InputError(f"one without {name}")
+            raise InputError(f"a file without {name}")
         fits = array.dtype in ([dtype] if isinstance(dtype, str) else dtype) and array.ndim == len(letters)
         if not fits or any(
             sizes.setdefault(letter, size) != size for letter, size in zip(letters, array.shape, strict=True)
         ):
-            raise InputError(f"{name} of {array.dtype} {array.shape} beside the others")
+            raise InputError(f"{name} of {array.dtype} {array.shape}, which does not fit the other arrays")
     if unknown := set(arrays) - set(kinds):
-        raise InputError(f"one with {min(unknown)}, which no result has")
+        raise InputError(f"a file with {min(unknown)}, which no result has")
     grids = arrays["grids"]
     if not grids.size or not 0 <= grids.min() <= grids.max() <= 15 or max(grids.shape[-2:]) > LONGEST_SIDE:
         raise InputError(f"grids that are not of tile codes 0 to 15, of shape {grids.shape}")

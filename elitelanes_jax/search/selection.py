@@ -22,12 +22,12 @@ from elitelanes_jax.search.spec import SearchSpec
 _OUTSIDE = "outside the ranges"
 
 MIN_DIFFERENCE = (0.15, 0.05, 0.0)
-"""The shares of tiles in which two maps should differ: the first one, as long as there are enough such maps."""
+"""The shares of tiles in which two maps should differ. The first share applies until there are no more such maps."""
 
 _Grids: TypeAlias = NDArray[np.int8]
 _Round: TypeAlias = Callable[[NDArray[np.float64], float, int], Iterator[int]]
-"""Yields the next maps to choose: of the differences from all chosen ones, their minimum, and how many maps to yield at
-most. The differences change after each map."""
+"""Takes the maps' differences from all chosen maps, the least difference and the largest number of maps, and yields the
+indices of the next maps to choose. The differences change after each map."""
 
 
 class Choice(NamedTuple):
@@ -36,10 +36,10 @@ class Choice(NamedTuple):
     Attributes:
       maps: the chosen maps, sorted by niche, and within a niche by fitness.
       found: the number of elites.
-      rejected: the number of elites with a flaw, by reason.
+      rejected: the number of elites that violate a constraint, by reason.
       alike: the number of elites that equal another elite, or an excluded map, when rotated or mirrored.
-      nearest: if no elite is in all ranges, the constrained features of the elite nearest to them: of one without a
-        flaw, if there is one. None if there are no elites.
+      nearest: if no elite is in all ranges, the constrained features of the elite nearest to them, if possible of one
+        without other violations. None if there are no elites.
     """
 
     maps: list[RoadMap]
@@ -57,13 +57,7 @@ class Choice(NamedTuple):
         return f"{found} ({', '.join(reasons)})" if reasons else found
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
-        """Returns what `describe` returns, and what would find more.
-
-        Args:
-          wanted: the number of maps.
-          hint: what finds more maps.
-          writable: whether the found maps can be written.
-        """
+        """Returns what `describe` returns, and what finds more maps: `hint`, and --at-most if some can be written."""
         flawed = "" if _OUTSIDE in self.rejected else ", with other flaws"
         nearest = ", ".join(f"{name} {value:g}" for name, value in (self.nearest or {}).items())
         return (
@@ -112,8 +106,8 @@ def choose_maps(
       count: the number of maps.
       seed: of the run; it is noted in the maps.
       exclude: grids, of any size, that no chosen map may equal; the chosen maps should differ from them too.
-      min_difference: the share of tiles in which each map differs at least from all others, however they are rotated or
-        mirrored. If there are too few such maps, the next share holds.
+      min_difference: the least share of tiles in which each map differs from all others, however they are rotated or
+        mirrored. If there are too few such maps, the next share applies.
 
     Raises:
       InputError: for the result of a single key.
@@ -133,13 +127,13 @@ def choose_maps(
     useful &= satisfied
 
     examples = [np.array(grid, np.int8) for grid in spec.like]
-    # A map of another size is another map: it excludes nothing.
+    # A map of another size cannot be equal.
     exclude = [grid for grid in (*exclude, *examples) if sorted(grid.shape) == sorted(shape)]
     kept = _distinct(grids, fitness, useful, exclude, examples)
     descriptor = np.asarray(elites.descriptor).reshape(-1, len(axes))[kept]
     seeds, bins = kept // valid.shape[1], np.asarray(niche_bins(descriptor, axes))
     points = bins / [max(1, axis.bins - 1) for axis in axes]
-    # Niches outside the target bins were stepping stones of the search: they give maps only if the others have too few.
+    # Niches outside the target bins were stepping stones. They give maps only if the others have too few.
     target = np.array([-1 if axis.target is None else axis.target for axis in axes])
     on_target = ((bins == target) | (target < 0)).all(axis=1)
     pursuit = SupportPoints(_target_features(metrics, kept, spec), spec.targets) if spec.targets else None
@@ -166,12 +160,12 @@ def choose_maps(
 def without_flaws(
     valid: NDArray[np.bool_], metrics: dict[str, NDArray[np.generic]], spec: SearchSpec
 ) -> tuple[NDArray[np.bool_], Counter[str]]:
-    """Returns which elites have no flaw, and the number of the others by reason.
+    """Returns which elites violate no constraint of the search, and the number of the others by reason.
 
     Args:
-      valid: which slots hold an elite, of any shape.
-      metrics: by name, of the same shape.
-      spec: of the search; its rules and fixed cells say what a flaw is.
+      valid: bool of any shape, which slots are filled.
+      metrics: arrays of the same shape, by name.
+      spec: of the search, with rules and fixed cells.
     """
     rejected: Counter[str] = Counter()
     useful = valid.copy()
@@ -191,7 +185,7 @@ def _distinct(
 ) -> NDArray[np.int_]:
     """Returns the indices of useful elites, fittest first, without copies of each other, of excluded and example maps.
 
-    An example map is compared by its roads, which may lie anywhere in a larger grid.
+    An example map is compared by its roads, at any position in a larger grid.
     """
     seen = {canonical_form(grid) for grid in exclude}
     roads = {canonical_form(cut_to_roads(grid)) for grid in examples}
@@ -206,7 +200,7 @@ def _distinct(
 def _nearest(
     metrics: dict[str, NDArray[np.generic]], among: NDArray[np.bool_], shape: tuple[int, int], spec: SearchSpec
 ) -> dict[str, float] | None:
-    """Returns the constrained features of the elite that violates the ranges least; among equals, of the first."""
+    """Returns the constrained features of the elite that violates the ranges least; among equal ones the first."""
     if not among.any():
         return None
     ranged = [item.name for item in spec.where]
@@ -218,14 +212,14 @@ def _nearest(
 
 
 def _value(name: str, number: float) -> float:
-    """Returns a metric as it is, and an extra feature in its unit."""
+    """Returns the number of a metric, which is not scaled, and of other features in units of 1."""
     return number / feature_unit(name) if name not in FEATURES and feature_unit(name) != 1 else number
 
 
 def _target_features(
     metrics: dict[str, NDArray[np.generic]], kept: NDArray[np.int_], spec: SearchSpec
 ) -> NDArray[np.float64]:
-    """Returns the features of kept elites that have targets, in their order and units."""
+    """Returns the features that have targets, of the kept elites, in the order and units of the targets."""
     names = [target.name for target in spec.targets]
     columns = columns_for(names)
     features = np.stack([metrics[name][kept] for name in columns], axis=-1).astype(np.int32)
@@ -235,9 +229,9 @@ def _target_features(
 def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], shares: Sequence[float]) -> list[int]:
     """Chooses up to `count` of the maps `grids` ``[M, H, W]`` in rounds, and returns their indices.
 
-    Each differs from the maps before and from each other in the first share of its tiles, then in the next.
+    Each differs from the maps before and from each other in the first share of its tiles, then in the next share.
     """
-    difference = np.ones(len(grids))  # from the nearest of them; under 0 for the chosen maps
+    difference = np.ones(len(grids))  # from the most similar chosen map; under 0 for the chosen maps
     for grid in before if len(grids) else ():
         np.minimum(difference, _difference(grids, grid), out=difference)
     chosen: list[int] = []
@@ -251,10 +245,10 @@ def _choose(order: _Round, grids: _Grids, count: int, before: Sequence[_Grids], 
 
 
 def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
-    """Orders maps, fittest first, at `points` ``[M, D]``, found by `seeds` ``[M]``: a round yields one of each point.
+    """Orders maps, fittest first, at `points` ``[M, D]``, found by `seeds` ``[M]``: a round yields a map of each point.
 
-    If a round has fewer maps than points, the next point is always the farthest from those before. A point gives a map
-    of the seed that has given fewest so far, as maps of one seed are related.
+    If a round has fewer maps than points, the next point is always the farthest from those before. A point yields a map
+    of the seed that has given the fewest so far, because maps of one seed are related.
     """
     given: Counter[int] = Counter()
 
@@ -273,7 +267,7 @@ def _spread(points: NDArray[np.float64], seeds: NDArray[np.int_]) -> _Round:
 
 
 def _follow(pursuit: SupportPoints, group: NDArray[np.int_]) -> _Round:
-    """Orders the maps of a group as targets ask for; of equals, the first."""
+    """Orders the maps of a group by the targets; among equal ones the first comes first."""
 
     def order(difference: NDArray[np.float64], share: float, _: int) -> Iterator[int]:
         index = int(np.argmin(np.where(difference >= share, pursuit.losses()[group], np.inf)))
@@ -290,7 +284,7 @@ def _difference(grids: _Grids, grid: _Grids) -> NDArray[np.float64]:
 
 
 def _farthest(points: NDArray[np.float64], count: int) -> list[int]:
-    """Returns up to `count` indices: 0, then always the point farthest from all before; of equals, the first."""
+    """Returns up to `count` indices: 0, then always the point farthest from all before; among equal ones the first."""
     indices: list[int] = []
     distance = np.full(len(points), np.inf)
     for _ in range(min(count, len(points))):

@@ -36,7 +36,7 @@ METHODS = {
 """The methods, and the presets of each, the default first."""
 
 CUSTOM = "custom"
-"""In results: the preset of a configuration that no preset has, and the method of an optimiser of the user's own."""
+"""In results: the preset if a configuration equals no preset, and the method of a user's own optimiser."""
 
 LARGE = 12
 """Maps whose shorter side is at least this long are large."""
@@ -53,20 +53,12 @@ _NOT_OF_LARGE = (*_NOT_OF_STYLES, "large")
 
 
 def check_method(method: UserValue) -> str:
-    """Checks the name of a method: one of `METHODS`, or `CUSTOM`, which `SearchSpec.check_on` refuses for a search.
-
-    Raises:
-      InputError: for anything else.
-    """
+    """Checks the name of a method: one of `METHODS`, or `CUSTOM`, which `SearchSpec.check_on` refuses for a search."""
     return method if isinstance(method, str) and method == CUSTOM else one_of(*METHODS)(method)
 
 
 def check_features(features: UserValue) -> tuple[str, ...]:
-    """Checks the names of the user's own features.
-
-    Raises:
-      InputError: for a value that is not names, a name given twice, or the name of another feature.
-    """
+    """Checks the names of the user's own features, which no other feature may have."""
     if isinstance(features, str) or not isinstance(features, Iterable):
         raise InputError(f"features: expected names, got {shorten(repr(features))}")
     names = check_unique("features", "name", map(name, features))
@@ -79,12 +71,7 @@ def check_features(features: UserValue) -> tuple[str, ...]:
 def parse_weights(weights: UserValue, own: Collection[str] = ()) -> tuple[tuple[str, int], ...]:
     """Reads weights from texts such as ``bridges=300``, a mapping of names to whole numbers, pairs, or `Weights`.
 
-    Args:
-      weights: to read.
-      own: names of the user's own features, which may have a weight too.
-
-    Raises:
-      InputError: for anything else, an unknown metric, or a metric given twice.
+    `own` are the names of the user's own features, which may have a weight too.
     """
     if isinstance(weights, str):
         weights = split_settings(weights)
@@ -120,19 +107,12 @@ def _parse_weight(weight: UserValue, own: Collection[str]) -> tuple[str, int]:
 
 
 def parse_initial(initial: UserValue) -> tuple[tuple[tuple[int, ...], ...], ...]:
-    """Reads grids, each as a tuple of rows.
-
-    Args:
-      initial: one map or several, as `as_maps` takes them.
-
-    Raises:
-      InputError: for a bad grid or file.
-    """
+    """Reads one map or several, as `as_maps` takes them, each as a tuple of rows."""
     return tuple(tuple(map(tuple, road_map.codes.tolist())) for road_map in as_maps(initial))
 
 
 def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]:
-    """Checks options for large maps; those of a specification are the options that it was made of."""
+    """Checks options for large maps, by name or as the specification that was made of them."""
     if isinstance(large, SearchSpec):
         large = {name: value for name, value in large._given.items() if name not in _NOT_OF_LARGE}
     if not isinstance(large, Mapping):
@@ -143,16 +123,7 @@ def _parse_large(large: UserValue, own: Collection[str]) -> dict[str, UserValue]
 def _check_options(
     options: Mapping[str, UserValue], own: Collection[str], without: Collection[str] = ()
 ) -> dict[str, UserValue]:
-    """Checks each option alone.
-
-    Args:
-      options: values by name.
-      own: names of the user's own features.
-      without: names of options that are not allowed.
-
-    Raises:
-      InputError: for another name, or a wrong value.
-    """
+    """Checks each option alone, and that none is in `without`; `own` are the names of the user's features."""
     known = {name: one for name, one in SearchSpec.options().items() if name not in without}
     check_names(options, known)
     return {
@@ -163,7 +134,7 @@ def _check_options(
 
 @dataclass(frozen=True, init=False)
 class SearchSpec(Record):
-    """A search: the method, its budget, and what is searched for.
+    """A search: the method, its budget, and the constraints and niches of its maps.
 
     Attributes:
       style: options under a name: town, paper, or a file .toml; options that you give override them
@@ -207,10 +178,10 @@ class SearchSpec(Record):
     _origins: Mapping[str, str] = field(init=False, repr=False, compare=False)  # of options that nobody gave
 
     def __init__(self, **given: Unpack[SpecOptions]) -> None:
-        """Makes a specification of options, all of which have defaults.
+        """Makes a specification from options by name; all have defaults.
 
-        The given options override those of the example maps, and these override the style's. Ranges and weights are
-        merged feature by feature.
+        Your options override those from the example maps, and these override the style's. Ranges and weights are merged
+        feature by feature.
 
         Raises:
           InputError: for an unknown option, a wrong value, or options that exclude each other.
@@ -219,7 +190,7 @@ class SearchSpec(Record):
         self._resolve(given, {})
 
     def replace(self, **given: Unpack[SpecOptions]) -> "SearchSpec":  # type: ignore[override]
-        """Returns what the constructor makes of this specification's given options and the new ones.
+        """Returns a specification with new options, as if they had been given to the constructor with the earlier ones.
 
         Raises:
           InputError: as the constructor does.
@@ -234,7 +205,7 @@ class SearchSpec(Record):
 
     @classmethod
     def from_plain(cls, plain: Plain) -> "SearchSpec":
-        """Returns the specification that `to_plain` described. It reads no style: the options are all there.
+        """Returns the specification that `to_plain` described. The style is not read again.
 
         Raises:
           InputError: for a missing or unknown option, or a wrong value.
@@ -251,7 +222,7 @@ class SearchSpec(Record):
         return _empty()._fill(values)
 
     def _resolve(self, given: Mapping[str, UserValue], defaults: Mapping[str, UserValue]) -> "SearchSpec":
-        """Fills the record from layers of options: the defaults, the style's, the example maps', and those given."""
+        """Fills the record from layers of options: the defaults, the style's, the example maps', and the given ones."""
         own = check_named("features", check_features, given.get("features", ()))
         given = _check_options(given, own)
         layers, style, origins = [defaults, given], given.get("style"), dict[str, str]()
@@ -289,17 +260,14 @@ class SearchSpec(Record):
         return self
 
     def on(self, shape: tuple[int, int]) -> "SearchSpec":
-        """Returns the search for grids ``(height, width)``, all of whose options count as given.
-
-        If the grids are large, the options for large maps are merged in; else they are dropped.
-        """
+        """Returns the search for grids ``(height, width)``, without options for large maps. All options are given."""
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
         values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
         return _empty()._fill(values, origins=self._origins)
 
     @contextmanager
     def naming_origins(self) -> Iterator[None]:
-        """Lets errors in its block that start with an option of the style or of `like` start with that origin."""
+        """Makes errors in its block that name an option from the style or `like` start with that origin."""
         try:
             yield
         except InputError as error:
@@ -321,15 +289,11 @@ class SearchSpec(Record):
             raise InputError(f"initial: expected {expected}, got {pluralize(len(self.initial), 'grid')}")
 
     def check_on(self, shape: tuple[int, int], name: str = "size") -> None:
-        """Checks the options for grids ``(height, width)``; a search does so before it starts.
-
-        Args:
-          shape: of the grids.
-          name: of the shape, for the message.
+        """Checks the options for grids ``(height, width)`` before a search starts. Messages call the shape `name`.
 
         Raises:
-          InputError: for a custom method or preset, which are in results alone, cells or initial maps of another shape,
-            or weights with which the fitness of a grid could leave 32 bits.
+          InputError: for a custom method or preset, which only results have, cells or initial maps of another shape, or
+            weights with which the fitness of a grid could exceed 32 bits.
         """
         if self.large is not None:
             self.on(shape).check_on(shape, name)
@@ -364,48 +328,37 @@ class SearchSpec(Record):
             expected = f"grids whose fitness has 32 bits, such as all up to {side} x {side}"
             raise InputError(f"{name}: expected {expected}, got {size}") from None
 
-    def check_maps(self, shape: tuple[int, int], maps: int = 1) -> None:
-        """Checks that so many maps ``(height, width)`` can be as they are searched for, as far as limits tell.
+    def check_maps(self, shape: tuple[int, int], maps: int = 1, *, exhaustive: bool = False) -> None:
+        """Checks whether `maps` maps ``(height, width)`` can satisfy all constraints, see `check_feasible`.
 
         Raises:
-          InputError: for constraints that cannot be met; the message says the limit.
+          InputError: if there are fewer maps; the message states the bound or the count.
         """
-        self.on(shape)._check_feasible(shape, maps, exhaustive=False)
-
-    def count_maps(self, shape: tuple[int, int], maps: int) -> None:
-        """Checks as `check_maps` does, and where there are few such maps, goes through all of them.
-
-        Raises:
-          InputError: for constraints that cannot be met; the message says the limit.
-        """
-        self.on(shape)._check_feasible(shape, maps, exhaustive=True)
-
-    def _check_feasible(self, shape: tuple[int, int], maps: int, *, exhaustive: bool) -> None:
-        with self.naming_origins():
+        search = self.on(shape)
+        with search.naming_origins():
             check_feasible(
                 shape,
-                self.where,
-                fix=self.fix,
-                rules=self.rules,
-                filled=self.repair_fills,
-                alphabet=self.alphabet,
+                search.where,
+                fix=search.fix,
+                rules=search.rules,
+                filled=search.repair_fills,
+                alphabet=search.alphabet,
                 maps=maps,
                 exhaustive=exhaustive,
             )
 
     @property
     def optimizer(self) -> str:
-        """The name of the method, or in results the module and name of the user's own optimiser."""
+        """The name of the method, or in results the module and name of your own optimiser."""
         return self.preset if self.method == CUSTOM else self.method
 
     @property
     def repair_fills(self) -> bool:
-        """Whether repair fills."""
         return self.rules is None if self.fill is None else self.fill
 
     @property
     def all_weights(self) -> Weights:
-        """The usual weights, or those of the rules, with the given ones in their places."""
+        """The usual weights, or those of the rules, with the given weights instead of theirs."""
         usual = Weights() if self.rules is None else RULES[self.rules].weights
         return usual._replace(**{name: weight for name, weight in self.weights if name in Weights._fields})
 
@@ -424,7 +377,7 @@ class SearchSpec(Record):
         return weights if any(weights) else None
 
     def steps(self, evaluations_per_step: int) -> int:
-        """Returns how many steps of an optimiser the budget allows, the last of them begun within it."""
+        """Returns the number of steps of an optimiser within the budget, rounded up."""
         return -(-self.evaluations // evaluations_per_step) if self.generations is None else self.generations
 
     def axes_on(self, shape: tuple[int, int]) -> tuple[Axis, ...]:
@@ -434,7 +387,7 @@ class SearchSpec(Record):
         return tuned_axes(shape) if self.preset in ("tuned", "irregular") else paper_axes(shape)
 
     def to_plain(self) -> dict[str, Plain]:
-        """Returns plain values for JSON, of which `from_plain` makes the same specification."""
+        """Returns plain values for JSON, from which `from_plain` makes the same specification."""
         plain = {name: getattr(self, name) for name in _DEFAULTS} | {
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "where": [str(item) for item in self.where],
@@ -442,14 +395,14 @@ class SearchSpec(Record):
             "targets": {target.name: list(target.values) for target in self.targets},
             "fix": None if self.fix is None else self.fix.rows,
         }
-        if self.large is not None:  # what differs
+        if self.large is not None:  # only the options that differ
             large = self.large.to_plain()
             plain["large"] = {name: large[name] for name in plain if name != "large" and large[name] != plain[name]}
         return plain
 
 
 def _names_in(layer: Mapping[str, UserValue]) -> set[str]:
-    """Returns the names of the options in a layer, those for large maps too, and of each range."""
+    """Returns the names of the options in a layer, also those for large maps, and of each range."""
     large = layer.get("large") or {}
     ranges = {f"where {item.name}" for options in (layer, large) for item in options.get("where", ())}
     return {*layer, *large, *ranges}
@@ -463,7 +416,7 @@ def _empty() -> SearchSpec:
 
 
 def _check_budget(given: Mapping[str, UserValue]) -> bool:
-    """Tells whether a budget is given; raises `InputError` for two."""
+    """Returns whether a budget is given; raises `InputError` for two."""
     budgets = [given[name] for name in _BUDGET if given.get(name) is not None]
     if len(budgets) == 2:
         raise InputError("generations: expected it or evaluations, got both, {} and {}".format(*budgets))

@@ -1,4 +1,4 @@
-"""Styles: options of a search under a name, in TOML files of the package or of users."""
+"""Styles: named options of a search, in TOML files of the package or of users."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,14 +14,14 @@ FOLDER = Path(__file__).parent / "styles"
 """The folder of the package's own styles."""
 
 STYLES = ("paper", "town")
-"""The names of the package's own styles. A search without a style does the same as `paper`."""
+"""The names of the package's own styles. `paper` has no options, so it equals a search without a style."""
 
-# Each of these options discards another one of the layers before it, which depends on it or would override it.
+# Each of these options discards another option of the layers before it, which depends on it or would override it.
 _DISCARDS = {"method": "preset", "axes": "targets", "evaluations": "generations"}
 
 
 class Style(NamedTuple):
-    """A style that has been read.
+    """A style that was read.
 
     Attributes:
       name: of the style, or the path of its file.
@@ -33,10 +33,7 @@ class Style(NamedTuple):
 
 
 def read_style(style: UserValue) -> Style:
-    """Reads a style.
-
-    Args:
-      style: one of `STYLES`, the path of a file that ends in ``.toml``, or a `Style`.
+    """Reads a style: one of `STYLES`, the path of a file that ends in ``.toml``, or a `Style`.
 
     Raises:
       InputError: for an unknown name, or a file that cannot be read or is not TOML.

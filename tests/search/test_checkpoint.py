@@ -147,7 +147,7 @@ def test_an_interruption_while_compiling_keeps_what_was_there_before(whole, monk
 def test_an_interrupted_search_is_kept_where_it_took_long(whole, tmp_path, monkeypatch):
     for worth, left in ((10, []), (0, ["result.npz", "search.json"])):
         with monkeypatch.context() as patch:
-            patch.setattr("elitelanes_jax.search._checkpoint._WORTH_KEEPING", worth)
+            patch.setattr("elitelanes_jax.search._checkpoint._SECONDS_TO_KEEP", worth)
             interrupt_at(patch, 4)
             with pytest.raises(SearchInterrupted):
                 run(checkpoint=tmp_path / "folder")
@@ -197,7 +197,7 @@ def test_folders_in_use_damaged_or_no_folders_are_refused(kept, tmp_path):
         run(checkpoint=folder)
     whole = (folder / "result.npz").read_bytes()
     (folder / "result.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got one that does not hold"):
+    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got a damaged file"):
         run(checkpoint=folder)
     assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
     with pytest.raises(InputError, match=r"result.npz: expected a path that can be written to"):
@@ -211,9 +211,9 @@ def test_checkpoints_come_as_often_as_asked_for_and_take_little_of_the_time(tmp_
     often, seldom = Checkpoint(tmp_path, {}, 0), Checkpoint(tmp_path, {}, 20)
     clock[0] = 50.0  # compiling
     assert often.due and not seldom.due
-    assert not seldom.worth_keeping
+    assert not seldom.keeps_interrupted
     clock[0] = 60.0
-    assert seldom.worth_keeping and not seldom.due
+    assert seldom.keeps_interrupted and not seldom.due
     clock[0] = 70.0
     assert seldom.due
     seldom.save(whole)
@@ -230,7 +230,7 @@ SMALL = GenerateSpec(size=SHAPE, seeds=3, maps=2, tile_px=16, search=SearchSpec(
 
 def test_generate_goes_on_after_an_interruption(tmp_path, monkeypatch):
     generate(SMALL, tmp_path / "whole")
-    monkeypatch.setattr("elitelanes_jax.search._checkpoint._WORTH_KEEPING", 0)
+    monkeypatch.setattr("elitelanes_jax.search._checkpoint._SECONDS_TO_KEEP", 0)
     monkeypatch.setattr(importlib.import_module("elitelanes_jax.maps.generation"), "_WORTH_KEEPING", 0)
     out, hidden = tmp_path / "out", tmp_path / ".out-unfinished"
     with monkeypatch.context() as patch:

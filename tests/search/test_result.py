@@ -240,24 +240,24 @@ def changed(file, **changes):
             {"format": "elitelanes result, version 2"},
             "one of the format 'elitelanes result, version 2', not 'elitelanes",
         ),
-        ({"format": None}, "a file without its settings"),
-        ({"search": {"method": "luck"}}, "one whose settings do not hold: search: expected all options"),
+        ({"format": None}, "a file without options"),
+        ({"search": {"method": "luck"}}, "a file with wrong options: search: expected all options"),
         ({"search": SearchSpec().to_plain() | {"method": "luck"}}, ".* method: expected one of map-elites"),
         ({"search": SearchSpec().to_plain() | {"luck": 1}}, ".* search: expected all options"),
         ({"config": {"kind": "EaConfig"}}, ".* config: expected a kind, one of .*MapElitesConfig"),
         ({"config": config_to_plain(MapElitesConfig())}, ".* config: expected one of ea, got MapElitesConfig"),
         ({"config": {"kind": "EvolutionConfig", "population": 3}}, ".* config: expected population, offspring"),
-        ({"search": [3]}, "one whose settings do not hold: "),
-        ({"axes": "luck"}, "one whose settings do not hold: axes"),
+        ({"search": [3]}, "a file with wrong options: "),
+        ({"axes": "luck"}, "a file with wrong options: axes"),
         ({"axes": ["crossings:3"]}, "descriptor of int32"),
-        ({"grids": None}, "one without grids"),
-        ({"metrics__bridges": None}, "one without metrics.bridges"),
-        ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\) beside the others"),
-        ({"valid": np.zeros((3, 20), np.int32)}, r"valid of int32 \(3, 20\) beside the others"),
+        ({"grids": None}, "a file without grids"),
+        ({"metrics__bridges": None}, "a file without metrics.bridges"),
+        ({"fitness": np.zeros(3, np.int32)}, r"fitness of int32 \(3,\), which does not fit"),
+        ({"valid": np.zeros((3, 20), np.int32)}, r"valid of int32 \(3, 20\), which does not fit"),
         ({"history__best_fitness": np.zeros((3, 6), np.int32)}, r"history.best_fitness of int32 \(3, 6\)"),
-        ({"state__inner.0": None}, "one whose state is not whole"),
-        ({"state__generation": np.zeros(2, np.int32)}, "one whose state is not whole"),
-        ({"luck": np.zeros(2)}, "one with luck, which no result has"),
+        ({"state__inner.0": None}, "a file with an incomplete state"),
+        ({"state__generation": np.zeros(2, np.int32)}, "a file with an incomplete state"),
+        ({"luck": np.zeros(2)}, "a file with luck, which no result has"),
     ],
 )
 def test_a_file_that_is_no_result_is_refused_in_one_line(result, tmp_path, changes, message):
@@ -278,15 +278,15 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     with pytest.raises(InputError, match="is a directory"):
         Result.load(tmp_path)
     file.write_text('{"codes": [[6, 3], [12, 9]]}')
-    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got one that does not hold"):
+    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got a damaged file"):
         Result.load(file)
     with file.open("wb") as stream:
         np.save(stream, np.zeros(3))
-    with pytest.raises(InputError, match="got one that does not hold: no archive of arrays"):
+    with pytest.raises(InputError, match="got a damaged file: no archive of arrays"):
         Result.load(file)
     with file.open("wb") as stream:
         np.savez(stream, grids=np.zeros(3))
-    with pytest.raises(InputError, match="got a file without its settings"):
+    with pytest.raises(InputError, match="got a file without options"):
         Result.load(file)
     with zipfile.ZipFile(file, "w") as archive:
         archive.writestr("settings.npy", "[" * 100_000)

@@ -24,7 +24,7 @@ from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
 from elitelanes_jax.search.evolution import Users, evolve, prepare
-from elitelanes_jax.search.like import difference_from, ranges_like, settings_like
+from elitelanes_jax.search.like import difference_from, settings_like
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import STYLES, Style
 
@@ -316,7 +316,7 @@ def test_a_given_map_is_none_of_the_chosen_wherever_it_lies():
 
 def _anything():
     """Ranges of the features that `like` has ranges of, so that it sets nothing else."""
-    return [f"{name}=0.." for name in ranges_like()]
+    return [f"{name}=0.." for name in settings_like([RING])["where"]]
 
 
 def test_given_settings_stay_beside_maps_to_be_like():
