@@ -1,4 +1,4 @@
-"""Runs of a search of one's own on a task, with its archive at every budget."""
+"""Runs a user's search on a task, and keeps its archive at every budget."""
 
 from collections.abc import Callable, Generator, Iterable
 from typing import NamedTuple
@@ -14,12 +14,12 @@ from elitelanes_jax.benchmark.tasks import BUDGETS, Task
 
 
 class Measured(NamedTuple):
-    """What a search gets for the grids ``[B, H, W]`` that it evaluates.
+    """What a search receives for the grids ``[B, H, W]`` that it yields.
 
     Attributes:
       fitness: int32 ``[B]``, lower is better.
       cyclomatic: int32 ``[B]``, the niche.
-      counts: bool ``[B]``, whether the grid is flawless, and filled where the task asks for it: others score nothing.
+      counts: bool ``[B]``, whether the grid is flawless, and filled if the task requires it. Other grids score nothing.
     """
 
     fitness: Int[np.ndarray, " B"]
@@ -28,7 +28,7 @@ class Measured(NamedTuple):
 
 
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
-"""A search: yields grids ``[B, H, W]`` again and again, and gets a `Measured` for each batch."""
+"""A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
 
 def run(task: Task, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
@@ -36,8 +36,8 @@ def run(task: Task, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> 
 
     Args:
       task: to run.
-      search: a generator function; see `Search`. It is stopped when the task's evaluations are spent. Of a batch that
-        crosses a budget, only the first grids count for this budget.
+      search: a generator function; see `Search`. It is stopped when the task's evaluations are spent. If a batch
+        exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
 
     Raises:
@@ -58,12 +58,12 @@ def _run(task: Task, search: Generator[AnyArray, Measured, None]) -> tuple[np.nd
         codes = _check(task, batch)
         counts = measure_grids(codes)
         counts["flawless"] &= (not task.fill) | (counts["empty_cells"] == 0)
-        for place, (code, value, niche, good) in enumerate(
+        for index, (code, value, niche, good) in enumerate(
             zip(codes, *(counts[name] for name in ("fitness", "cyclomatic", "flawless")), strict=True), start=1
         ):
             if good and value < fitness[niche]:
                 grids[niche], fitness[niche] = code, value
-            if len(kept) < len(budgets) and spent + place == budgets[len(kept)]:
+            if len(kept) < len(budgets) and spent + index == budgets[len(kept)]:
                 kept.append((grids.copy(), fitness.copy()))
         spent += len(codes)
         try:

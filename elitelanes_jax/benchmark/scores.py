@@ -14,12 +14,12 @@ _RESAMPLES = 10_000
 class Scores(NamedTuple):
     """The scores of archives ``[...]``, floats in [0, 1].
 
-    The nearness of an elite is its fitness divided by its niche's optimum, 0 where the fitness is positive.
+    The nearness of an elite is its fitness divided by its niche's optimum, or 0 if the fitness is positive.
 
     Attributes:
       coverage: the share of feasible niches that are filled.
       reliability: the mean nearness over feasible niches, 0 in vacant ones.
-      precision: the mean nearness over filled niches; not a number if none is.
+      precision: the mean nearness over filled niches; NaN if none is.
       optimal: the share of feasible niches that are at their optimum.
     """
 
@@ -34,20 +34,20 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
 
     Args:
       task: with F feasible niches.
-      best: ``[..., F]`` with at least one axis before, the lowest fitness in each, infinite where it is vacant.
+      best: ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite if it is vacant.
     """
     filled = np.isfinite(best)
     nearness = np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
-    total, number = nearness.sum(axis=-1), filled.sum(axis=-1)
-    precision = np.divide(total, number, out=np.full(total.shape, np.nan), where=number > 0)
+    total, count = nearness.sum(axis=-1), filled.sum(axis=-1)
+    precision = np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
     at_optimum = (filled & (best <= task.optimum)).mean(axis=-1)
     return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
 
 
 def confidence_interval(values: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
-    """Returns a bootstrap interval of the mean of runs ``[R]``, of percentiles; the same for the same values.
+    """Returns the percentile bootstrap interval of the mean over runs ``[R]``; the same for the same values.
 
-    Runs whose value is not a number are left out; without any the ends are not numbers either.
+    Runs with NaN are ignored. Without any other run, both limits are NaN.
     """
     known = values[~np.isnan(values)]
     if not len(known):

@@ -1,4 +1,4 @@
-"""Raw archives of runs on a task: files of them, and their scores, measured anew."""
+"""Raw archives of runs on a task: their files, and their scores from grids that are measured again."""
 
 import io
 import zipfile
@@ -19,21 +19,21 @@ from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
 
 LEAST_RUNS = 10
-"""The least number of runs, each from another seed."""
+"""The smallest number of runs, each from another seed."""
 
 _BATCH = 4096
-_MOST_BYTES, _REST = 2**30, 2**12  # of a file, unpacked; for all but the three arrays
+_MOST_BYTES, _REST = 2**30, 2**12  # limits of an unpacked file, and of what is in it beside the three arrays
 
 
 class Submission(NamedTuple):
     """The archives of R runs on a task, after each of the T budgets up to the task's own.
 
     Attributes:
-      task: that was run.
-      grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant place is all zeros. Grids
-        that are not flawless, or have an empty cell where every cell has to be filled, count nothing.
-      fitness: int ``[R, T, N]``, as the run had it; anything in vacant places.
-      cyclomatic: int ``[R, T, N]``, likewise.
+      task: of the runs.
+      grids: int8 ``[R, T, N, H, W]``, up to N elites of each archive, in any order; a vacant slot is all zeros. Grids
+        that are not flawless, or have an empty cell although the task fills every cell, do not count.
+      fitness: int ``[R, T, N]``, computed by the run; anything in vacant slots.
+      cyclomatic: int ``[R, T, N]``, computed by the run; anything in vacant slots.
     """
 
     task: Task
@@ -46,7 +46,7 @@ def write_submission(file: str | Path, submission: Submission) -> None:
     """Writes a raw archive as an ``.npz``.
 
     Raises:
-      InputError: if it is not one, as `read_submission` says.
+      InputError: if the arrays do not fit the task or each other.
     """
     arrays = {name: np.asarray(getattr(submission, name)) for name in ("grids", "fitness", "cyclomatic")}
     _check(str(file), submission.task, arrays)
@@ -59,7 +59,7 @@ def read_submission(file: str | Path) -> Submission:
     """Reads a raw archive.
 
     Raises:
-      InputError: if it is none, of another version or of no task, or its arrays do not fit the task or each other.
+      InputError: for another file, version or task, or if the arrays do not fit the task or each other.
     """
     names = ("version", "task", "grids", "fitness", "cyclomatic")
     try:
@@ -101,7 +101,7 @@ def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
     if len(grids) < LEAST_RUNS:
         raise InputError(f"{source}: expected at least {LEAST_RUNS} runs, got {len(grids)}")
     if not grids.size:
-        raise InputError(f"{source}: expected at least one place in grids, got {list(grids.shape)}")
+        raise InputError(f"{source}: expected at least one slot in grids, got {list(grids.shape)}")
     for name, array in arrays.items():
         if not np.issubdtype(array.dtype, np.integer):
             raise InputError(f"{source}: expected whole numbers in {name}, got {array.dtype}")
@@ -112,14 +112,14 @@ def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
 
 
 def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Scores]:
-    """Measures all grids of a raw archive, and scores what they are.
+    """Measures all grids of a raw archive again, and scores them.
 
     Returns:
-      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite where it is vacant; and the scores, each
+      float ``[R, T, F]``, the lowest fitness in each feasible niche, infinite if it is vacant; and the scores, each
       ``[R, T]``.
 
     Raises:
-      InputError: for a grid that is not what the archive says, or is better than its niche's certificate.
+      InputError: for a grid whose values differ from the archive's, or that is better than its niche's certificate.
     """
     task, grids, *claims = submission
     counts = measure_grids(grids.reshape(-1, *task.shape))
@@ -128,31 +128,31 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     for name, claimed in zip(("fitness", "cyclomatic"), claims, strict=True):
         wrong = np.argwhere(there & (claimed != measured[name]))
         if len(wrong):
-            place = tuple(wrong[0].tolist())
-            got = f"{claimed[place]} for a grid that has {measured[name][place]}"
-            raise InputError(f"{name}: expected what the grids have, got {got}, at {_place(place)}")
+            index = tuple(wrong[0].tolist())
+            got = f"{claimed[index]} for a grid that has {measured[name][index]}"
+            raise InputError(f"{name}: expected the grids' own values, got {got}, at {_slot(index)}")
     counting = there & measured["flawless"]
     if task.fill:
         counting &= measured["empty_cells"] == 0
     beyond = np.argwhere(counting & ~np.isin(measured["cyclomatic"], task.cyclomatic))
     if len(beyond):
-        place = tuple(beyond[0].tolist())
-        got = f"one at {measured['cyclomatic'][place]}, {_place(place)}"
-        raise InputError(f"grids: expected none where no network is certified to be, got {got}: tell us of it")
+        index = tuple(beyond[0].tolist())
+        got = f"one at {measured['cyclomatic'][index]}, {_slot(index)}"
+        raise InputError(f"grids: expected none in niches that are certified to be empty, got {got}: please report it")
     best = np.full((*grids.shape[:2], len(task.cyclomatic)), np.inf)
     for niche, (cyclomatic, optimum) in enumerate(zip(task.cyclomatic, task.optimum, strict=True)):
         here = counting & (measured["cyclomatic"] == cyclomatic)
         best[..., niche] = np.where(here, measured["fitness"], np.inf).min(axis=-1, initial=np.inf)
         better = np.argwhere(here & (measured["fitness"] < optimum))
         if len(better):
-            place = tuple(better[0].tolist())
-            got = f"{measured['fitness'][place]} at cyclomatic number {cyclomatic}, {_place(place)}"
-            raise InputError(f"grids: expected none better than the certified {optimum}, got {got}: tell us of it")
+            index = tuple(better[0].tolist())
+            got = f"{measured['fitness'][index]} at cyclomatic number {cyclomatic}, {_slot(index)}"
+            raise InputError(f"grids: expected none better than the certified {optimum}, got {got}: please report it")
     return best, compute_scores(task, best)
 
 
-def _place(place: tuple[int, ...]) -> str:
-    return f"run {place[0]}, {BUDGETS[place[1]]:,} evaluations, place {place[2]}"
+def _slot(index: tuple[int, ...]) -> str:
+    return f"run {index[0]}, {BUDGETS[index[1]]:,} evaluations, slot {index[2]}"
 
 
 def measure_grids(grids: Int8[np.ndarray, "P H W"]) -> dict[str, np.ndarray]:

@@ -13,10 +13,10 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
 VERSION = 1
-"""The version of tasks and scores: scores of different versions are not comparable."""
+"""The version of tasks and scores. Scores of different versions are not comparable."""
 
 BUDGETS = (10_000, 100_000, 1_000_000)
-"""The evaluations that a run may take. A run with one budget is also scored at all lower ones."""
+"""The budgets of a run, in evaluations. A run is also scored at all lower budgets."""
 
 SIZES = (
     *("5x5A", "5x5B", "6x6A", "6x6B", "7x7A", "7x7B", "8x8A", "8x8B", "7x9A", "7x9B", "9x9A"),
@@ -36,9 +36,9 @@ class Task(NamedTuple):
       shape: (height, width).
       fill: whether every cell has to be filled.
       evaluations: the budget of a run.
-      cyclomatic: int ``[F]``, the feasible niches: all other cyclomatic numbers are proven to have no network.
+      cyclomatic: int ``[F]``, the feasible niches. No network has another cyclomatic number, which is proven.
       optimum: int ``[F]``, the lowest fitness of each, proven.
-      networks: int ``[F]``, how many flawless networks each has; -1 where they are not counted.
+      networks: int ``[F]``, the number of flawless networks of each; -1 if they are not counted.
       witnesses: int8 ``[F, H, W]``, an optimal network of each.
     """
 
@@ -53,10 +53,10 @@ class Task(NamedTuple):
 
 
 def find_task(name: str) -> Task:
-    """Returns the task of a name: one of `SIZES`, a hyphen, one of `BUDGETS`.
+    """Returns a task by name: one of `SIZES`, a hyphen, one of `BUDGETS`.
 
     Raises:
-      InputError: if there is none.
+      InputError: for any other name.
     """
     parts = re.fullmatch(r"((\d+)x(\d+)([AB]))-(\d+)", name) if isinstance(name, str) else None
     if not parts or parts[1] not in SIZES or parts[5] not in map(str, BUDGETS):
