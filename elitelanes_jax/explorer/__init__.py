@@ -1,4 +1,4 @@
-"""The explorer: one page, or a widget in a notebook, to look through archives and maps and to draw maps."""
+"""The explorer: a page, or a widget in a notebook, that shows archives and maps and edits maps."""
 
 import lazy_loader
 

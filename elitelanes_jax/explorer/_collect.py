@@ -1,4 +1,4 @@
-"""Collects what the explorer shows: folders of runs, archives, maps, results in memory."""
+"""Collects the contents of the explorer: folders of runs, archives, maps, results in memory."""
 
 import base64
 import json
@@ -35,32 +35,32 @@ if TYPE_CHECKING:
 
 _FORMAT = "elitelanes explorer, version 1"
 
-# Steps of a history that are kept: as many as a chart has pixels across.
+# Steps of a history that are kept: the width of a chart in pixels.
 _MOST_STEPS = 400
 
-# Random numbers that choose tile pictures, at least: maps of up to 64 x 64 tiles look as `render` draws them.
+# The least number of random numbers that choose tile pictures, so that maps up to 64 x 64 look as `render` draws them.
 _LEAST_LOTS = 4096
 
-# What is shown of a run's record.
+# The shown entries of a run's record.
 _RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions", "device", "times")
 
 
 class _Finds(NamedTuple):
-    """Grids of one size, and what is known of them.
+    """Grids of one size, and their metadata.
 
     Attributes:
       name: of the run.
       grids: int8 ``[E, H, W]``.
-      fitness: int32 or float32 ``[E]``; None where the weights tell it.
-      seed: int ``[E]``, the number of the run's seed that found each, from 0.
-      seeds: how many.
+      fitness: int32 or float32 ``[E]``; None if the page computes it from the weights.
+      seed: int ``[E]``, the index of the run's seed that found each, from 0.
+      seeds: the number of seeds.
       axes: of the niches.
-      niche: int32 ``[E]``, of each the number of its niche, the last axis running fastest; None where metrics tell it.
+      niche: int32 ``[E]``, see `niche_index`; None if the page computes it from metrics.
       weights: of the fitness.
-      alphabet: the codes that `off_alphabet` lets pass; None for all.
+      alphabet: the codes that `off_alphabet` does not count; None for all.
       feature_weights: of features that the search measured beside the metrics.
       extras: int ``[E]`` by name, the features that the search measured beside the metrics.
-      labels: a name for each grid, or none.
+      labels: a name for each grid, or None.
       maps: the chosen maps: the index of each among the grids, its name, and its tile pictures if they are known.
       rides: on maps, each with the index of its map.
       history: of the run.
@@ -100,18 +100,18 @@ def collect(
     """Collects a result, maps, or files of runs and maps, to be shown.
 
     Args:
-      what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run, which `generate` or
-        `pick` wrote, a folder of such folders, an archive, a file of maps, or a file of rides, which `drive` wrote.
-      tiles: folder of the tile pictures; by default those of the first run, if they are found, else the package's own,
-        with a line on standard error. A relative path in a run's record is looked up here, then in each folder above
-        the run.
-      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
-        default as the first run that says it was drawn, else as the set says.
+      what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run of `generate` or
+        `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
+      tiles: folder of the tile pictures; by default those of the first run. If they are not found, the package's own
+        are used, with a line on standard error. A relative path in a run's record is searched from here, then from each
+        folder above the run.
+      blend: whether to blend the tiles (see `tiles.blend`); by default as in the first run that records it, otherwise
+        as the tile set says.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
 
     Raises:
-      InputError: for anything else; for a file or folder that is missing, broken, half-written or none of these, and
+      InputError: for anything else; for a file or folder that is missing, damaged, incomplete or of another kind, and
         for a bad tile set. The message names the file.
     """
     given: UserValue = what
@@ -146,7 +146,7 @@ def _collect_files(
             driven.append((str(source), *rides))
         else:
             found = read_maps(source)
-            names = [str(source)] if len(found) == 1 else [f"{source} {place}" for place in range(len(found))]
+            names = [str(source)] if len(found) == 1 else [f"{source} {index}" for index in range(len(found))]
             maps += zip(names, found, strict=True)
     grids = [grid for run in runs for grid in run.grids] + [road_map.codes for _, road_map in maps]
     maps += [(name, RoadMap(grid)) for name, grid, _ in driven if not any(np.array_equal(grid, one) for one in grids)]
@@ -154,7 +154,7 @@ def _collect_files(
     runs = [run._replace(name=name) for run, name in zip(runs, names, strict=True)]
     blended = next((one for run in runs if isinstance(one := _setting(run, "blend"), bool)), None)
     if tiles is None and own is None and (lost := next(filter(None, (_setting(run, "tiles") for run in runs)), None)):
-        announce(f"the tile pictures of the run are not in {lost}; the package's own are shown, --tiles names others")
+        announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
     tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
     return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
@@ -163,14 +163,7 @@ def _collect_files(
 def collect_result(
     result: "Result", name: str = "result", *, tiles: TileSet | None = None, tile_px: int = 64
 ) -> Payload:
-    """Collects the result of a search in memory.
-
-    Args:
-      result: of `evolve`, of one seed or of many.
-      name: to show.
-      tiles: the tile pictures; by default the package's own.
-      tile_px: side of a tile's picture in pixels, 16 to 512.
-    """
+    """Collects the result of a search in memory, of one seed or of many; see `collect` for the arguments."""
     return _pack([_from_result(result, name)], tiles or load_tiles(), tile_px, name)
 
 
@@ -181,17 +174,7 @@ def collect_results(
     tiles: TileSet | None = None,
     tile_px: int = 64,
 ) -> Payload:
-    """Collects results of searches, and maps of other methods, to be shown side by side; see `collect_result`.
-
-    Args:
-      results: at least one, by name.
-      seeds: how many of each result to show, the first ones; by default all.
-      tiles: the tile pictures; by default the package's own.
-      tile_px: side of a tile's picture in pixels, 16 to 512.
-
-    Raises:
-      InputError: for no result, or one without elites.
-    """
+    """Collects results of searches, and maps of other methods, by name; of each result the first `seeds` seeds."""
     runs: list[_Finds] = []
     for name, one in results.items():
         runs += _of_maps(one, name) if isinstance(one, Iterable) else [_from_result(one, name, seeds)]
@@ -203,17 +186,7 @@ def collect_results(
 def collect_maps(
     maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64, title: str = ""
 ) -> Payload:
-    """Collects maps in memory; see `collect_result`.
-
-    Args:
-      maps: at least one.
-      tiles: the tile pictures; by default the package's own.
-      tile_px: side of a tile's picture in pixels, 16 to 512.
-      title: of the page.
-
-    Raises:
-      InputError: for no map.
-    """
+    """Collects maps in memory; see `collect` for the arguments."""
     runs = _of_maps(maps, "")
     if not runs:
         raise InputError("maps: expected at least one, got none")
@@ -221,13 +194,13 @@ def collect_maps(
 
 
 def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:
-    found = _by_size([(f"map {number}", road_map) for number, road_map in enumerate(maps)])
+    found = _by_size([(f"map {index}", road_map) for index, road_map in enumerate(maps)])
     names = [group if group and len(found) == 1 else ", ".join(filter(None, (group, run.name))) for run in found]
     return [run._replace(name=name) for run, name in zip(found, names, strict=True)]
 
 
 def _run_folders(folder: Path) -> list[Path]:
-    """Returns a folder of a run, or the folders of runs in it."""
+    """Returns the folder of a run, or the folders of runs in a folder."""
     if (folder / "run.json").is_file() or (folder / "archive.npz").is_file():
         return [folder]
     found = sorted(file.parent for file in folder.glob("*/run.json"))
@@ -238,7 +211,7 @@ def _run_folders(folder: Path) -> list[Path]:
 
 
 def _read_run(folder: Path) -> _Finds:
-    """Reads the folder of a run: its record, its archive, its chosen maps; at least one of the latter two."""
+    """Reads the folder of a run: its record, and its archive, its chosen maps or both."""
     file = folder / "run.json"
     record = _read_record(file)
     chosen = [(path.parent.name, read_map(path)) for path in sorted(folder.glob("maps/*/map.json"))]
@@ -263,7 +236,7 @@ def _read_record(file: Path) -> dict[str, Plain]:
     try:
         record = read_json(file)
     except OSError:
-        unfinished = "; its search is not done, the same generate command continues it" * has_unfinished(file.parent)
+        unfinished = "; its search is unfinished, the same generate command resumes it" * has_unfinished(file.parent)
         raise InputError(f"{file.parent}: expected a folder with run.json, got one without{unfinished}") from None
     except (ValueError, RecursionError) as error:
         words = str(error).removeprefix(f"{file}: ")
@@ -334,7 +307,7 @@ def has_usual_fitness(result: "Result") -> bool:
 
 
 def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
-    """Returns the certified optima of flawless networks by cyclomatic number, where they hold for a search."""
+    """Returns the certified optima of flawless networks by cyclomatic number, if they apply to a search."""
     spec = result.spec
     name = f"{shape[0]}x{shape[1]}{'A' if spec.repair_fills else 'B'}"
     if name not in SIZES or spec.all_weights != Weights() or spec.feature_weights or spec.rules is not None:
@@ -344,7 +317,6 @@ def _floors(result: "Result", shape: tuple[int, int]) -> dict[int, int] | None:
 
 
 def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
-    """Finds the chosen maps among the grids of their run."""
     index_of: dict[bytes, int] = {}
     for index, grid in enumerate(run.grids):
         index_of.setdefault(grid.tobytes(), index)
@@ -360,7 +332,6 @@ def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
 
 
 def _with_rides(run: _Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[RecordedRide]]]) -> _Finds:
-    """Gives each grid of a run the rides that were driven on it."""
     found = [
         (int(index), ride)
         for _, grid, rides in driven
@@ -372,7 +343,6 @@ def _with_rides(run: _Finds, driven: Sequence[tuple[str, NDArray[np.int8], list[
 
 
 def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
-    """Makes a run of the maps of each size."""
     sizes: dict[tuple[int, ...], list[tuple[str, RoadMap]]] = {}
     for name, road_map in maps:
         sizes.setdefault(road_map.codes.shape, []).append((name, road_map))
@@ -416,15 +386,14 @@ def _find_tiles(folder: Path, run: _Finds) -> Path | None:
     if not isinstance(tiles, str):
         return None
     name = recorded.get("name") if isinstance(recorded, dict) else None
-    for place in (Path(), *folder.absolute().parents):
+    for parent in (Path(), *folder.absolute().parents):
         with suppress(InputError):  # another folder of this name
-            if (place / tiles).is_dir() and load_tiles(place / tiles).name == name:
-                return place / tiles
+            if (parent / tiles).is_dir() and load_tiles(parent / tiles).name == name:
+                return parent / tiles
     return None
 
 
 def _setting(run: _Finds, name: str) -> Plain:
-    """Returns a setting of a run, None if it is not known."""
     settings = run.record.get("settings")
     return settings.get(name) if isinstance(settings, dict) else None
 
@@ -437,7 +406,7 @@ def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> P
         "version": __version__,
         "title": title,
         "tiles": _tile_values(tiles, tile_px),
-        # A prefix of the numbers that `choose_tiles` draws for the seed 0, whatever the map's shape.
+        # The first numbers that `choose_tiles` draws for seed 0 and any shape.
         "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
         "runs": [_run_values(run, tiles, blob) for run in runs],
     }
@@ -495,7 +464,7 @@ def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
 
 
 def _tile_values(tiles: TileSet, tile_px: int) -> dict[str, Plain]:
-    """Returns the tile pictures, each once, and whether they are to be brought together."""
+    """Returns each tile picture once, and whether the page blends them."""
     drawn, compared = _layers(tiles, tile_px), tiles.blend and tile_px != COMPARED_PX and _layers(tiles, COMPARED_PX)
     pictures: list[dict[str, Plain]] = [
         {"name": tile.name, "code": int(tile.code)} | drawn[index] | ({"compared": compared[index]} if compared else {})

@@ -10,11 +10,11 @@ from elitelanes_jax._util.types import AnyArray, Plain
 
 
 class Payload(NamedTuple):
-    """All that the explorer shows.
+    """The contents of the explorer.
 
     Attributes:
-      values: for JSON. A table ``{"array": [dtype, start, count]}`` stands for an array: its numbers are little-endian,
-        from that byte of the blob.
+      values: for JSON. A table ``{"array": [dtype, start, count]}`` represents an array: its little-endian numbers
+        start at that byte of the blob.
       blob: the arrays, one after another, compressed by zlib.
     """
 
@@ -23,27 +23,26 @@ class Payload(NamedTuple):
 
 
 class Blob:
-    """A row of arrays that grows."""
+    """The bytes of arrays, one after another."""
 
     def __init__(self) -> None:
         self._parts: list[bytes] = []
         self._size = 0
 
     def add(self, array: AnyArray, dtype: str) -> dict[str, Plain]:
-        """Adds an array; returns what stands for it among the values."""
+        """Adds an array; returns the table that represents it."""
         content = np.ascontiguousarray(array, np.dtype(dtype).newbyteorder("<")).tobytes()
         start = self._size
-        padding = -len(content) % 8  # so that each starts where its type may
+        padding = -len(content) % 8  # so that every array is aligned
         self._parts += [content, bytes(padding)]
         self._size += len(content) + padding
         return {"array": [dtype, start, len(content) // np.dtype(dtype).itemsize]}
 
     def add_codes(self, grids: NDArray[np.int8]) -> dict[str, Plain]:
-        """Adds tile codes, two a byte, the first in the lower half; returns what stands for them."""
+        """Adds tile codes, two per byte, the first in the lower half; returns the table that represents them."""
         flat = grids.reshape(-1).astype(np.uint8)
         flat = np.pad(flat, (0, flat.size % 2))
         return self.add(flat[::2] | flat[1::2] << 4, "uint8") | {"codes": grids.size}
 
     def packed(self) -> bytes:
-        """Returns the whole row, compressed."""
         return zlib.compress(b"".join(self._parts), 9)

@@ -24,14 +24,14 @@ _Continue = Callable[[_Grid, "Result"], "Result"]
 def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = None) -> Untyped:
     """Shows a result, maps, or folders of runs in a notebook.
 
-    The widget has the page's views. Its ``grid`` is the map that is drawn, int8 ``[H, W]``, None before one is; its
-    ``result`` the result that is shown, None for anything else. ``observe`` tells of changes, as of any widget's. With
-    a result the editor has a button that continues the search from the drawing; the widget then shows what it found.
+    The widget has the page's views. Its ``grid`` is the drawn map, int8 ``[H, W]``, or None before a map is drawn. Its
+    ``result`` is the shown result, None for anything else. Both are observed with ``observe``. For a result, a button
+    of the editor continues the search from the drawn map; the widget then shows the new result.
 
     Args:
       what: a `Result`, a `RoadMap` or several, or a path or several, as `collect` takes them.
       tile_px: side of a tile's picture in pixels, 16 to 512.
-      on_continue: from the drawn grid and the result that is shown to the next result; by default `continue_search`.
+      on_continue: takes the drawn grid and the shown result, and returns the next result; by default `continue_search`.
 
     Returns:
       The widget.
@@ -45,14 +45,14 @@ def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = 
 
 
 def continue_search(grid: _Grid, result: "Result") -> "Result":
-    """Searches again as a result was searched for, with a drawn map among the first ones, for the seed 0.
+    """Repeats the search of a result with seed 0, and with a drawn map among the initial maps.
 
     Args:
       grid: int8 ``[H, W]``.
-      result: whose specification is taken.
+      result: of the search to repeat.
 
     Raises:
-      InputError: for a map of another size, or a result of a user's fitness, which a result does not keep.
+      InputError: for a map of another size, or a result of a user's fitness, which results do not store.
     """
     from elitelanes_jax.search.evolution import evolve
 
@@ -60,14 +60,14 @@ def continue_search(grid: _Grid, result: "Result") -> "Result":
     if grid.shape != (height, width):
         raise InputError(f"grid: expected {height} x {width}, as the search's, got {grid.shape[0]} x {grid.shape[1]}")
     if not has_usual_fitness(result):
-        raise InputError("fitness: expected the usual one, got a user's, which no result keeps; pass on_continue")
+        raise InputError("fitness: expected the usual one, got a user's, which results do not store; pass on_continue")
     seeds = 1 if result.elites.valid.ndim == 1 else len(result.elites.valid)
     return evolve(0, (height, width), seeds=seeds, spec=result.spec, initial=[grid])
 
 
 @cache
 def _widget_class() -> Untyped:
-    """Makes the widget's class: its base is there only where anywidget is."""
+    """Makes the widget's class, whose base needs anywidget."""
     anywidget = import_optional("anywidget", "the explorer in a notebook needs anywidget")
     traitlets = import_optional("traitlets", "the explorer in a notebook needs traitlets")
 
@@ -98,7 +98,7 @@ def _widget_class() -> Untyped:
             try:
                 self.result = self._continue(np.array(content["continue"], np.int8), self.result)
                 payload = collect_result(self.result, tile_px=self._tile_px)
-            except Exception as error:  # else only the notebook's log would have it
+            except Exception as error:  # otherwise only the notebook's log would show it
                 self.send({"message": str(error)})
                 raise
             with self.hold_sync():

@@ -1,4 +1,4 @@
-"""The explorer as one HTML file: no server, and nothing is fetched from anywhere."""
+"""The explorer as one HTML file, without a server and without requests."""
 
 import base64
 import json
@@ -37,16 +37,16 @@ def explore(
       what: a `Result`, a `RoadMap` or several, or a path or several; see `collect`.
       out: the file, new.
       tiles: folder of the tile pictures; see `collect`.
-      blend: whether they are brought together; see `collect`.
+      blend: whether to blend the tiles; see `collect`.
       tile_px: side of a tile's picture in pixels, 16 to 512.
       title: of the page.
-      force: whether a page that was written before is replaced.
+      force: whether an earlier page is replaced.
 
     Returns:
-      The bytes written.
+      The number of bytes written.
 
     Raises:
-      InputError: as `collect`; or for a file that is there, unless it is such a page and `force` is given.
+      InputError: as `collect`; or for a file that exists, unless it is such a page and `force` is given.
       OSError: if it cannot be written.
     """
     out = Path(out)
@@ -57,7 +57,7 @@ def explore(
 
 
 def page_of(payload: Payload) -> str:
-    """Returns the text of the page. A policy in it forbids the browser every request."""
+    """Returns the text of the page. Its policy forbids the browser all requests."""
     script, style = static_text("explorer.js"), static_text("explorer.css")
     allowed = base64.b64encode(sha256(script.encode()).digest()).decode()
     policy = f"default-src 'none'; script-src 'sha256-{allowed}'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -68,7 +68,7 @@ def page_of(payload: Payload) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)} · Elite Lanes</title>\n<style>{style}</style>\n</head>\n"
         '<body>\n<main id="elitelanes-explorer"></main>\n'
-        "<noscript>This page draws itself with JavaScript, which is switched off here.</noscript>\n"
+        "<noscript>This page needs JavaScript, which is switched off.</noscript>\n"
         f'<script type="application/json" id="elitelanes-values">{_json(payload.values)}</script>\n'
         '<script type="text/plain" id="elitelanes-blob">'
         f"{base64.b64encode(payload.blob).decode()}</script>\n"
@@ -82,7 +82,7 @@ def static_text(name: str) -> str:
 
 
 def _json(values: object) -> str:
-    """Writes JSON that can stand in a page: whatever a name holds, none of it is read as HTML."""
+    """Returns JSON that is safe inside a page: no name is read as HTML."""
     text = json.dumps(values, allow_nan=False, separators=(",", ":"))
     return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
