@@ -1,4 +1,4 @@
-"""Command-line options made from records of settings, and the types of all other arguments."""
+"""Command-line options made from records, and the types of all other arguments."""
 
 import argparse
 import re
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import NoReturn, TypeAlias
 
-from elitelanes_jax._util.checks import Check, path, switch, whole
+from elitelanes_jax._util.checks import Check, folder, path, switch, whole
 from elitelanes_jax._util.errors import InputError, suggest
 from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.records import Option, Record, descriptions
@@ -24,7 +24,7 @@ JAX_COMPILATION_CACHE_DIR names another folder."""
 
 
 class _Once(argparse.Action):
-    """Stores the value of an option without a default, and refuses a second one."""
+    """Stores the value of an option without a default, and refuses a second value."""
 
     def __call__(self, *given: Untyped) -> None:
         namespace, value = given[1:3]
@@ -34,10 +34,9 @@ class _Once(argparse.Action):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, and exit code 2; of an unknown option it says which is probably meant."""
+    """A parser whose errors are one line with exit code 2. For an unknown option it suggests a known one."""
 
     def parse_known_args(self, *given: Untyped, **named: Untyped) -> Untyped:
-        """Parses, and exits where anything is left over."""
         found, left = super().parse_known_args(*given, **named)
         if left:
             meant = suggest(left[0], self._option_string_actions) if left[0].startswith("--") else ""
@@ -45,12 +44,11 @@ class Parser(argparse.ArgumentParser):
         return found, left
 
     def error(self, message: str) -> NoReturn:
-        """Exits with the message."""
         self.exit(2, f"{self.prog}: {message}\n")
 
 
 def checked_by(check: Check) -> Callable[[str], UserValue]:
-    """Makes a type of argument of a check."""
+    """Makes a type of argument from a check."""
 
     def parse(text: str) -> UserValue:
         try:
@@ -62,13 +60,9 @@ def checked_by(check: Check) -> Callable[[str], UserValue]:
 
 
 def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
-    """Adds an option for each field of a record that has a metavar, and of the records in its other fields.
+    """Adds an option for each field of a record that has a metavar, also in nested records.
 
-    The option's help is the field's description in the record's docstring, with the default.
-
-    Args:
-      command: to add to.
-      defaults: the record; its values are the defaults.
+    The option's help is the field's description in the record's docstring, with the default: the field's value.
     """
     said = descriptions(type(defaults))
     for name, option in defaults.options().items():
@@ -82,9 +76,16 @@ def add_options(command: argparse.ArgumentParser, defaults: Record) -> None:
 
 
 def add_map(command: argparse.ArgumentParser) -> None:
-    """Adds the file of a map to a command that draws one."""
+    """Adds the file of a map to a command."""
     command.add_argument(
         "map", type=checked_by(path), help="a map.json, any JSON file with codes, or a Duckietown map, .yaml"
+    )
+
+
+def add_out(command: argparse.ArgumentParser) -> None:
+    """Adds ``--out`` to a command that writes a folder."""
+    command.add_argument(
+        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
     )
 
 
@@ -101,29 +102,29 @@ def add_tile_pictures(command: argparse.ArgumentParser, tile_px: int = 64, usual
 
 
 def add_blend(command: argparse.ArgumentParser) -> None:
-    """Adds ``--blend`` to a command that draws maps whole."""
+    """Adds ``--blend`` to a command that draws whole maps."""
     command.add_argument(
         "--blend",
         type=checked_by(switch),
         metavar="on|off",
-        help="bring the light of the tiles together and feather their seams; by default as the set says, photographs "
-        "are",
+        help="align the brightness of the tiles and feather their seams; by default as the tile set says, which is on "
+        "for photographs",
     )
 
 
 def add_force(command: argparse.ArgumentParser) -> None:
     """Adds ``--force`` to a command that writes a folder."""
     command.add_argument(
-        "--force", action="store_true", help="replace the folder, if an earlier run wrote it and nothing else is in it"
+        "--force", action="store_true", help="replace the folder, if an earlier run wrote all files in it"
     )
 
 
 def add_verbosity(command: argparse.ArgumentParser) -> None:
-    """Adds ``--quiet`` and ``--verbose`` to a command that works for long."""
+    """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
     either = command.add_mutually_exclusive_group()
     for flag, level, words in (
         ("--quiet", Verbosity.QUIET, "print nothing but errors"),
-        ("--verbose", Verbosity.VERBOSE, "tell each step and how long it took"),
+        ("--verbose", Verbosity.VERBOSE, "print each step and its time"),
     ):
         either.add_argument(
             flag, dest="verbosity", action="store_const", const=level, help=words, default=argparse.SUPPRESS
@@ -131,14 +132,14 @@ def add_verbosity(command: argparse.ArgumentParser) -> None:
 
 
 def add_cores(command: argparse.ArgumentParser) -> None:
-    """Adds ``--cores`` to a command that works on all of them."""
+    """Adds ``--cores`` to a command that uses several cores."""
     command.add_argument(
         "--cores",
         action=_Cores,
         type=checked_by(whole(1, 1024)),
         default=argparse.SUPPRESS,
         metavar="N",
-        help="work on at most so many of the processor's cores; by default on all. The results are the same",
+        help="use at most N cores of the processor; by default all. The results are the same",
     )
 
 
@@ -148,20 +149,16 @@ class _Cores(argparse.Action):
 
 
 def add_scheduler(command: argparse.ArgumentParser) -> None:
-    """Adds ``--scheduler`` to a command that a cluster can work for."""
+    """Adds ``--scheduler`` to a command that can run on a cluster."""
     command.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="work on the workers of a Dask cluster, which share the disk: that of its scheduler, tcp://HOST:8786",
+        help="run on the workers of a Dask cluster, which share the disk; its scheduler, such as tcp://HOST:8786",
     )
 
 
 def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
-    """Returns the record with the values that were given on the command line.
-
-    Raises:
-      InputError: for a value that its field's check refuses; the message names the option.
-    """
+    """Returns the record with the values from the command line; errors name the option."""
     values: dict[str, Untyped] = {}
     for name, option in defaults.options().items():
         default = getattr(defaults, name)
@@ -175,11 +172,11 @@ def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
 
 @contextmanager
 def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
-    """Lets errors in its block that start with the name of a field start with the option's name.
+    """Makes errors in its block that start with the name of a field start with the option's name.
 
     Args:
       defaults: the record with the fields.
-      *only: names of fields; by default of all. A file in a message may have the name of another.
+      *only: names of fields; by default all. A file in a message may have the name of another field.
       **more: options by other names that errors may start with.
     """
     try:
@@ -196,7 +193,7 @@ def _name_flag(message: str, flags: Mapping[str, str]) -> str:
 
 
 def _flags(defaults: Record) -> dict[str, str]:
-    """Returns the options for the fields of a record, and of the records in its fields, by name."""
+    """Returns the option of each field of a record and of its nested records, by name."""
     found: dict[str, str] = {}
     for name, option in defaults.options().items():
         default = getattr(defaults, name)

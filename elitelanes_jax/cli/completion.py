@@ -15,7 +15,7 @@ _LOADING = """add one line to the file that the shell reads when it starts:
   ~/.config/fish/config.fish  elitelanes completion fish | source
 """
 
-# Names are followed by a value, not by a space; words without a completion are files.
+# No space follows a name that a value follows. Words without a completion are files.
 _BASH = """
 _elitelanes() {
   _shtab_elitelanes
@@ -26,12 +26,6 @@ complete -o default -F _elitelanes elitelanes"""
 
 
 def add_completion(commands: Commands, make_parser: Callable[[], argparse.ArgumentParser]) -> None:
-    """Adds the command to a parser.
-
-    Args:
-      commands: the commands of the parser.
-      make_parser: makes the parser of all commands.
-    """
     command = commands.add_parser(
         "completion",
         help="print a script with which a shell completes commands",
@@ -57,7 +51,7 @@ def add_completion(commands: Commands, make_parser: Callable[[], argparse.Argume
 
 
 def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tuple[str, argparse.Action]]:
-    """Yields all arguments, each with the name of the option or, for others, of the command."""
+    """Yields all arguments, each with the name of the option or, for positional arguments, of the command."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for name, below in action.choices.items():
@@ -67,7 +61,7 @@ def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tup
 
 
 def _words() -> dict[str, list[str]]:
-    """Returns the words with which values of arguments begin, by the name of the option or command."""
+    """Returns the first words of the values of arguments, by the name of the option or command."""
     from elitelanes_jax.cli.export import FORMATS, TABLES
     from elitelanes_jax.dataset.spec import LAYOUTS
     from elitelanes_jax.network.weights import Weights

@@ -2,7 +2,6 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import folder
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
@@ -11,35 +10,28 @@ from elitelanes_jax.cli.arguments import (
     add_cores,
     add_force,
     add_options,
+    add_out,
     add_scheduler,
     add_verbosity,
-    checked_by,
     naming_options,
     read_options,
 )
 from elitelanes_jax.cli.program import fail, say
 
-_CONTINUES = "what is complete stays, and the same command continues from there"
+_CONTINUES = "complete files are kept, and the same command resumes"
 
 
 def add_dataset(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     from elitelanes_jax.dataset.spec import DatasetSpec
 
     command = commands.add_parser(
         "dataset",
         help="make a dataset for segmentation",
         description="Evolves maps of mixed sizes, or takes given ones, draws them, and writes pictures, labels and "
-        "metadata in splits. Interrupted or killed, it continues when it is started again.",
+        "metadata in splits. After an interruption or a kill, the same command resumes.",
         epilog=COMPILING,
     )
-    command.add_argument(
-        "--out",
-        type=checked_by(folder),
-        required=True,
-        metavar="DIR",
-        help="folder to write to: new, empty or begun before",
-    )
+    add_out(command)
     add_options(command, DatasetSpec())
     add_scheduler(command)
     add_force(command)

@@ -10,7 +10,6 @@ from elitelanes_jax.cli.program import say
 
 
 def add_drive(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     command = commands.add_parser(
         "drive",
         help="drive on a map and film it",
@@ -22,7 +21,7 @@ def add_drive(commands: Commands) -> None:
         type=_film_or_picture,
         required=True,
         metavar="FILE",
-        help="new file: a film of one ride, .mp4 or .gif, a .png with the trails of all, or a .json that explore plays",
+        help="new file: a film of one ride, .mp4 or .gif; a .png with all trails; or a .json for elitelanes explore",
     )
     command.add_argument(
         "--policy",
@@ -43,7 +42,7 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(real(0, 600, unit="seconds, a number", exclusive=True)),
         default=60,
         metavar="S",
-        help="after which a ride ends; in 2 seconds or more, all drawn goals can be reached; by default 60",
+        help="length of a ride; from 2 seconds on, all goals are within reach; by default 60",
     )
     add_tile_pictures(command, 128)
     add_blend(command)
@@ -52,7 +51,7 @@ def add_drive(commands: Commands) -> None:
         type=checked_by(whole(0, 2**31 - 1)),
         default=0,
         metavar="N",
-        help="of the starts, the goals and the wheels; by default 0",
+        help="seed of the starts, the goals and the wheels; by default 0",
     )
     command.set_defaults(action=_drive)
 

@@ -18,12 +18,11 @@ _EXAMPLES = """examples:
 
 
 def add_explore(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     command = commands.add_parser(
         "explore",
-        help="look through runs and maps, and draw maps, in a browser",
-        description="Writes one page, without a server, to look through all niches of runs, to open, filter and "
-        "compare their maps, and to draw others.",
+        help="show runs and maps in a browser, and draw maps",
+        description="Writes one page, without a server, that shows all niches of runs, opens, filters and compares "
+        "maps, and edits maps.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -32,8 +31,8 @@ def add_explore(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="RUN_DIR|MAP",
-        help="a folder of generate or pick, or one of such folders; an archive.npz; a map.json or a Duckietown .yaml; "
-        "rides of drive, .json",
+        help="a folder of generate or pick, or a folder of such folders; an archive.npz; a map.json or a Duckietown "
+        ".yaml; rides of drive, .json",
     )
     command.add_argument(
         "--out",
@@ -42,19 +41,20 @@ def add_explore(commands: Commands) -> None:
         help=f"new file; by default {_PAGE} in the folder of the run, or here for several runs and for maps",
     )
     command.add_argument(
-        "--title", type=checked_by(name), metavar="TEXT", help="of the page; by default the run's name"
+        "--title", type=checked_by(name), metavar="TEXT", help="title of the page; by default the run's name"
     )
     command.add_argument("--open", action="store_true", help="open the page in the browser")
-    add_tile_pictures(command, usual="those of the first run if they are found, else the package's own")
+    add_tile_pictures(command, usual="the first run's, or if they are not found the package's own")
     add_blend(command)
-    command.add_argument("--force", action="store_true", help="replace a page that was written before")
+    command.add_argument("--force", action="store_true", help="replace an earlier page")
     command.set_defaults(action=_explore)
 
 
 def _explore(options: argparse.Namespace) -> int:
     from elitelanes_jax.explorer.page import explore
 
-    out = options.out or _default_place(options.sources)
+    first = options.sources[0]
+    out = options.out or (first / _PAGE if len(options.sources) == 1 and first.is_dir() else Path(_PAGE))
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out: expected a name that ends in .html, got {out}")
     size = explore(
@@ -68,16 +68,8 @@ def _explore(options: argparse.Namespace) -> int:
     )
     say(f"{size / 2**20:.1f} MiB in {out}")
     if options.open:
-        _open(out)
+        import webbrowser
+
+        if not webbrowser.open(out.resolve().as_uri()):
+            say("no browser was found; open the page in one")
     return 0
-
-
-def _default_place(sources: list[Path]) -> Path:
-    return sources[0] / _PAGE if len(sources) == 1 and sources[0].is_dir() else Path(_PAGE)
-
-
-def _open(page: Path) -> None:
-    import webbrowser
-
-    if not webbrowser.open(page.resolve().as_uri()):
-        say("no browser was found; open the page in one")

@@ -27,7 +27,7 @@ class _Files(NamedTuple):
 
 
 class _Format(NamedTuple):
-    """A format with files for each map: their suffixes, the function that makes their texts, and its options."""
+    """A format that writes files for each map: their suffixes, the function that makes their texts, and its options."""
 
     suffixes: tuple[str, ...]
     files: Callable[..., _Files]
@@ -59,7 +59,7 @@ def _sumo(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
 _STREETS = ("tile_size", "lane", "speed", "right_of_way")
 _PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
 
-# By the names that --to takes: the formats of a map, and those of tables.
+# The values of --to: formats of maps, and of tables.
 FORMATS = {
     "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
     "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
@@ -70,7 +70,7 @@ FORMATS = {
 }
 TABLES = ("json", "csv")
 
-# Every format can hold this map: an error with it is one of a setting or a missing package.
+# Every format can represent this map, so an error with it is due to an option or a missing package.
 _LOOP = [[6, 3], [12, 9]]
 
 _MOST_WARNINGS = 3
@@ -81,14 +81,14 @@ _name = none_or(name)
 
 @dataclass(frozen=True)
 class _FormatOptions(Record):
-    """Settings of some formats.
+    """Options of some formats.
 
     Attributes:
-      tile_size: side of a tile; by default 0.585, as Duckietown has it, or 30 for networks
+      tile_size: side of a tile; by default 0.585, as in Duckietown, or 30 for networks
       ground: kind of Duckietown's cells without a road: grass (the default), floor, asphalt, empty
       dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
       lane: width of a network's lanes; by default 3.2
-      speed: limit in a network, in metres a second; by default 8.33
+      speed: speed limit in a network, in metres a second; by default 8.33
       right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
     """
 
@@ -101,7 +101,6 @@ class _FormatOptions(Record):
 
 
 def add_export(commands: Commands) -> None:
-    """Adds the command ``export`` to a parser's commands."""
     command = commands.add_parser(
         "export",
         help="maps for other programs, or a table of their metrics",
@@ -118,7 +117,7 @@ def add_export(commands: Commands) -> None:
         type=checked_by(path),
         required=True,
         metavar="PATH",
-        help="a new file, if it ends as the one of the format does or is a table; else a folder, new or empty",
+        help="a new file, if it has the format's suffix or is a table; otherwise a folder, new or empty",
     )
     add_options(command, _FormatOptions())
     command.set_defaults(action=_export)
@@ -182,32 +181,32 @@ def _write_maps(
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
-        places = _places(files)
+        names = _names(files)
         with output_folder(out, {"command": "export"}) as work:
-            for file, codes, place in zip(files, grids, places, strict=True):
+            for file, codes, stem in zip(files, grids, names, strict=True):
                 for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
-                    write_atomic(work.files / (place + suffix), text.encode())
+                    write_atomic(work.files / (stem + suffix), text.encode())
     return warnings
 
 
-def _places(files: Sequence[Path]) -> list[str]:
-    """Returns a file name for each map, without suffix: the part of its path that differs, 0003 of 0003/map.json."""
+def _names(files: Sequence[Path]) -> list[str]:
+    """Returns a file name for each map, without suffix: the part of its path that differs, 0003 for 0003/map.json."""
     stems = [Path(os.path.normpath(file.absolute())).with_suffix("") for file in files]
     stems = [stem.parent if stem.name == "map" else stem for stem in stems]
     root = os.path.commonpath([stem.parent for stem in stems])
-    places = ["-".join(stem.relative_to(root).parts) for stem in stems]
+    names = ["-".join(stem.relative_to(root).parts) for stem in stems]
     first: dict[str, Path] = {}
-    for file, place in zip(files, places, strict=True):
-        if first.setdefault(place, file) is not file:
-            raise InputError(f"{file}: expected maps of different names, got two for {place}")
-    return places
+    for file, stem in zip(files, names, strict=True):
+        if first.setdefault(stem, file) is not file:
+            raise InputError(f"{file}: expected maps of different names, got two for {stem}")
+    return names
 
 
 def _write_new(file: Path, text: str) -> None:
     from elitelanes_jax._util.files import check_new, write_atomic
 
     check_new(file)
-    write_atomic(file, text.encode(errors="surrogateescape"))  # a table has names of files, whatever they are made of
+    write_atomic(file, text.encode(errors="surrogateescape"))  # names of files in a table may have any bytes
 
 
 def _warn(warnings: Sequence[str]) -> None:
@@ -232,7 +231,6 @@ def _table(to: str, names: Sequence[str], grids: Sequence[AnyArray]) -> str:
 
 
 def add_show(commands: Commands) -> None:
-    """Adds the command ``show`` to a parser's commands."""
     command = commands.add_parser("show", help="draw a map in the terminal, with its metrics")
     command.add_argument("map", type=checked_by(path), metavar="MAP", help="a map.json, or a map of Duckietown, .yaml")
     command.set_defaults(action=_show)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elitelanes_jax._util.checks import folder
 from elitelanes_jax._util.errors import NotEnoughMapsError, pluralize
 from elitelanes_jax._util.progress import detail
 from elitelanes_jax.cli.arguments import (
@@ -15,9 +14,9 @@ from elitelanes_jax.cli.arguments import (
     add_cores,
     add_force,
     add_options,
+    add_out,
     add_scheduler,
     add_verbosity,
-    checked_by,
     read_options,
 )
 from elitelanes_jax.cli.program import INTERRUPTED, fail, program_name, say
@@ -25,9 +24,8 @@ from elitelanes_jax.cli.program import INTERRUPTED, fail, program_name, say
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
 
-_CONTINUES = "what is found is kept, and the same command continues from there"
-_KEPT = "; what is found is kept: fewer maps need no new search, and more evaluations continue it"
-
+_CONTINUES = "the elites are kept, and the same command resumes"
+_KEPT = "; the elites are kept: fewer maps need no new search, and more evaluations extend it"
 
 _COLUMNS = (
     "fitness",
@@ -51,7 +49,6 @@ _EXAMPLES = """examples:
 
 
 def add_generate(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     from elitelanes_jax.maps.spec import GenerateSpec
 
     command = commands.add_parser(
@@ -61,9 +58,7 @@ def add_generate(commands: Commands) -> None:
         epilog=f"{_EXAMPLES}\n{COMPILING}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    command.add_argument(
-        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
-    )
+    add_out(command)
     add_options(command, GenerateSpec())
     add_scheduler(command)
     add_force(command)
@@ -96,12 +91,12 @@ def _generate(options: argparse.Namespace) -> int:
     except NotEnoughMapsError as error:
         return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
     if spec.part is None:
-        explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all that was found"
+        explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")
     else:
-        number, count = spec.part
+        index, count = spec.part
         seeds = f"seeds {spec.seed_indices[0]} to {spec.seed_indices[-1]}"
-        say(f"part {number} of {count}, {seeds}, in {options.out}; elitelanes merge puts all parts together")
+        say(f"part {index} of {count}, {seeds}, in {options.out}; elitelanes merge joins all parts")
     return 0
 
 
@@ -109,15 +104,15 @@ def describe_maps(maps: "Sequence[RoadMap]", wanted: int, out: Path) -> str:
     """Returns a table of the maps that were written to a folder."""
     heads = ("map", *(name.replace("_", " ") for name in _COLUMNS))
     lines = ["  ".join(heads)]
-    for number, road_map in enumerate(maps):
+    for index, road_map in enumerate(maps):
         figures = {"fitness": road_map.fitness} | dict(road_map.metrics or {})
-        row = [f"{number:04d}", *(str(figures[name]) for name in _COLUMNS)]
+        row = [f"{index:04d}", *(str(figures[name]) for name in _COLUMNS)]
         lines.append("  ".join(cell.rjust(len(head)) for cell, head in zip(row, heads, strict=True)))
     of = f" of {wanted:,}" if len(maps) < wanted else ""
     sheet = f"{'it is' if len(maps) == 1 else 'all of them'} on {out / 'contact-sheet.png'}"
     lines.append(f"{pluralize(len(maps), 'map')}{of} in {out / 'maps'}, {sheet}")
     differences = [(road_map.metrics or {}).get("difference_from_examples") for road_map in maps]
-    known = [number for number in differences if number is not None]
+    known = [share for share in differences if share is not None]
     if known:
-        lines.append(f"they differ from the nearest given map in {min(known):.0%} to {max(known):.0%} of their cells")
+        lines.append(f"they differ from the nearest example map in {min(known):.0%} to {max(known):.0%} of their cells")
     return "\n".join(lines)

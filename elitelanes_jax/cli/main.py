@@ -1,4 +1,4 @@
-"""The command ``elitelanes``. JAX and OpenCV are slow to import: commands import what they need when they run."""
+"""The command ``elitelanes``. Commands import what they need when they run, because JAX and OpenCV load slowly."""
 
 import argparse
 import os
@@ -33,12 +33,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _act(options: argparse.Namespace) -> int:
-    """Does what a command does, unless it would replace a folder with something in it that it reads."""
+    """Runs a command, unless it would replace a folder that contains one of its inputs."""
     if getattr(options, "force", False) and options.out is not None:
         values = (value for name, value in vars(options).items() if name != "out")
         named = [one for value in values for one in (value if isinstance(value, list) else [value])]
         texts = [one for one in named if isinstance(one, str | Path)]
-        check_apart(options.out, filter(os.path.exists, texts))  # of a text too long for a path it says no
+        check_apart(options.out, filter(os.path.exists, texts))  # False for a text that is too long for a path
     return int(options.action(options))
 
 

@@ -2,30 +2,22 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import folder, path
-from elitelanes_jax.cli.arguments import Commands, add_force, add_verbosity, checked_by
+from elitelanes_jax._util.checks import path
+from elitelanes_jax.cli.arguments import Commands, add_force, add_out, add_verbosity, checked_by
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
 
 def add_merge(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     command = commands.add_parser(
         "merge",
-        help="put the parts of a run together",
-        description="Puts together what elitelanes generate --part has found, and writes the folder that one run "
-        "writes without parts.",
+        help="join the parts of a run",
+        description="Joins the results of elitelanes generate --part, and writes the folder of a run without parts.",
     )
     command.add_argument(
-        "parts",
-        type=checked_by(path),
-        nargs="+",
-        metavar="PART",
-        help="folders of all the parts, in any order",
+        "parts", type=checked_by(path), nargs="+", metavar="PART", help="folders of all parts, in any order"
     )
-    command.add_argument(
-        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
-    )
+    add_out(command)
     add_force(command)
     add_verbosity(command)
     command.set_defaults(action=_merge)

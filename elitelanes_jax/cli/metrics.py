@@ -12,12 +12,11 @@ _WIDTH = 110
 
 
 def add_metrics(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     command = commands.add_parser(
         "metrics",
-        help="list what maps can be asked for, or show one metric",
+        help="list all metrics, or show one",
         description="Lists all metrics and shares that --where, --axes and --weights name, with their ranges on maps "
-        "of 12 x 12 tiles as generate writes them; or shows one, with maps that have the least and the most of it.",
+        "of 12 x 12 tiles; or shows one, with maps of its smallest and largest value.",
     )
     command.add_argument("name", nargs="?", type=checked_by(name), metavar="NAME", help="the metric or share to show")
     command.set_defaults(action=_metrics)
@@ -37,16 +36,16 @@ def _metrics(options: argparse.Namespace) -> int:
         first, *more = wrap(meaning, _WIDTH - wide - 23)
         lines.append(f"{feature:{wide}}  {values:19}  {first}")
         lines += [f"{'':{wide + 23}}{line}" for line in more]
-    lines += ["", f"--where NAME=LOW..HIGH asks for a range; elitelanes metrics NAME shows one. {_NOTE}"]
+    lines += ["", f"--where NAME=LOW..HIGH sets a range; elitelanes metrics NAME shows one metric. {_NOTE}"]
     say("\n".join(lines), asked=True)
     return 0
 
 
 _NOTE = (
-    "Maps of these ranges were\nfound; none can go beyond, or beyond the number in parentheses. With --rules cells may "
-    "stay empty;\nwithout, a town feature marked filled has this one value."
+    "Searches\nfound maps with these ranges. A number in parentheses is a proven bound; without one the range is "
+    "proven.\nWith --rules cells may stay empty. Without, a town feature marked filled has this value on all maps."
 )
-_MEASURED = "measured only in searches that name it, as it costs time"
+_MEASURED = "measured only in searches that name it, because it costs time"
 
 
 def _show(feature: str, meaning: str, values: str) -> str:
@@ -60,7 +59,7 @@ def _show(feature: str, meaning: str, values: str) -> str:
     low, high = feature_range(feature)
     lines = [*wrap(f"{feature}: {meaning}", _WIDTH), "", f"{values} on maps of 12 x 12 tiles"]
     if low == high:
-        return "\n".join([*lines, "all maps that are written have this value"])
+        return "\n".join([*lines, "all maps of generate have this value"])
     least, most = (draw_text(grid).splitlines() for grid in extreme_maps(feature))
     lines += ["", f"{value_text(low):28}{value_text(high)}"]
     return "\n".join([*lines, *(f"{one:28}{other}" for one, other in zip_longest(least, most))])

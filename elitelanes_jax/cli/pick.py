@@ -2,8 +2,16 @@
 
 import argparse
 
-from elitelanes_jax._util.checks import folder, path
-from elitelanes_jax.cli.arguments import Commands, add_force, add_options, add_verbosity, checked_by, read_options
+from elitelanes_jax._util.checks import path
+from elitelanes_jax.cli.arguments import (
+    Commands,
+    add_force,
+    add_options,
+    add_out,
+    add_verbosity,
+    checked_by,
+    read_options,
+)
 from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.cli.program import say
 
@@ -15,22 +23,19 @@ _EXAMPLES = """examples:
 
 
 def add_pick(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     from elitelanes_jax.maps.spec import PickSpec
 
     command = commands.add_parser(
         "pick",
         help="choose more, other or filtered maps from archives of generate",
-        description="Chooses maps among all that earlier searches found, and draws them: without another search.",
+        description="Chooses maps among the elites of earlier searches, and draws them, without another search.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
         "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an archive.npz, of maps of one size"
     )
-    command.add_argument(
-        "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"
-    )
+    add_out(command)
     add_options(command, PickSpec())
     add_force(command)
     command.add_argument(
@@ -38,7 +43,7 @@ def add_pick(commands: Commands) -> None:
         dest="force",
         action="store_const",
         const="archive",
-        help="as --force, and also a folder with an archive.npz, which pick does not write again",
+        help="like --force, but also replace a folder with an archive.npz, which pick does not write again",
     )
     add_verbosity(command)
     command.set_defaults(action=_pick)

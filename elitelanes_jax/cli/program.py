@@ -22,13 +22,13 @@ INTERRUPTED = 130
 
 
 def guarded(program: str, action: Callable[[], int], interrupted: str, level: Verbosity = Verbosity.NORMAL) -> int:
-    """Does what a command does; returns its exit code.
+    """Runs a command; returns its exit code.
 
     Args:
       program: its name, for messages.
-      action: returns 0 when all went well.
-      interrupted: the state in which an interruption leaves things, for the message.
-      level: how much it prints.
+      action: returns 0 if the command succeeds.
+      interrupted: what an interruption leaves, for the message.
+      level: how much the command prints.
     """
     try:
         with reporting(level):
@@ -57,12 +57,12 @@ def _has_devices() -> bool:
 
     try:
         return bool(jax.devices())
-    except Exception:  # an AssertionError without words for some platforms
+    except Exception:  # for some platforms an AssertionError without a message
         return False
 
 
 def leave(main: Callable[[], int]) -> NoReturn:
-    """Runs a program's main function as the program; interrupted outside of `guarded`, it ends without a word."""
+    """Runs a program's main function as the program. An interruption outside of `guarded` prints nothing."""
     _complete_streams()
     with catch_interrupts():
         try:
@@ -74,7 +74,7 @@ def leave(main: Callable[[], int]) -> NoReturn:
         for stream in (sys.stdout, sys.stderr):
             _flush(stream)
         if code == INTERRUPTED:
-            os._exit(code)  # while a compiler thread is still at work, the interpreter's own way out crashes
+            os._exit(code)  # the interpreter's own exit crashes while a thread compiles
     raise SystemExit(code)
 
 
@@ -85,27 +85,21 @@ def program_name() -> str:
 
 
 def fail(program: str, message: str, code: int) -> int:
-    """Prints one line that says what went wrong, even of a file that has several in its name; returns the code."""
+    """Prints one line on standard error, even if a file's name has several; returns the exit code."""
     warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 
 
 def warn(text: str) -> None:
-    """Prints on standard error, where that is possible."""
+    """Prints on standard error, if possible."""
     with suppress(OSError, ValueError):
         _print(sys.stderr, text)
 
 
 def say(text: str, *, asked: bool = False) -> None:
-    """Prints what was done, unless the command is quiet. A failure to print does not undo it.
+    """Prints what was done, unless the command is quiet. A failure to print is ignored.
 
-    Args:
-      text: to print.
-      asked: whether the text is all that the command was for; then a failure to print it is one of the command, unless
-        the reader just has enough.
-
-    Raises:
-      OSError: for a text that was asked for.
+    If the text was `asked` for, a failure raises `OSError`, except for a pipe whose reader has stopped.
     """
     if verbosity() is Verbosity.QUIET:
         return
@@ -113,7 +107,7 @@ def say(text: str, *, asked: bool = False) -> None:
         _print(sys.stdout, text)
     except BrokenPipeError:
         pass
-    except (OSError, ValueError) as error:  # the latter from a stream that is closed
+    except (OSError, ValueError) as error:  # ValueError from a closed stream
         if asked:
             raise OSError(
                 getattr(error, "errno", None), getattr(error, "strerror", str(error)), "standard output"
@@ -121,7 +115,7 @@ def say(text: str, *, asked: bool = False) -> None:
 
 
 def _print(stream: TextIO | None, text: str) -> None:
-    """Prints to a stream if there is one, in characters that it has; one that fails is given up."""
+    """Prints to a stream, if there is one, and escapes characters that it lacks. A stream that fails is given up."""
     if stream is None:
         return
     encoding = stream.encoding or "utf-8"
@@ -140,17 +134,17 @@ def _flush(stream: TextIO) -> None:
 
 
 def _give_up(stream: TextIO) -> None:
-    """Lets nothing more be written to a stream, or the interpreter would try it again when it ends, and complain."""
+    """Redirects a stream to nowhere; otherwise the interpreter would try to flush it at its end, and complain."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def _complete_streams() -> None:
-    """Gives the process the streams that it was started without: else the next file that is opened would be one."""
-    for number in range(3):
+    """Opens missing standard streams; otherwise the next opened file would become one."""
+    for descriptor in range(3):
         try:
-            os.fstat(number)
+            os.fstat(descriptor)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest free descriptor
     sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
     sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)

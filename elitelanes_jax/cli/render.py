@@ -10,14 +10,13 @@ from elitelanes_jax.cli.program import say
 
 
 def add_render(commands: Commands) -> None:
-    """Adds the command to a parser's."""
     command = commands.add_parser("render", help="draw a map file again: other tiles, another size")
     add_map(command)
     command.add_argument(
         "--out",
         type=checked_by(folder),
         metavar="DIR",
-        help="folder to write to, new or empty; by default map/ beside map.json",
+        help="folder to write to, new or empty; by default map/ next to map.json",
     )
     add_tile_pictures(command)
     add_blend(command)
@@ -31,9 +30,9 @@ def add_render(commands: Commands) -> None:
         "--dead-ends",
         type=checked_by(one_of("grass")),
         metavar="HOW",
-        help="grass: leave out roads that lead nowhere; by default they are drawn, by the set's tiles of the kind end",
+        help="grass: remove roads that lead nowhere; by default they are drawn with the set's tiles of kind end",
     )
-    command.add_argument("--overlay", action="store_true", help="also the picture with the labels laid over it")
+    command.add_argument("--overlay", action="store_true", help="also write the picture with the labels over it")
     add_force(command)
     command.set_defaults(action=_render)
 

@@ -16,11 +16,10 @@ if TYPE_CHECKING:
 
 
 def add_score(commands: Commands) -> None:
-    """Adds the command ``score`` to a parser's commands."""
     command = commands.add_parser(
         "score",
         help="score raw archives of the benchmark",
-        description="Measures the grids of raw archives anew and prints their scores, with 95 % intervals over runs.",
+        description="Measures the grids of raw archives again and prints their scores, with 95 % intervals over runs.",
     )
     command.add_argument(
         "archives", type=checked_by(path), nargs="+", metavar="ARCHIVE", help="an .npz of runs on a task"
@@ -48,10 +47,10 @@ def _table(submission: "Submission", scores: "Scores") -> str:
     from elitelanes_jax.benchmark.tasks import BUDGETS
 
     lines = ["".join(f"{name:>22}" for name in ("evaluations", *scores._fields))]
-    for number, budget in enumerate(BUDGETS[: submission.grids.shape[1]]):
+    for index, budget in enumerate(BUDGETS[: submission.grids.shape[1]]):
         cells = [f"{budget:,}"]
         for values in scores:
-            known = values[:, number][~np.isnan(values[:, number])]
+            known = values[:, index][~np.isnan(values[:, index])]
             low, high = confidence_interval(known)
             cells.append(f"{known.mean():.3f} [{low:.3f}, {high:.3f}]" if len(known) else "-")
         lines.append("".join(f"{cell:>22}" for cell in cells))

@@ -1,4 +1,4 @@
-"""Signals to end a program, raised as `KeyboardInterrupt` in its main thread until one arrives."""
+"""Signals that end a program, raised as `KeyboardInterrupt` in its main thread until one exception gets through."""
 
 import signal
 import sys
@@ -12,12 +12,12 @@ _AGAIN = 0.1
 
 @contextmanager
 def catch_interrupts() -> Iterator[None]:
-    """Lets SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block; ignored ones, as by nohup, stay ignored.
+    """Makes SIGINT, SIGTERM and SIGHUP raise `KeyboardInterrupt` in its block. Signals that are ignored stay ignored.
 
-    An exception can be lost: Python only prints one that is raised in a callback of the garbage collector, and JAX's
-    native code drops one that is raised in a comparison that it asks for. So it is raised again every tenth of a
-    second, except while it is being handled, so that cleaning up is not disturbed, and while a module loads: native
-    modules, as those of NumPy and JAX, crash or print a traceback if one is raised then.
+    An exception can be lost: Python only prints an exception in a callback of the garbage collector, and JAX's native
+    code drops an exception in a comparison that it calls. So it is raised again every tenth of a second. It is not
+    raised while it is handled, so that cleaning up is not disturbed, and while a module loads, because native modules
+    such as NumPy's and JAX's would crash or print a traceback.
     """
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     hook = sys.unraisablehook
@@ -50,14 +50,13 @@ def catch_interrupts() -> Iterator[None]:
 
 
 def _is_loading(frame: FrameType | None) -> bool:
-    """Tells whether a module is being loaded."""
     while frame is not None and frame.f_code.co_filename != "<frozen importlib._bootstrap>":
         frame = frame.f_back
     return frame is not None
 
 
 def _is_handled() -> bool:
-    """Tells whether the main thread is handling a `KeyboardInterrupt`, or an error that followed from one."""
+    """Returns whether the main thread handles a `KeyboardInterrupt`, or an error that followed from it."""
     error = sys.exc_info()[1]
     while error is not None and not isinstance(error, KeyboardInterrupt):
         error = error.__context__

@@ -20,15 +20,14 @@ _MASKED = ("road", "red", "yellow")
 
 
 def add_tiles(commands: Commands) -> None:
-    """Adds ``tiles`` to the commands of a parser."""
-    tiles = commands.add_parser("tiles", help="look after tile sets")
+    tiles = commands.add_parser("tiles", help="check tile sets, and propose masks")
     below = tiles.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_check(below)
     _add_masks(below)
 
 
 def _add_check(commands: Commands) -> None:
-    command = commands.add_parser("check", help="describe a tile set, or list all its faults")
+    command = commands.add_parser("check", help="describe a tile set, or list all its errors")
     command.add_argument("folder", type=checked_by(path), metavar="DIR")
     command.add_argument("--picture", type=checked_by(_png), metavar="FILE", help="new PNG file, with the worst seam")
     command.set_defaults(action=_check)
@@ -57,8 +56,8 @@ def _add_masks(commands: Commands) -> None:
     command = commands.add_parser(
         "masks",
         help="propose masks for photographs, by colour",
-        description="Writes road.png, red.png and yellow.png beside each image.png that lacks them, to be corrected by "
-        "hand. Bounds of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
+        description="Writes road.png, red.png and yellow.png next to each image.png that lacks them, to be corrected "
+        "by hand. Ranges of colours are H..H,S..S,V..V: hues 0 to 179, saturations and values 0 to 255.",
     )
     command.add_argument("folder", type=checked_by(path), metavar="DIR", help="folder of a tile set")
     for mask, what in zip(_MASKED, ("asphalt", "stop lines", "lane separators"), strict=True):
@@ -66,13 +65,13 @@ def _add_masks(commands: Commands) -> None:
     command.add_argument(
         "--overwrite",
         action="store_true",
-        help="remake also masks that exist: those whose colours are given, else all; a copy is kept beside each",
+        help="also replace existing masks: those whose colours are given, or all; a copy of each is kept next to it",
     )
     command.add_argument(
         "--sheet",
         type=checked_by(_png),
         metavar="FILE",
-        help="new PNG file for all of them on one sheet; by default DIR/masks.png",
+        help="new PNG file with all masks on one sheet; by default DIR/masks.png",
     )
     command.set_defaults(action=_masks)
 
@@ -102,24 +101,24 @@ def _masks(options: argparse.Namespace) -> int:
     kept = len(_MASKED) * len(proposals) - len(masks)
     say(
         f"{pluralize(len(masks), 'mask')} of {pluralize(len(proposals), 'tile')} in {options.folder}"
-        + (f", {kept} that existed are as they were" if kept else "")
+        + (f", {kept} existing ones unchanged" if kept else "")
         + (f", {len(replaced)} replaced and kept as {kept_as[0].name} and the like" if replaced else "")
-        + f"; all of them on {sheet}\n"
+        + f"; all are on {sheet}\n"
         f"correct them by hand in any picture editor, then: elitelanes tiles check {options.folder}"
     )
     return 0
 
 
 def _keep(file: Path) -> Path:
-    """Copies a file beside itself under a new name: a mask made by hand is lost in no later run."""
-    names = (f".{file.name}.before" + (f"-{number}" if number > 1 else "") for number in count(1))
-    kept = next(place for place in map(file.with_name, names) if not place.exists())
+    """Copies a file next to itself under a new name, so that no mask made by hand is lost."""
+    names = (f".{file.name}.before" + (f"-{index}" if index > 1 else "") for index in count(1))
+    kept = next(copy for copy in map(file.with_name, names) if not copy.exists())
     shutil.copy2(file, kept)
     return kept
 
 
 def _new_beside(folder: Path, file: Path) -> Path:
-    """Checks that a file is new, and outside the tiles' own folders, where a picture would be taken for a tile's."""
+    """Checks that a file is new, and not in a tile's own folder, where it would be read as a picture of the tile."""
     from elitelanes_jax._util.files import check_new
 
     check_new(file)
@@ -129,7 +128,6 @@ def _new_beside(folder: Path, file: Path) -> Path:
 
 
 def _write_together(pictures: "dict[Path, NDArray[np.uint8]]") -> None:
-    """Writes all pictures or, if one cannot be written, none."""
     from elitelanes_jax._util.files import new_file
     from elitelanes_jax.tiles.rendering import write_png
 
