@@ -1,4 +1,4 @@
-"""Tile pictures: sets of them, their masks, their seams, and maps drawn with them. OpenCV is used here."""
+"""Tile pictures: sets, masks, seams, and maps drawn with them. This room uses OpenCV."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
-"""Photographs that belong together: a gain and an offset for each tile of a map, and feathered seams.
+"""Blends photographs: a gain and an offset for each tile of a map, and feathered seams.
 
-A photograph has a light and a colour of its own, and shows as a square on a map. Here the tiles of a map are brought
-together where their roads meet. Masks and labels stay as they are.
+Photographs differ in light and colour, so that each shows as a square on a map. The tiles of a map are made equal where
+their roads meet. Masks and labels do not change.
 """
 
 from collections.abc import Iterator
@@ -15,10 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
 
 _STRIP = 1 / 2  # of a tile: the depth on both sides of a seam over which roads are compared
-_GAIN, _OFFSET = 1.0, 0.01  # what (255 · (gain - 1))² and offset² cost, beside squared grey levels
-_FEATHER = 0.02  # of a tile, on both sides of a seam; two pixels at least
-_PAIRS = 256  # of tiles that are compared at once
-_ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])  # of an equation, by both levels and 1
+_GAIN, _OFFSET = 1.0, 0.01  # the weights of (255 · (gain - 1))² and offset², relative to squared grey levels
+_FEATHER = 0.02  # of a tile, on both sides of a seam; at least two pixels
+_PAIRS = 256  # the number of pairs of tiles that are compared at once
+_ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])  # an equation's row, from both levels and 1
 
 
 def solve_tones(
@@ -29,21 +29,21 @@ def solve_tones(
 ) -> Float[NDArray, "H W 3 2"]:
     """Solves for the gains and offsets of all tiles of a map by linear least squares.
 
-    A seam is where the roads of two neighbours meet. Its pixels are those of a strip on both sides of it, half a tile
-    deep, that have the same label as their mirror image on the other side: road, or the same kind of line. With less
-    depth the darker or redder borders of photographs would decide, and their middles be too bright or too green. The
-    solution minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and
-    0.01 · offset², summed over all tiles. The first of these costs keeps the contrast, which would else go; the second
-    one the colour of the map as a whole. Channels are solved one by one.
+    A seam is where the roads of two neighbours meet. Compared are the pixels within half a tile of a seam that have the
+    same label as their mirror image on the other side: road, or the same kind of line. With less depth, darker or
+    redder borders of photographs would decide, and their middles would be too bright or too green. The solution
+    minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and 0.01 ·
+    offset², summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole map. Each
+    channel is solved alone.
 
     Args:
       grid: codes ``[H, W]``.
-      place: the picture of each cell.
+      place: the index of each cell's picture.
       images: the pictures.
-      labels: their labels, places in `tiles.render.LABELS`.
+      labels: their labels, indices in `tiles.render.LABELS`.
 
     Returns:
-      Gain and offset of each cell and channel; 1 and 0 where the road meets no other.
+      Gain and offset of each cell and channel; 1 and 0 if its road meets no other.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.linalg import spsolve
@@ -51,7 +51,7 @@ def solve_tones(
     codes = np.asarray(grid)
     count = codes.size
     cells = np.arange(count).reshape(codes.shape)
-    # The normal equations of all unknowns, 255 · (gain - 1) and offset of cell after cell, a channel after the other.
+    # The normal equations of each channel; the unknowns are 255 · (gain - 1) and offset of each cell.
     diagonal = np.arange(2 * count)
     places, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
     right = np.zeros((3, 2 * count))
@@ -90,10 +90,10 @@ def apply_tones(image: UInt8[NDArray, "h w 3"], tones: Float[NDArray, "H W 3 2"]
 
 
 def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid: ArrayLike) -> UInt8[NDArray, "h w 3"]:
-    """Lets the tiles of a picture run into each other where their roads meet.
+    """Blends the tiles of a picture where their roads meet.
 
-    Within 2 % of a tile of a seam, two pixels at least, each pixel is mixed with its mirror image on the other side if
-    both have the same label: half and half at the seam, less away from it, by a cosine.
+    Within 2 % of a tile of a seam, but at least two pixels, each pixel is mixed with its mirror image on the other side
+    if both have the same label: half and half at the seam, less away from it, by a cosine.
     """
     codes = np.asarray(grid)
     size = image.shape[0] // codes.shape[0]
@@ -113,21 +113,21 @@ def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid:
 
 
 def _meetings(codes: NDArray[np.int8]) -> Iterator[tuple[bool, NDArray[np.bool_]]]:
-    """Yields, for the grid and for the transposed one, where the road goes on to the cell on the right."""
+    """Yields whether the road continues to the cell on the right, for the grid and for its transpose."""
     for turned, (ahead, back) in ((False, (EAST, WEST)), (True, (SOUTH, NORTH))):
         upright = _turn(codes, turned)
         yield turned, (upright[:, :-1] & ahead > 0) & (upright[:, 1:] & back > 0)
 
 
 def _turn(layer: NDArray, turned: bool, axis: int = 0) -> NDArray:
-    """Swaps rows and columns, where asked for; a view."""
+    """Swaps rows and columns if `turned`; a view."""
     return layer.swapaxes(axis, axis + 1) if turned else layer
 
 
 def _equations(
     pairs: Int[NDArray, "N 2"], images: UInt8[NDArray, "T P P 3"], labels: UInt8[NDArray, "T P P"]
 ) -> tuple[Float[NDArray, "3 N 4 4"], Float[NDArray, "3 N 4"]]:
-    """Returns the normal equations of pairs of pictures, of which the second lies right of the first."""
+    """Returns the normal equations of pairs of pictures; the second picture is right of the first."""
     depth = max(1, round(_STRIP * labels.shape[1]))
     near, far = np.s_[:, :, : -depth - 1 : -1], np.s_[:, :, :depth]
     products, sides = np.zeros((3, len(pairs), 4, 4)), np.zeros((3, len(pairs), 4))

@@ -1,6 +1,6 @@
-"""Whether the masks of a tile set agree with each other and with the pictures: roads and lines where they belong.
+"""Checks that roads and lines in the masks of a tile set agree with each other and with the pictures.
 
-Lengths are parts of a tile's side. Of 18 tiles, drawn and photographed, the one that comes closest to each limit:
+Lengths are parts of a tile's side. The limits leave room: of 18 tiles, drawn and photographed, the nearest ones have
 stop lines on 11 % and separators on 3.1 % of a tile, all on the road and all distinct in the picture; middles 2.2 %
 off; stop lines across 92 % of a lane.
 """
@@ -16,31 +16,28 @@ from elitelanes_jax.network.codes import CONNECTIONS, SIDES, Side
 from elitelanes_jax.tiles.tile import Tile
 
 _MOST = {"red": 0.25, "yellow": 0.15}  # of a tile's area
-_ON_ROAD = 0.95  # of a line's area, at least
-_OFF = 0.04  # from where an edge or a middle should be
-_DISTINCT = 0.7  # of a line's area, at least, in a colour further from the road's than 95 % of the road has
-_NEAR = 1 / 8  # the strip along a side in which its stop line lies, and where a separator's middle is measured
+_ON_ROAD = 0.95  # the least part of a line's area on the road
+_OFF = 0.04  # the largest displacement of an edge or a middle
+_DISTINCT = 0.7  # the least part of a line's area that differs more from the road's colour than 95 % of the road
+_NEAR = 1 / 8  # the strip along a side that has its stop line, and where a separator's middle is measured
 _SEEN = 1 / 4  # the strip along a side in which a separator begins
-_COVERED = 0.75  # of the incoming lane's width, by its stop line
+_COVERED = 0.75  # the least part of the incoming lane's width that its stop line covers
 _NAMES = {"red": "stop lines", "yellow": "lane separators"}
 
 
 class _Road(NamedTuple):
-    """The road across a side, in pixels along the side as one sees it from inside, with the side at the top."""
+    """The road across a side, in pixels along the side, seen from inside with the side at the top."""
 
     middle: float
     width: int
 
 
 def misplaced_lines(tiles: Sequence[Tile]) -> list[tuple[str, str, str]]:
-    """Lists what contradicts itself in the masks of a set: tile, mask, and what was expected and came.
+    """Returns the errors in the masks of a set: tile, mask, and what was expected and came.
 
-    Roads lead from side to side, about the middle of each. Lines lie on the road. Separators are about its middle; a
-    set may do without, but not some of its turns, straights and ends. Stop lines lie across the incoming lane, the
-    right-hand one, at each open side of a crossing.
-
-    Args:
-      tiles: whose roads reach the sides that they open, and no other.
+    Roads lead from side to side, through the middle of each. Lines are on the road. Separators are in its middle; a set
+    may have none, but not on some of its turns, straights and ends alone. Stop lines are across the incoming,
+    right-hand lane at each open side of a crossing. The tiles' roads must reach the sides that they open, and no other.
     """
     separated = any(tile.yellow.any() for tile in tiles)
     return [(tile.name, *fault) for tile in tiles for fault in _faults(tile, separated)]
@@ -61,7 +58,7 @@ def _faults(tile: "Tile", separated: bool) -> Iterator[tuple[str, str]]:
         elif share and (distinct := _distinct(tile, line)) < _DISTINCT:
             yield (
                 name,
-                f"expected {_NAMES[name]} in colours that are not the road's, got {distinct:.0%} of their area so",
+                f"expected {_NAMES[name]} in other colours than the road, got {distinct:.0%} of their area",
             )
     for side in opened:
         road, red, yellow = (np.rot90(mask, SIDES.index(side)) for mask in (tile.road, tile.red, tile.yellow))
@@ -85,7 +82,7 @@ def _road_faults(tile: "Tile", opened: Sequence[Side]) -> Iterator[tuple[str, st
         if abs(off) > _OFF:
             yield (
                 "road",
-                f"expected the road's middle in that of the side {side.letter}, got it {abs(off):.0%} beside it",
+                f"expected the road's middle in the middle of the side {side.letter}, got it {abs(off):.0%} beside it",
             )
     if not set.intersection(*reached):
         yield "road", "expected one road that joins all sides that the tile opens, got pieces"
@@ -118,9 +115,9 @@ def _separator_faults(yellow: NDArray[np.bool_], road: _Road, *, required: bool)
 
 
 def _stop_line_faults(red: NDArray[np.bool_], road: _Road) -> Iterator[str]:
-    """Looks at the incoming lane, the left half as one sees the side, and at the other but for its end.
+    """Checks the incoming lane, the left half of a side seen from inside, and the other lane except its end.
 
-    There the line of the next side begins.
+    The line of the next side begins at that end.
     """
     size = len(red)
     start, middle = round(road.middle - road.width / 2), round(road.middle)

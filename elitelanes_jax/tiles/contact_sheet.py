@@ -13,7 +13,7 @@ from elitelanes_jax._util.types import Untyped
 _GROUND, _INK, _FAINT = (250, 249, 246), (40, 40, 44), (120, 120, 126)
 _GAP, _LINE = 28, 19
 _TITLE, _CAPTION = 0.8, 0.46
-_EM = 29  # pixels of a letter's square at scale 1, in fonts that are no strokes
+_EM = 29  # pixels of a letter's square at scale 1, in outline fonts
 
 
 def contact_sheet(
@@ -22,9 +22,9 @@ def contact_sheet(
     """Lays out pictures in rows, each with lines of text below it, the first darker than the others.
 
     Args:
-      title: ASCII text above them all.
+      title: ASCII text above all pictures.
       pictures: uint8 ``[H, W, 3]``, RGB, all of one size.
-      captions: ASCII lines for each, as many for one as for another.
+      captions: ASCII lines for each picture, the same number for all.
 
     Returns:
       uint8 ``[., ., 3]``, RGB.
@@ -50,13 +50,13 @@ def contact_sheet(
 
 @cache
 def _font() -> Untyped:
-    """Returns a font of OpenCV 5 whose zeros have no slash, as those of its default font do; None in OpenCV 4."""
+    """Returns a font of OpenCV 5 whose zeros have no slash, unlike its default font; None in OpenCV 4."""
     font = cv2.FontFace("uni") if hasattr(cv2, "FontFace") else None
     return font if font is not None and font.getName() else None
 
 
 def _length(text: str, scale: float) -> int:
-    """Measures the width of a line of text in pixels; fonts differ between versions of OpenCV."""
+    """Returns the width of a line of text in pixels; fonts differ between versions of OpenCV."""
     if _font() is None:
         return cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)[0][0]
     return cv2.getTextSize((0, 0), text, (0, 0), _font(), round(_EM * scale))[2]
@@ -65,14 +65,9 @@ def _length(text: str, scale: float) -> int:
 def write_text(
     sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
 ) -> None:
-    """Writes a line of text; letters outside ASCII, which OpenCV lacks, become question marks.
+    """Writes a line of text on a picture uint8 ``[H, W, 3]``; letters outside ASCII become question marks.
 
-    Args:
-      sheet: uint8 ``[H, W, 3]``, written on.
-      text: the line.
-      place: x and y of its lower left corner, in pixels.
-      scale: of the letters, 1 about 22 pixels high.
-      ink: their colour, RGB.
+    `place` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
     """
     words = text.encode("ascii", "replace").decode()
     if _font() is None:

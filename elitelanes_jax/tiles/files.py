@@ -1,4 +1,4 @@
-"""Readers of a tile's files: pictures, masks and points; problems are collected, so that one call names all."""
+"""Readers of a tile's files: pictures, masks and points. They collect problems, so that one call names all."""
 
 import json
 import math
@@ -14,9 +14,9 @@ from elitelanes_jax._util.files import MIB, read_bytes, read_text
 from elitelanes_jax._util.types import Plain
 
 _LONGEST_SIDE = 4096
-_MOST_BYTES = 72 * MIB  # a picture of that size that does not shrink, with transparency
+_MOST_BYTES = 72 * MIB  # a picture of that size with transparency that does not compress
 _MOST_PARTS = 2**16
-_MOST_POINTS = 8 * MIB  # in bytes of their file
+_MOST_POINTS = 8 * MIB  # of the file of points
 _PNG = b"\x89PNG\r\n\x1a\n"
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by PNG's numbers for grey, RGB, palette, grey and RGB with transparency
 # The passes of an interlaced PNG: first column and row, then the steps to the next ones.
@@ -24,11 +24,11 @@ _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4),
 
 
 def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
-    """Reads a PNG picture of 8 bits a channel.
+    """Reads a PNG picture of 8 bits per channel.
 
     Args:
-      file: where it is.
-      problems: gets a line if the file is there but not such a picture.
+      file: the path.
+      problems: gets a line if the file exists but is not such a picture.
 
     Returns:
       uint8 ``[H, W, 3]`` or ``[H, W, 4]``, channels in RGB order, or ``[H, W]`` if it is grey; None if there is none.
@@ -59,8 +59,7 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
 def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> NDArray[np.bool_] | None:
     """Reads a mask of 0 and one other value, as large as the image if there is one.
 
-    Returns:
-      bool ``[H, W]``, or None; either way `problems` gets a line for each fault.
+    Returns bool ``[H, W]``, or None; in both cases `problems` gets a line for each error.
     """
     mask = read_picture(file, problems)
     if mask is None:
@@ -85,7 +84,7 @@ def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]
     x goes to the right and y down, in pixels, from the top left corner of the picture at (0, 0).
 
     Returns:
-      float64 ``[N, 2]`` by name; names with anything else are left out, with a line in `problems`.
+      float64 ``[N, 2]`` by name. Names with anything else are skipped, with a line in `problems`.
     """
     if not file.is_file():
         return {}
@@ -118,7 +117,6 @@ def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]
 
 
 def size_of(picture: np.ndarray) -> str:
-    """Returns width and height of a picture, for messages."""
     return f"{picture.shape[1]} x {picture.shape[0]}"
 
 
@@ -128,15 +126,12 @@ def _is_point(point: Plain) -> bool:
 
 
 def _plain_png(content: bytes) -> bytes:
-    """Returns the parts of a PNG file that hold its pixels, when they are whole.
+    """Returns the parts of a PNG file that hold its pixels, if they are complete; otherwise raises `ValueError`.
 
-    Of other files the decoder complains to the terminal; of the other parts, some unpack to any size.
-
-    Raises:
-      ValueError: that says what is wrong.
+    For other files the decoder complains to the terminal, and some of the other parts unpack to any size.
     """
     if content[:8] != _PNG or content[12:16] != b"IHDR":
-        raise ValueError("it is no PNG file")
+        raise ValueError("it is not a PNG file")
     rows = _rows(content[16:29])
     left = sum(height * (1 + length) for height, length in rows)
     unpacked = zlib.decompressobj()
@@ -160,7 +155,7 @@ def _plain_png(content: bytes) -> bytes:
 
 
 def _rows(header: bytes) -> list[tuple[int, int]]:
-    """Returns the number of rows and the bytes in each, for each pass over the pixels that a PNG header announces."""
+    """Returns the number of rows, and of bytes in each, for each pass over the pixels that a PNG header announces."""
     width, height = int.from_bytes(header[:4]), int.from_bytes(header[4:8])
     depth, channels, interlaced = header[8], _CHANNELS.get(header[9], 0), header[12]
     if not (0 < width <= _LONGEST_SIDE and 0 < height <= _LONGEST_SIDE):

@@ -1,6 +1,6 @@
-"""Masks proposed by colour, for tiles with a photograph alone; they are meant to be corrected by hand.
+"""Proposes masks by colour for tiles that have only a photograph, to be corrected by hand.
 
-Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, tape on it included, within the
+Tape is found by its hue, asphalt by its darkness. The road is the largest dark piece, with the tape on it, within the
 white tape along its edges.
 """
 
@@ -20,18 +20,18 @@ from elitelanes_jax.tiles.files import read_mask, read_picture, size_of
 from elitelanes_jax.tiles.tileset import MASKS, edge_pixels, tile_folders
 
 _CLEAN = 1 / 96  # of a tile: thinner pieces are no tape, narrower gaps are wear
-_CUT = 1 / 48  # of a tile: parts of the road that hang on by less lie on the other side of a worn edge
-_LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line, of a dash
+_CUT = 1 / 48  # of a tile: parts joined to the road by a narrower bridge are beyond a worn edge
+_LEAST = {"red": 0.003, "yellow": 0.0004}  # of a tile's area: smaller pieces are specks; a tenth of a line or dash
 _TOP = (179, 255, 255)
 _SHEET_PX = 240  # side of a tile on the sheet
 _SHEET_COLOURS = {"road": (90, 150, 200), "red": (255, 0, 60), "yellow": (255, 225, 0)}
 
 
 class Colour(NamedTuple):
-    """A range of colours, limits included, as OpenCV counts: hues 0 to 179, the others 0 to 255.
+    """A range of colours, limits included, in OpenCV's units: hues 0 to 179, the others 0 to 255.
 
     Attributes:
-      hue: from, to; a range over the end, such as (170, 10), goes on from 0.
+      hue: from, to; a range beyond 179, such as (170, 10), continues at 0.
       saturation: from, to.
       value: brightness, from, to.
     """
@@ -79,7 +79,7 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
       colours: of ``road``, ``red`` and ``yellow``.
 
     Returns:
-      bool ``[S, S]`` for each of these names. Lines lie on the road; no pixel is of two lines.
+      bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
     """
     size = image.shape[0]
     hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(np.ascontiguousarray(image), 3), cv2.COLOR_RGB2HSV), np.uint8)
@@ -100,7 +100,7 @@ class Proposal(NamedTuple):
     Attributes:
       folder: of the tile.
       image: uint8 ``[S, S, 3]``, RGB.
-      masks: bool ``[S, S]``, by the names in `MASKS`; the folder's own, where they are kept.
+      masks: bool ``[S, S]``, by the names in `MASKS`; existing masks of the folder are kept.
       proposed: the names of the proposed ones.
     """
 
@@ -118,10 +118,10 @@ def mask_folder(
     Args:
       folder: of a tile set, as `load_tiles` takes it, in which masks may be missing.
       colours: see `propose_masks`.
-      overwrite: names of masks to propose even where they exist.
+      overwrite: names of masks to propose even if they exist.
 
     Raises:
-      InputError: if there are no tiles, or a file is not as it should be; the message names it.
+      InputError: if there are no tiles, or for a bad file; the message names it.
     """
     folder, problems, proposals = Path(folder), list[str](), []
     if not folder.is_dir():
@@ -152,7 +152,7 @@ def mask_folder(
 
 
 def proposal_sheet(title: str, proposals: Sequence[Proposal]) -> NDArray[np.uint8]:
-    """Draws every photograph and, right of it, its masks, uint8 ``[., ., 3]``, RGB."""
+    """Draws every photograph with its masks to the right, uint8 ``[., ., 3]``, RGB."""
     pictures, captions = [], []
     for proposal in proposals:
         painted = proposal.image.copy()
@@ -183,7 +183,7 @@ def _in_range(hsv: NDArray[np.uint8], colour: Colour) -> NDArray[np.uint8]:
 
 
 def _clean(mask: NDArray[np.uint8], close: NDArray[np.uint8], cut: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Closes the gaps of a mask, then opens bridges and specks, by discs that do not fit in them."""
+    """Closes the gaps of a mask, then removes bridges and specks, all narrower than a disc."""
     closed = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, close)
     return np.asarray(cv2.morphologyEx(closed, cv2.MORPH_OPEN, cut), np.uint8)
 
@@ -194,7 +194,7 @@ def _disc(width: float) -> NDArray[np.uint8]:
 
 
 def _pieces(mask: NDArray[np.uint8], least: float) -> NDArray[np.bool_]:
-    """Keeps the connected pieces of at least so many pixels."""
+    """Keeps the connected pieces of at least `least` pixels."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     large = stats[:, cv2.CC_STAT_AREA] >= least
     large[0] = False

@@ -20,13 +20,13 @@ from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 LABELS = ("background", "road", "stop line", "lane separator")
-"""The classes of a label map: a label is the place in this list. A line lies over the road."""
+"""The classes of a label map: a label is an index in this list. Lines cover the road."""
 
 LABEL_COLOURS = ((40, 40, 48), (110, 150, 180), (235, 60, 60), (255, 215, 60))
 """A colour for each label, RGB."""
 
 COMPARED_PX = 64
-"""The side of a tile in pixels at which the light of tiles is compared, whatever they are drawn with."""
+"""The side of a tile in pixels at which the light of tiles is compared, at all sizes of pictures."""
 
 _SMALLEST, _LARGEST = 16, 512
 
@@ -39,8 +39,8 @@ class Picture(NamedTuple):
       road: uint8 ``[H·P, W·P]``, 0 or 255, the drivable surface.
       red: uint8 ``[H·P, W·P]``, 0 or 255, the stop lines.
       yellow: uint8 ``[H·P, W·P]``, 0 or 255, the lane separators.
-      labels: uint8 ``[H·P, W·P]``, places in `LABELS`.
-      layers: uint8 ``[H·P, W·P]``, 0 or 255, the masks of the tile set's maker's own, by name.
+      labels: uint8 ``[H·P, W·P]``, indices in `LABELS`.
+      layers: uint8 ``[H·P, W·P]``, 0 or 255, further masks of the tile set, by name.
       points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
         tile by tile, row by row.
     """
@@ -60,10 +60,10 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
     Args:
       grid: codes ``[H, W]``.
       tiles: whose pictures to choose from.
-      seed: of a `numpy.random.default_rng`; the same one gives the same choice.
+      seed: of a `numpy.random.default_rng`; equal seeds give equal choices.
 
     Returns:
-      int ``[H, W, 2]``, the place of the tile in the set and its quarter turns counter-clockwise.
+      int ``[H, W, 2]``, the index of the tile in the set and its quarter turns counter-clockwise.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or if the set has no picture for a cell.
@@ -73,7 +73,7 @@ def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> 
         raise InputError(f"tiles: expected a TileSet, as load_tiles gives it, got {shorten(repr(tiles))}")
     for row, column in np.argwhere(~np.isin(grid, list(tiles.rotations))):
         code, drawn = int(grid[row, column]), ", ".join(str(code) for code in tiles.rotations if code)
-        remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends leaves such roads out"
+        remedy = "; a tile end_1 in the set would draw it, --dead-ends grass or without_dead_ends removes these roads"
         raise InputError(
             f"grid: expected tiles that the set {tiles.name!r} can draw (codes {drawn}), "
             f"got {code} ({KIND_OF[code]}) at row {row}, column {column}" + remedy * (KIND_OF[code] == "end")
@@ -104,11 +104,10 @@ def render(
       grid: codes ``[H, W]``, each with a picture in the set; or a `RoadMap`, or the path of a map file.
       tiles: whose pictures to draw with, a set or its folder; by default the package's own.
       tile_px: side of a tile in pixels, 16 to 512.
-      seed: of the choice among the pictures of each code (see `choose_tiles`); by default the choice that a map was
-        drawn with before, if the set has it, else that of 0.
-      chosen: that choice, to be taken in place of the seed's.
-      blend: whether the light of the tiles is brought together, and their seams are feathered (see `tiles.blend`); by
-        default as the set says.
+      seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
+        pictures as before, if the set has them; other maps have seed 0.
+      chosen: the choice, instead of the seed's.
+      blend: whether to blend the tiles: equal light, feathered seams (see `tiles.blend`); by default as the set says.
 
     Raises:
       InputError: for a bad grid or file, a cell without picture in the set, a choice that does not show the grid, or a
@@ -145,11 +144,7 @@ def _own_tiles() -> TileSet:
 
 
 def check_tile_px(tile_px: UserValue) -> int:
-    """Checks the side of a tile in pixels.
-
-    Raises:
-      InputError: unless it is a whole number, 16 to 512.
-    """
+    """Checks the side of a tile in pixels, 16 to 512."""
     if not is_whole(tile_px) or not _SMALLEST <= tile_px <= _LARGEST:
         raise InputError(f"tile_px: expected {_SMALLEST} to {_LARGEST} pixels a tile, got {tile_px!r}")
     return int(tile_px)
@@ -158,16 +153,10 @@ def check_tile_px(tile_px: UserValue) -> int:
 def recall_choice(
     grid: ArrayLike, names: UserValue, quarter_turns: AnyArray, tiles: TileSet
 ) -> NDArray[np.int_] | None:
-    """Finds the choice of tiles that a map was drawn with.
+    """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
 
-    Args:
-      grid: codes ``[H, W]``.
-      names: of the tiles, ``[H][W]``.
-      quarter_turns: ints ``[H][W]``, counter-clockwise.
-      tiles: the set.
-
-    Returns:
-      A choice as `choose_tiles` makes it, or None where the set lacks a tile, or one does not show its cell's code.
+    Returns None if the set lacks a tile, or a tile does not show its cell's code. The names and the counter-clockwise
+    quarter turns are tables ``[H][W]``.
     """
     grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
     places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
@@ -192,7 +181,7 @@ def _check_choice(grid: ArrayLike, tiles: TileSet, chosen: UserValue) -> NDArray
 
 
 def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Lists row and column of the cells whose chosen tile does not show their code."""
+    """Returns row and column of the cells whose chosen tile does not show their code."""
     shown = np.full((len(tiles.pictures), 4), -1)
     for code, draws in tiles.rotations.items():
         shown[tuple(np.array(draws).T)] = code
@@ -240,15 +229,11 @@ def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
 
 @lru_cache(maxsize=4)
 def scale_tiles(tiles: TileSet, size: int) -> dict[str, NDArray[np.uint8]]:
-    """Scales all layers of all tiles of a set in all four rotations.
-
-    Args:
-      tiles: the set.
-      size: P, side of a tile in pixels.
+    """Scales all layers of all T tiles of a set in all four rotations to P = `size` pixels a side.
 
     Returns:
-      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and the
-      maker's own masks. Place ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
+      uint8 ``[4·T, P, P]`` and for "image" ``[4·T, P, P, 3]``, by name: image, road, red, yellow, labels, and further
+      masks of the set. Index ``4·t + q`` is tile t, turned counter-clockwise by q quarters.
     """
     layers: dict[str, list[NDArray[np.uint8]]] = {}
     for tile in tiles.pictures:
@@ -271,11 +256,11 @@ def _resize(picture: np.ndarray, size: int) -> np.ndarray:
 
 
 def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bool_]:
-    """Scales a mask as its image: the pixels that it covers by half or more.
+    """Scales a mask: it keeps the pixels that it covers by half or more.
 
-    At some sizes lines are about as thin as a pixel, and would grow or vanish. Where a line's area would change by more
-    than a third, as many pixels are kept as it has area, those that it covers most, equals together. So each class
-    keeps its share of the picture at any size.
+    Lines that are about as thin as a pixel would then grow or vanish at some sizes. If a line's area would change by
+    more than a third, the most covered pixels are kept instead, as many as its area, and equally covered ones together.
+    So each class keeps its share of the picture at any size.
     """
     cover = _resize(mask.astype(np.float32), size)
     half, area = cover >= 0.5, round(float(cover.sum()))
@@ -286,7 +271,6 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
 
 @lru_cache(maxsize=64)
 def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
-    """Returns the points of all tiles in all four rotations, in pixels of a tile of one size."""
     rotated = []
     for tile in tiles.pictures:
         own = tile.image.shape[0]
@@ -298,7 +282,6 @@ def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.flo
 
 
 def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
-    """Returns the points of a map whose cells show the rotated tiles ``place``."""
     rotated = _rotated_points(name, tiles, size)
     cells = np.ndindex(place.shape)
     return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])

@@ -1,7 +1,7 @@
 """Seams between the tiles of a set, measured and drawn.
 
-Tiles are rotated freely, so any open side may meet any other. The road should go on there: the seam's offset is the
-distance by which it does not.
+Tiles are rotated freely, so any open side may meet any other, and the road should continue there. The offset of a seam
+is how far the road is displaced.
 """
 
 from typing import NamedTuple
@@ -21,18 +21,18 @@ _GROUND, _INK, _FAINT, _EDGE, _BOX = (250, 249, 246), (40, 40, 44), (120, 120, 1
 _ADVICE = (
     "Blue: the edge of road.png. Both tiles are rotated so that these sides meet.",
     "To mend a seam, crop the photographs again or correct road.png, so that",
-    "the road leaves every tile at the same place.",
+    "the road leaves every tile at the same position.",
 )
 
 
 class Seams(NamedTuple):
-    """All seams between the N open sides of a set's tiles; a side also meets itself, of the same tile rotated.
+    """All seams between the N open sides of a set's tiles; a side also meets itself, on the same tile rotated.
 
     Attributes:
-      sides: of each, the place of its tile in the set, and the side.
+      sides: of each, the index of its tile in the set, and the side.
       pixels: side of the largest tile, in whose pixels offsets are given.
       offsets: float64 ``[N, N]``, the largest distance, along the seam, from road on one tile to road on the other: 0
-        where the masks meet exactly, the displacement of an edge where one is displaced.
+        if the masks meet exactly, the displacement if an edge is displaced.
       colours: float64 ``[N, N]``, the difference of the road's mean colour, of 255, in the channel that differs most.
     """
 
@@ -43,13 +43,13 @@ class Seams(NamedTuple):
 
     @property
     def worst(self) -> tuple[int, int]:
-        """The places of the two sides that meet with the largest offset; of equals, the first."""
+        """The indices of the two sides that meet with the largest offset; among equal ones the first."""
         one, other = np.unravel_index(self.offsets.argmax(), self.offsets.shape)
         return int(one), int(other)
 
 
 def find_seams(tiles: TileSet) -> Seams:
-    """Compares all open sides of a set's tiles; each has road on it, as `inspect_tiles` checks."""
+    """Compares all open sides of a set's tiles. Each has road on it, as `inspect_tiles` checks."""
     sides = tuple((place, side) for place, tile in enumerate(tiles.tiles) for side in SIDES if tile.code & side.bit)
     pixels = max(tile.image.shape[0] for tile in tiles.tiles)
     roads = np.stack([_scale(edge_pixels(tiles.tiles[place].road, side), pixels) for place, side in sides])
@@ -65,7 +65,7 @@ def find_seams(tiles: TileSet) -> Seams:
 
 
 def describe_seams(tiles: TileSet, seams: Seams) -> str:
-    """Describes a set's seams in a few lines of text."""
+    """Returns a few lines of text about a set's seams."""
     pairs = np.triu_indices(len(seams.sides))
     lines = [
         f"seams: {len(pairs[0])} pairs of sides may meet; the road is displaced by {seams.offsets.max():.0f} pixels of "
@@ -89,10 +89,9 @@ def describe_seams(tiles: TileSet, seams: Seams) -> str:
 
 
 def seam_picture(tiles: TileSet, seams: Seams) -> NDArray[np.uint8]:
-    """Draws the worst seam: its two tiles side by side, and enlarged the place where the road is displaced most.
+    """Draws the worst seam: its two tiles side by side, and an enlargement of the largest displacement.
 
-    Returns:
-      uint8 ``[., ., 3]``, RGB.
+    Returns uint8 ``[., ., 3]``, RGB.
     """
     one, other = seams.worst
     size, offset = seams.pixels, seams.offsets[one, other]
@@ -129,18 +128,18 @@ def _side_name(tiles: TileSet, seams: Seams, number: int) -> str:
 
 
 def _distances(road: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Measures the distance of each pixel of a line from the nearest of road, in pixels."""
+    """Returns the distance of each pixel of a line from the nearest road pixel."""
     away = cv2.distanceTransform((~road).astype(np.uint8)[None], cv2.DIST_L1, cv2.DIST_MASK_3)
     return np.asarray(away[0], np.float64)
 
 
 def _scale(line: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """Scales a line of pixels to another length, each the nearest."""
+    """Scales a line of pixels to another length by the nearest pixels."""
     return line[(2 * np.arange(pixels) + 1) * len(line) // (2 * pixels)]
 
 
 def _colour(tile: Tile, side: Side) -> NDArray[np.float64]:
-    """Returns the mean colour of the road along a side, without stop lines and tape where anything else is left."""
+    """Returns the mean colour of the road along a side, if possible without stop lines and separators."""
     image, road, red, yellow = (np.rot90(layer, SIDES.index(side)) for layer in tile[2:6])
     strip = np.s_[: max(1, round(road.shape[0] * _DEPTH))]
     bare = road[strip] & ~red[strip] & ~yellow[strip]
@@ -150,7 +149,7 @@ def _colour(tile: Tile, side: Side) -> NDArray[np.float64]:
 def _facing(
     tiles: TileSet, place: tuple[int, Side], towards: int, pixels: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Returns image and road of a tile, rotated so that a side points another way, at a common size."""
+    """Returns image and road of a tile, rotated so that a side points to another, at a common size."""
     tile = tiles.tiles[place[0]]
     turns = SIDES.index(place[1]) - [side.bit for side in SIDES].index(towards)
     image = cv2.resize(np.rot90(tile.image, turns), (pixels, pixels), interpolation=cv2.INTER_LINEAR)
@@ -159,7 +158,6 @@ def _facing(
 
 
 def _outline(image: NDArray[np.uint8], road: NDArray[np.bool_], width: int, height: int) -> NDArray[np.uint8]:
-    """Scales a picture and draws the edge of the road in."""
     large = np.array(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
     mask = cv2.resize(road.astype(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST)
     outlines, _ = cv2.findContours(mask, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)

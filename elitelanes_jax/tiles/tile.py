@@ -17,7 +17,7 @@ class Tile(NamedTuple):
       road: bool ``[S, S]``, the drivable surface.
       red: bool ``[S, S]``, the stop lines.
       yellow: bool ``[S, S]``, the lane separators.
-      layers: bool ``[S, S]``, masks of its maker's own, by name.
+      layers: bool ``[S, S]``, further masks, by name.
       points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name.
     """
 

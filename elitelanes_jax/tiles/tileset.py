@@ -1,17 +1,17 @@
 """Tile sets: folders of elementary tile pictures with their masks.
 
-A tile set holds sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4, end. Each has
+A tile set has sub-folders ``<kind>_<n>``, the kind one of turn, straight, crossing3, crossing4, end. Each has
 ``image.png``, the picture of one square tile, and the masks ``road.png``, ``red.png`` (stop lines) and
 ``yellow.png`` (lane separators) of the same size: grey, of 0 and one other value.
 
-A tile may also have masks of its maker's own, such as ``cones.png``, and points, in ``points.json``:
-``{"name": [[x, y], ...], ...}``, in pixels from the top left corner of the picture. They follow the tile. A
-tile without a mask or points that others have is empty there.
+A tile may also have further masks, such as ``cones.png``, and points, in ``points.json``:
+``{"name": [[x, y], ...], ...}``, in pixels from the top left corner of the picture. They are rotated with the tile.
+Tiles without a mask or points that other tiles have are empty in it.
 
-An optional ``tileset.toml`` gives a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
-single tile opens, as letters: ``turn = "SW"``. Without it a turn opens S and W, a straight N and S, a crossing3
+An optional ``tileset.toml`` has a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
+single tile opens, as letters: ``turn = "SW"``. By default a turn opens S and W, a straight N and S, a crossing3
 N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
-Unless it says ``blend = false`` the tiles are taken for photographs, whose light differs (see `tiles.blend`).
+Without ``blend = false`` the tiles are treated as photographs, whose light differs (see `tiles.blend`).
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -44,17 +44,17 @@ MASKS = ("road", "red", "yellow")
 _OPENS = {"turn": "SW", "straight": "NS", "crossing3": "NSW", "crossing4": "NESW", "end": "S"}
 _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "blend", "opens")
-_MOST_TOML = 64 * KIB  # keys of many parts take tomllib a time that grows with the square of their length
-_TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
-_OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
+_MOST_TOML = 64 * KIB  # tomllib's time for a dotted key grows with the square of its length
+_TOUCHES = 0.1  # the least part of a side in road if a road crosses it
+_OUTPUT = ("labels", "overlay")  # names of pictures that are written next to the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
 class RotatedTile(NamedTuple):
-    """A tile of a set, rotated.
+    """A rotated tile of a set.
 
     Attributes:
-      tile: its place in the set.
+      tile: its index in the set.
       quarter_turns: counter-clockwise, 0 to 3.
     """
 
@@ -68,9 +68,9 @@ class TileSet:
 
     Attributes:
       name: of the set.
-      licence: of its pictures, as stated by its makers; empty where none is.
+      licence: of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
-      blend: whether their light is brought together on a map (see `tiles.blend`), as photographs need it.
+      blend: whether the tiles are blended on a map (see `tiles.blend`), as photographs need it.
     """
 
     name: str
@@ -80,14 +80,14 @@ class TileSet:
 
     @cached_property
     def pictures(self) -> tuple[Tile, ...]:
-        """The tiles, and after them the bare ground of empty cells, of one colour."""
+        """The tiles, and after them the bare ground of empty cells, in one colour."""
         size = self.tiles[0].image.shape[0]
         nothing = np.zeros((size, size), bool)
         return (*self.tiles, Tile("ground", 0, np.full((size, size, 3), _GROUND, np.uint8), nothing, nothing, nothing))
 
     @cached_property
     def rotations(self) -> dict[int, tuple[RotatedTile, ...]]:
-        """All tiles and rotations that draw each code of the set; an empty cell is bare ground."""
+        """All tiles and rotations that draw each code of the set. Empty cells are bare ground."""
         draws: dict[int, list[RotatedTile]] = {}
         for place, tile in enumerate(self.pictures):
             for turns in range(4):
@@ -96,7 +96,7 @@ class TileSet:
 
     @cached_property
     def layers(self) -> tuple[str, ...]:
-        """The names of all masks of the maker's own, sorted."""
+        """The names of all further masks, sorted."""
         return tuple(sorted({name for tile in self.tiles for name in tile.layers}))
 
     @cached_property
@@ -111,7 +111,7 @@ class TileSet:
 
 
 def default_tiles() -> Path:
-    """Returns the folder of the tile set that comes with the package."""
+    """Returns the folder of the package's own tile set."""
     installed = Path(__file__).parent / "drawn"
     return installed if installed.is_dir() else Path(__file__).parents[2] / "tiles"
 
@@ -119,16 +119,15 @@ def default_tiles() -> Path:
 def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -> TileSet:
     """Loads a tile set.
 
-    Files, sizes and kinds are checked, and that roads reach the sides they open. Where lines lie is a matter of
-    judgement on photographs of unusual roads: `elitelanes tiles check` tells, and loading refuses no set for it.
+    Files, sizes and kinds are checked, and that roads reach the sides they open. The positions of lines are not
+    checked, because photographs of unusual roads need judgement; `elitelanes tiles check` reports them.
 
     Args:
       folder: of the set; by default the package's own.
-      blend: whether the light of its tiles is brought together on a map; by default as its ``tileset.toml`` says, and
-        without a word there it is.
+      blend: whether the tiles are blended on a map; by default as ``tileset.toml`` says, and otherwise they are.
 
     Raises:
-      InputError: for a fault of the folder; the message names the file.
+      InputError: for an error in the folder; the message names the file.
     """
     tiles, problems = inspect_tiles(default_tiles() if folder is None else check_named("folder", path, folder))
     if tiles is None:
@@ -140,9 +139,7 @@ def load_tiles(folder: str | Path | None = None, *, blend: bool | None = None) -
 def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet | None, list[str]]:
     """Returns a tile set and no problems, or None and all problems of the folder, a line each.
 
-    Args:
-      folder: to look at.
-      lines: whether lines in places where none belong are problems; see `misplaced_lines`.
+    With `lines`, misplaced lines are problems too, see `misplaced_lines`.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -177,7 +174,7 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 
 
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
-    """Lists the folders of a set's tiles by kind and number; folders that only look like one go to the problems."""
+    """Returns the folders of a set's tiles by kind and number. Folders with other names are added to the problems."""
     found = []
     for place in folder.iterdir():
         match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
@@ -189,7 +186,7 @@ def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
 
 
 def stray_files(folder: Path) -> list[Path]:
-    """Lists the files in the folders of a set's tiles that are not read, hidden ones aside, sorted."""
+    """Returns the files in the folders of a set's tiles that are not read, except hidden ones, sorted."""
     return [
         file
         for place in tile_folders(folder, [])
@@ -204,7 +201,7 @@ def edge_pixels(picture: np.ndarray, side: Side) -> np.ndarray:
 
 
 def describe_tiles(tiles: TileSet) -> str:
-    """Describes a set and the codes that it draws in a few lines of text."""
+    """Returns a few lines of text about a set and the codes that it draws."""
     lines = [f"{tiles.name}: {len(tiles.tiles)} tiles" + (f", licence {tiles.licence}" if tiles.licence else "")]
     for tile in tiles.tiles:
         sides = "".join(side.letter for side in SIDES if tile.code & side.bit)
@@ -263,7 +260,7 @@ def _about(folder: Path, problems: list[str]) -> dict[str, Plain]:
 
 
 def _shown(value: Plain) -> str:
-    """Returns a value for a message: neither long nor deep."""
+    """Returns a value for a message, shortened in length and depth."""
     return shorten(reprlib.repr(value))
 
 
@@ -298,7 +295,7 @@ def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile 
 
 
 def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
-    """Notes the sides that a tile opens but no road reaches, and the reverse; tells whether there are any."""
+    """Adds the sides that a tile opens but no road reaches, and the reverse; returns whether there are any."""
     before, size = len(problems), road.shape[0]
     for number, side in enumerate(SIDES):
         across = np.rot90(road, number).sum(axis=1)  # by the distance from the side
@@ -316,7 +313,6 @@ def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list
 
 
 def _read_layers(place: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
-    """Reads the masks of the maker's own."""
     layers = {}
     for file in sorted(place.glob("[!.]*.png")):
         if file.stem in _FILES:
