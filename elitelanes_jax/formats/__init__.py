@@ -1,6 +1,6 @@
-"""Maps as files of this and other programs: a module a format, each with functions of a grid of codes.
+"""Maps as files of this and other programs: a module for each format, with functions of a grid of codes.
 
-Any grid is taken; codes that a format cannot hold are refused, and the cells are named.
+If a format cannot represent a code, the error names the cells.
 """
 
 import lazy_loader

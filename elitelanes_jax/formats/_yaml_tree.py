@@ -1,7 +1,7 @@
-"""YAML as plain lists, tables and texts, whatever its author had in mind.
+"""Reads YAML as plain lists, tables and texts, safely for any file.
 
-PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without end. Here the nesting is bounded,
-an alias is the value it names, not a copy, and scalars stay texts: no number, date or object is made of them.
+PyYAML's own loader crashes on deep nesting and follows aliases and merge keys without limit. Here the nesting is
+limited, an alias is the value that it names, not a copy, and scalars stay texts: no numbers, dates or objects.
 """
 
 from collections.abc import Callable, Iterable
@@ -12,7 +12,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 
 _DEEPEST = 64
-_MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 values for all else: 3 s
+_MOST_VALUES = 5 * 2**18  # a map of 1024 x 1024 tiles, and 260,000 other values: 3 s
 _MOST_DIRECTIVES = 16  # libyaml compares each with all before it
 
 
@@ -20,12 +20,12 @@ def yaml_tree(text: str) -> Plain:
     """Reads a YAML document.
 
     Returns:
-      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no
-      meaning. A value may contain itself, where an alias says so.
+      Lists, dictionaries and strings; None for an empty document. Merge keys and tags have no meaning. A value may
+      contain itself through an alias.
 
     Raises:
-      InputError: if it is not YAML, has several documents, is nested deeper than 64 levels or of over 1.3 million
-        values, names an anchor that is not there, or has a key that is no text or comes twice.
+      InputError: if it is not YAML, has several documents, is nested deeper than 64 levels, has over 1.3 million
+        values, an alias without its anchor, a repeated key, or a key that is not a text.
     """
     if text.startswith("%") and text.count("\n%") >= _MOST_DIRECTIVES:
         raise InputError(f"expected readable YAML, got {_MOST_DIRECTIVES} directives and more")

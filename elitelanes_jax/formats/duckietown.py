@@ -1,9 +1,9 @@
 """Duckietown's map files, for gym-duckietown and duckietown-world: YAML with a table of tiles, the first row north.
 
-A tile is a kind and the side that it faces, such as ``curve_left/W``. A kind opens the sides that both programs drive
-along: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all kinds but
-``3way_right``, to which gym-duckietown gives the curves of ``3way_left``. It is read as duckietown-world has it, since
-maps that use it fit together only so, and never written.
+A tile is a kind and the side that it faces, such as ``curve_left/W``. Both programs drive along the sides that a kind
+opens: gym-duckietown's ``_get_curve`` and duckietown-world's ``tile_template``. They agree on all kinds except
+``3way_right``, to which gym-duckietown gives the curves of ``3way_left``. We read it like duckietown-world, because
+only then the tiles of existing maps fit together, and never write it.
 """
 
 import reprlib
@@ -20,10 +20,10 @@ from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
 
 TILE_SIZE = 0.585
-"""The pitch of Duckietown's tiles in metres."""
+"""The side of Duckietown's tiles in metres."""
 
 GROUNDS = ("grass", "floor", "asphalt", "empty")
-"""The kinds that a cell without a road may be written as."""
+"""The kinds for cells without a road."""
 
 # The sides that each kind opens when it faces south, and the quarter turns counter-clockwise to other sides.
 _ROADS = {"straight": 10, "curve_left": 12, "curve_right": 9, "3way_left": 14, "3way_right": 11, "4way": 15}
@@ -43,22 +43,21 @@ _TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
 def to_duckietown(
     codes: ArrayLike, *, tile_size: float = TILE_SIZE, ground: str = "grass", dead_ends: str = "refuse"
 ) -> str:
-    """Writes a grid as the text of a Duckietown map.
+    """Returns a grid as the text of a Duckietown map.
 
-    A road that leaves the grid, or that the neighbour does not return, is written as it is: gym-duckietown draws it,
+    A road that leaves the grid, or that the neighbour does not return, is written unchanged: gym-duckietown draws it,
     duckietown-world loads it, but makes no graph of its lanes.
 
     Args:
       codes: integer codes ``[H, W]``.
-      tile_size: in metres, 0.01 to 100. duckietown-world rounds places to centimetres where lanes meet: sizes in whole
-        centimetres work at any extent, 0.585 up to 37 tiles a side.
+      tile_size: in metres, 0.01 to 100. duckietown-world rounds positions to centimetres where lanes meet: sizes in
+        whole centimetres work at any extent, 0.585 up to 37 tiles a side.
       ground: the kind of cells without a road, one of `GROUNDS`.
-      dead_ends: "refuse" tiles with one connection, as Duckietown has none; or "grass", to remove roads that lead
+      dead_ends: "refuse" tiles with one connection, which Duckietown lacks; or "grass", to remove roads that lead
         nowhere (see `without_dead_ends`).
 
     Raises:
-      InputError: for a bad grid (see `check_grid`) or setting; the message names refused tiles; or if no
-        road is left.
+      InputError: for a bad grid (see `check_grid`) or option; the message names refused tiles; or if no road is left.
     """
     grid = np.asarray(check_grid(codes))
     if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
@@ -71,27 +70,27 @@ def to_duckietown(
         tiles = np.count_nonzero(grid)
         grid = without_dead_ends(grid)
         if tiles and not grid.any():
-            raise InputError(f"grid: expected a road that leads round to itself, got {tiles} tiles, all with dead ends")
+            raise InputError(f"grid: expected a road that forms a loop, got {tiles} tiles, all on roads to dead ends")
     stubs = np.argwhere(CONNECTIONS[grid] == 1).tolist()
     if stubs:
         cells = "; ".join(f"row {row}, column {column}" for row, column in stubs[:8])
         more = f" and {len(stubs) - 8} more" if len(stubs) > 8 else ""
         raise InputError(
-            f"grid: expected tiles with two or more connections, as Duckietown has no other, got dead ends at {cells}"
-            f"{more}; dead_ends='grass' leaves such roads out"
+            f"grid: expected tiles with two or more connections, as in Duckietown, got dead ends at {cells}{more}; "
+            "dead_ends='grass' removes these roads"
         )
     kinds = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
     width = max(len(kind) for row in kinds for kind in row) + 1
     rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
-    metres = np.format_float_positional(tile_size, trim="0")  # a float32 as short as a float
+    metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
     return f"tile_size: {metres}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
 
 
 def from_duckietown(text: str) -> NDArray[np.int8]:
     """Reads the grid of a Duckietown map.
 
-    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size`, its objects and its kinds of
-    ground are not kept: all cells without a road are 0.
+    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size`, objects and kinds of ground are
+    ignored: all cells without a road are 0.
 
     Args:
       text: the content of the YAML file.
@@ -100,7 +99,7 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
       int8 ``[H, W]``.
 
     Raises:
-      InputError: if it is no such map, or has a kind of tile that is not known, or a side over 1024 tiles.
+      InputError: if it is not a Duckietown map, has an unknown kind of tile, or a side over 1024 tiles.
     """
     values = yaml_tree(text)
     rows = values.get("tiles") if isinstance(values, dict) else None
@@ -119,13 +118,13 @@ def _code(tile: Plain, row: int, column: int) -> int:
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
         place = f"at row {row}, column {column}"
-        got = shorten(reprlib.repr(tile))  # the one bounds the expansion of aliases, the other its length
+        got = shorten(reprlib.repr(tile))  # reprlib limits the expansion of aliases
         raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {place}")
     return _CODE[kind]
 
 
 def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
-    """Removes roads that lead nowhere: each is taken back to the last crossing, which loses that side.
+    """Removes roads that lead nowhere, each up to the last crossing, which loses that side.
 
     The rest has no dead end as `measure` counts them: every tile has two connections or more, all returned.
 
@@ -133,7 +132,7 @@ def without_dead_ends(codes: ArrayLike) -> NDArray[np.int8]:
       codes: integer codes ``[H, W]``.
 
     Returns:
-      int8 ``[H, W]``; zeros where all roads lead nowhere.
+      int8 ``[H, W]``; zeros if all roads lead nowhere.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).

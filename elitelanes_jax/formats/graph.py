@@ -1,12 +1,12 @@
 """Road networks as graphs of NetworkX: tiles as nodes, or crossings as nodes and roads as edges.
 
-`tile_graph` has the nodes and edges that `measure` counts. `reduced_graph` keeps its components, its cyclomatic number
-and its total length, and leaves out the tiles at which there is no choice of way:
+`tile_graph` has the nodes and edges that `measure` counts. `reduced_graph` has the same components, cyclomatic number
+and total length, without the tiles at which there is no choice of way:
 
 - Its nodes are the tiles with three or four connections ("crossing"), the tiles with one link or none ("end"), and, in
   a component that is a ring without either, the ring's first tile ("ring").
-- Its edges are the roads between them. Several roads may join two crossings, and a road may come back to the crossing
-  that it left, so it is a multigraph with self-loops. A ring is one self-loop.
+- Its edges are the roads between them. Several roads may join two crossings, and a road may return to its crossing, so
+  it is a multigraph with self-loops. A ring is one self-loop.
 """
 
 from collections.abc import Iterator
@@ -24,18 +24,11 @@ if TYPE_CHECKING:
     import networkx
 
 Cell = tuple[int, int]
-"""A place in the grid: row and column, from the north-west corner."""
+"""A cell of a grid: row and column, from the north-west corner."""
 
 
 def linked_tiles(codes: ArrayLike) -> dict[Cell, list[Cell]]:
-    """Lists the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows.
-
-    Args:
-      codes: integer codes ``[H, W]``.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
-    """
+    """Returns the linked neighbours of each non-empty tile, clockwise from north; tiles in the order of rows."""
     rows = np.asarray(check_grid(codes)).tolist()
     tiles = {(row, column): code for row, line in enumerate(rows) for column, code in enumerate(line) if code}
     return {
@@ -49,7 +42,7 @@ def linked_tiles(codes: ArrayLike) -> dict[Cell, list[Cell]]:
 
 
 def tile_graph(codes: ArrayLike) -> "networkx.Graph":
-    """Makes the graph of a grid's tiles and their links.
+    """Returns the graph of a grid's tiles and their links.
 
     Args:
       codes: integer codes ``[H, W]``.
@@ -59,7 +52,7 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
       int, and `kind`, a name of `codes.KINDS`. Edges are the links: neighbours that both connect to each other.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+      InputError: for a bad grid (see `check_grid`), or without NetworkX.
     """
     nx = _networkx()
     grid = np.asarray(check_grid(codes))
@@ -71,7 +64,7 @@ def tile_graph(codes: ArrayLike) -> "networkx.Graph":
 
 
 def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
-    """Makes the graph of a grid's crossings and the roads between them.
+    """Returns the graph of a grid's crossings and the roads between them.
 
     Args:
       codes: integer codes ``[H, W]``.
@@ -79,13 +72,12 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
     Returns:
       A multigraph. Its nodes are tiles as (row, column), in the order of their rows, each with `code`, an int, and
       `kind`, "crossing", "end" or "ring". Each edge has `length`, an int, the steps from tile to tile along the road,
-      which is its length in tiles from centre to centre; and `path`, the tiles from end to end, both ends among them,
-      so `length + 1` tiles. It starts at the end that comes first in the order of rows; that of a self-loop starts and
-      ends at its node, and leaves it by its first side clockwise from north. Parallel edges have the keys 0, 1, ...,
-      clockwise from north around the first end.
+      which is its length in tiles from centre to centre; and `path`, its ``length + 1`` tiles with both ends. The path
+      starts at the end that comes first in the order of rows. The path of a self-loop leaves its node by the first side
+      clockwise from north. Parallel edges have the keys 0, 1, ..., clockwise from north around the first end.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or where NetworkX is not installed.
+      InputError: for a bad grid (see `check_grid`), or without NetworkX.
     """
     nx = _networkx()
     grid = np.asarray(check_grid(codes))
@@ -96,7 +88,7 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
             graph.add_node(tile, code=int(grid[tile]), kind="crossing")
         elif len(others) < 2:
             graph.add_node(tile, code=int(grid[tile]), kind="end")
-    walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads: they are first steps from the other end
+    walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads, reversed: first steps from the other end
     passed: set[Cell] = set(graph)
 
     def add_roads(node: Cell) -> None:
@@ -120,19 +112,19 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
 
 
 def to_graphml(graph: Untyped) -> str:
-    """Writes a graph of `tile_graph` or `reduced_graph` as the text of a GraphML file.
+    """Returns a graph of `tile_graph` or `reduced_graph` as the text of a GraphML file.
 
-    Nodes are named "row,column" and have `row` and `column` too; a path is its tiles' names with blanks between.
+    Nodes are named "row,column" and also have `row` and `column`. A path is the names of its tiles with spaces between.
 
     Raises:
-      InputError: where NetworkX is not installed.
+      InputError: without NetworkX.
     """
     nx = _networkx()
     written = graph.__class__()
     for tile, data in graph.nodes(data=True):
         written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
     for number, (one, other, data) in enumerate(graph.edges(data=True)):
-        # The key becomes the edge's name in the file, which has to be unique there.
+        # The key becomes the edge's name in the file, which must be unique.
         roads = {"path": " ".join(map(_name, data["path"])), "key": number} if graph.is_multigraph() else {}
         written.add_edge(_name(one), _name(other), **data | roads)
     return "\n".join(nx.generate_graphml(written)) + "\n"
@@ -143,7 +135,7 @@ def _name(tile: Cell) -> str:
 
 
 def _walk(links: dict[Cell, list[Cell]], ends: Untyped, before: Cell, tile: Cell) -> Iterator[Cell]:
-    """Walks along a road: its tiles from the second one up to the next end."""
+    """Yields the tiles of a road from the second one up to the next end."""
     while tile not in ends:
         yield tile
         before, tile = tile, next(other for other in links[tile] if other != before)

@@ -1,4 +1,4 @@
-"""Rides on a map, in a JSON file: poses that `elitelanes drive` records and `elitelanes explore` plays."""
+"""Rides on a map in a JSON file: poses that `elitelanes drive` records and `elitelanes explore` plays."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from elitelanes_jax._util.types import Plain
 from elitelanes_jax.network.checks import check_grid
 
 RIDES = "elitelanes rides, version 1"
-"""The format of the file, which it says itself."""
+"""The file's entry ``format``."""
 
 _MOST_BYTES = 64 * MIB
 
 MOST_POSES = 2_000_000
-"""The poses of all rides that a file has room for, beside a map of 1024 x 1024 tiles: 18 hours."""
+"""The limit of all poses in a file, 18 hours, so that it also has room for a map of 1024 x 1024 tiles."""
 
 
 class RecordedRide(NamedTuple):
-    """A ride, 30 poses a second.
+    """A ride, 30 poses per second.
 
     Attributes:
       goal: row and column.
@@ -36,16 +36,16 @@ class RecordedRide(NamedTuple):
 
 
 def read_rides(file: str | Path) -> tuple[NDArray[np.int8], list[RecordedRide]] | None:
-    """Reads the map and the rides of a file; None for a file that is none of rides.
+    """Returns the map and the rides of a file; None for another kind of file.
 
     Raises:
-      InputError: for a file of rides that does not hold; the message names the file.
+      InputError: for a damaged file of rides; the message names the file.
     """
     try:
         text = read_text(file, _MOST_BYTES)
         values = parse_json(text) if RIDES in text else None
     except (OSError, ValueError, RecursionError):
-        return None  # no file of rides: whoever reads it next says what it should be
+        return None  # the next reader of the file reports its errors
     if not isinstance(values, dict) or values.get("format") != RIDES:
         return None
     try:

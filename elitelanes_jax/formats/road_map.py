@@ -1,4 +1,4 @@
-"""A road map with its metrics, and its JSON file; Duckietown's map files are read too."""
+"""A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
 from collections.abc import Callable, Iterable, Mapping
@@ -22,7 +22,7 @@ _Read = TypeVar("_Read")
 
 _FORMAT = "elitelanes map, version 1"
 _MOST_BYTES = 32 * MIB  # a drawn map of 1024 x 1024 tiles has 22 MB
-_MOST_LISTED = 64 * MIB  # of a list of maps: over 40,000 of 12 x 12 tiles with their metrics
+_MOST_LISTED = 64 * MIB  # a list of 40,000 maps of 12 x 12 tiles with their metrics
 
 
 class Drawn(NamedTuple):
@@ -41,9 +41,9 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RoadMap:
-    """One map; unknown fields are None. Fields are checked when it is made, as those of a file are.
+    """One map; unknown fields are None. All fields are checked at construction.
 
-    Maps are equal if their files are. To change a map, make another one from a copy of its codes.
+    Maps are equal if their files are. To change a map, make a new one from a copy of its codes.
 
     Attributes:
       codes: int8 ``[H, W]``, read-only.
@@ -51,7 +51,7 @@ class RoadMap:
       fitness: in the search that found it; lower is better.
       descriptor: the values of the niche's axes, by metric.
       niche: the bins on the axes.
-      seed: of the run, and the number of the run's seed that found the map, from 0.
+      seed: of the run, and the index of the run's seed that found the map, from 0.
       drawn: its tile pictures.
     """
 
@@ -64,13 +64,9 @@ class RoadMap:
     drawn: Drawn | None = None
 
     def __post_init__(self) -> None:
-        """Checks all fields.
-
-        Raises:
-          InputError: for a bad grid (see `check_grid`), or any other field that is not as it should be.
-        """
+        """Checks all fields; raises `InputError`."""
         codes = np.array(check_grid(self.codes))
-        codes.flags.writeable = False  # or a change of one would leave other metrics, or no tile code
+        codes.flags.writeable = False  # a change would contradict the metrics
         for name, (fits, expected) in _FIELDS.items():
             value = _plain(getattr(self, name))
             if value is not None and not fits(value):
@@ -83,10 +79,10 @@ class RoadMap:
             raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
 
     def save(self, file: str | Path) -> None:
-        """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
+        """Writes a map file for `read_map`. An existing file is replaced; after an error it is unchanged.
 
         Raises:
-          InputError: if the name has the ending of another format, such as .yaml.
+          InputError: if the name has the suffix of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
         place = check_named("file", path, file)
@@ -95,15 +91,13 @@ class RoadMap:
         write_atomic(place, map_to_json(self).encode())
 
     def __eq__(self, other: object) -> bool:
-        """Returns whether the other is a map with the same codes and other fields."""
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
 
     def __hash__(self) -> int:
-        """Returns a number that equal maps have in common."""
         return hash(map_to_json(self))
 
     def __repr__(self) -> str:
-        """Returns the size and a few figures in one line."""
+        """Returns the size and a few metrics in one line."""
         height, width = np.shape(self.codes)
         metrics = {name: (self.metrics or {}).get(name) for name in ("cyclomatic", "crossings", "turns", "bridges")}
         figures = {"fitness": self.fitness} | metrics
@@ -111,12 +105,11 @@ class RoadMap:
         return f"RoadMap({', '.join([f'{height} x {width}', *words])})"
 
     def _repr_svg_(self) -> str:
-        """Returns the drawing that notebooks show."""
         return draw_svg(self.codes)
 
 
 def map_to_json(road_map: RoadMap) -> str:
-    """Writes the text of a map file: a key a line, tables a row a line."""
+    """Returns the text of a map file: a line for each key, and for each row of a table."""
     values: dict[str, Plain] = {
         "format": _FORMAT,
         "shape": list(road_map.codes.shape),
@@ -142,11 +135,10 @@ def _lines(value: Plain, indent: str) -> str:
 
 
 def read_map(file: str | Path) -> RoadMap:
-    """Reads a map file; ``{"codes": [[...], ...]}`` is enough of one. ``.yaml`` and ``.yml`` are maps of Duckietown.
+    """Reads a map file; ``{"codes": [[...], ...]}`` is enough. Files ``.yaml`` and ``.yml`` are maps of Duckietown.
 
     Raises:
-      InputError: if it cannot be read, has over 32 MiB, or anything in it is not as it should be; the message names the
-        file.
+      InputError: if it cannot be read, has over 32 MiB or a bad entry; the message names the file.
     """
     return _read(file, _MOST_BYTES, _map_of)
 
@@ -155,7 +147,7 @@ def read_maps(file: str | Path) -> list[RoadMap]:
     """Reads a file of one map, or a JSON list of maps, ``[{"codes": [[...], ...]}, ...]``.
 
     Raises:
-      InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's place, from 0.
+      InputError: as `read_map`, here for over 64 MiB; the message names the file and the map's index, from 0.
     """
     return _read(file, _MOST_LISTED, lambda values: _maps_of(values) if isinstance(values, list) else [_map_of(values)])
 
@@ -192,7 +184,7 @@ def _dimensions(value: UserValue) -> int:
 
 
 def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read:
-    """Reads a file of so many bytes at most, and parses its values, or those of a map of Duckietown."""
+    """Reads a file of at most `most` bytes, and parses its values, or those of a map of Duckietown."""
     is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
     try:
@@ -242,7 +234,7 @@ def _map_of(values: Plain) -> RoadMap:
 
 
 def _plain(value: UserValue) -> Plain:
-    """Returns a field's value as JSON gives it back: NumPy's numbers as Python's, tuples as lists."""
+    """Returns a field's value as JSON has it, with Python's numbers instead of NumPy's and lists instead of tuples."""
     if isinstance(value, Drawn):
         value = value._asdict()
     if isinstance(value, Mapping):
@@ -253,7 +245,7 @@ def _plain(value: UserValue) -> Plain:
 
 
 def _grid(rows: Plain) -> NDArray[np.int8]:
-    """Reads the codes of a file; a wrong one is named as it stands there, before NumPy makes one type of all cells."""
+    """Reads the codes of a file. A wrong code is reported as written, before NumPy converts all cells to one type."""
     if isinstance(rows, list) and all(isinstance(row, list) for row in rows):
         check_sides(rows)
         for y, row in enumerate(rows):
@@ -287,7 +279,7 @@ def _numbers_by_name(value: Plain) -> bool:
     return isinstance(value, dict) and all(is_real(number) and isfinite(number) for number in value.values())
 
 
-# The fields of a map beside the codes: a test of the value, and words for what is expected.
+# The fields of a map beside the codes: a test of the value, and what is expected, for messages.
 _FIELDS: dict[str, tuple[Callable[[Plain], bool], str]] = {
     "metrics": (_numbers_by_name, "numbers by name"),
     "fitness": (lambda value: is_real(value) and isfinite(value), "a number"),

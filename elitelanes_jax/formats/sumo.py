@@ -1,8 +1,8 @@
-"""Road networks for SUMO, the traffic simulator: its plain XML, and the networks that its `netconvert` makes of it.
+"""Road networks for SUMO, the traffic simulator: its plain XML, and networks that its `netconvert` makes from it.
 
 Roads are those of `reduced_graph`, with a lane in each direction; traffic keeps right. They run along the middle of
-straights and the arcs of turns. SUMO has no edge from a node to itself: a road back to its start is cut in two, and so
-is a ring.
+straights and the arcs of turns. SUMO has no edge from a node to itself, so a road back to its start, such as a ring, is
+cut in two.
 """
 
 import math
@@ -30,13 +30,13 @@ from elitelanes_jax.network.codes import SIDE_TOWARDS
 _RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
 _OUTPUTS = {"net": "--output-file", "opendrive": "--opendrive-output"}
 _OPTIONS = (
-    "--offset.disable-normalization=true",  # the network lies where the grid does
+    "--offset.disable-normalization=true",  # keep the grid's coordinates
     "--precision=4",  # for streets as small as Duckietown's
-    "--geometry.min-radius=0",  # no warnings of turns that are as sharp as their tiles
+    "--geometry.min-radius=0",  # no warnings of turns as sharp as a tile's
     "--roundabouts.guess=false",
 )
 
-# The date in a comment with netconvert's settings, and in OpenDRIVE's header.
+# The date in a comment with netconvert's options, and in OpenDRIVE's header.
 _TIMES = re.compile(r'<!-- generated on .*?-->\s*| date="[^"]*"', re.DOTALL)
 
 _ARC = np.linspace(0, math.pi / 2, 9)
@@ -45,16 +45,16 @@ _HALF = _ARC.size // 2
 
 @dataclass(frozen=True)
 class Streets(Record):
-    """Measures of the streets that tiles become.
+    """Measures of the streets.
 
-    The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of them. On shorter
-    streets waiting cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown,
-    58.5 cm a tile and 22.2 cm from the middle of the road to its white line; a Duckiebot has 2.6 m there.
+    The defaults suit SUMO's own cars, 5 m long: two of them fit between adjacent crossings. On shorter streets waiting
+    cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown, 58.5 cm a tile and
+    22.2 cm from the middle of the road to its white line; at this scale a Duckiebot is 2.6 m long.
 
     Attributes:
       tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
       lane: width of a lane in metres, 0.001 to 500.
-      speed: limit in metres a second, 0.001 to 100.
+      speed: speed limit in metres a second, 0.001 to 100.
       right_of_way: at crossings: "allway_stop", the meaning of stop lines on all sides, "priority",
         "right_before_left" or "traffic_light".
     """
@@ -76,10 +76,10 @@ class PlainXml(NamedTuple):
     """A network in SUMO's plain XML, one text for each file.
 
     Attributes:
-      nodes: each ``ROW_COLUMN``, after its tile; places in metres, x to the east and y to the north, from the grid's
+      nodes: each ``ROW_COLUMN``, after its tile; positions in metres, x to the east and y to the north, from the grid's
         south-west corner.
-      edges: each ``ROW_COLUMN_SIDE``, after the tile where it starts and the side by which it leaves that.
-      connections: from each edge to those that start where it ends; the way back only at dead ends.
+      edges: each ``ROW_COLUMN_SIDE``, after its first tile and the side by which it leaves that tile.
+      connections: from each edge to those that start at its end; back along the same road only at dead ends.
     """
 
     nodes: str
@@ -100,18 +100,18 @@ class Network(NamedTuple):
 
 
 def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
-    """Writes a grid as plain XML.
+    """Returns a grid as plain XML.
 
     Args:
       codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures.
+      streets: the measures.
 
     Returns:
       A `PlainXml`; the same grid gives the same texts.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road, measures out of their ranges, or where
-        NetworkX is not installed.
+      InputError: for a bad grid (see `check_grid`), a grid without roads, measures out of their ranges, or without
+        NetworkX.
     """
     roads = _roads(codes)
     if not roads:
@@ -132,7 +132,7 @@ def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
 def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
     """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
 
-    Missing folders are made. Existing files are replaced once all three are written.
+    Missing folders are made. Existing files are replaced when all three are written.
 
     Raises:
       InputError: as `plain_xml`, or if the files cannot be written.
@@ -141,7 +141,7 @@ def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets(
     nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
     try:
         nodes.parent.mkdir(parents=True, exist_ok=True)
-        # Nodes of one network do not fit the edges of another: none is replaced before all are written.
+        # Nodes of one network do not fit the edges of another, so no file is replaced before all are written.
         with tempfile.TemporaryDirectory(dir=nodes.parent, prefix=f".{nodes.name}-") as folder:
             for file, text in zip(files, texts, strict=True):
                 write_atomic(Path(folder, file.name), text.encode())
@@ -160,7 +160,7 @@ def network(codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> 
     Args:
       codes: integer codes ``[H, W]``, see `plain_xml`.
       to: "net", a network of SUMO, or "opendrive".
-      streets: their measures.
+      streets: the measures.
 
     Returns:
       A `Network`; the same grid and version of SUMO give the same text.
@@ -196,11 +196,11 @@ def convert(file: str | Path, codes: ArrayLike, to: str = "net", streets: Street
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml`` or ``city.xodr``; missing folders are made. An existing file is replaced, and kept
-        after an error.
+      file: such as ``city.net.xml`` or ``city.xodr``; missing folders are made. An existing file is replaced; after an
+        error it is unchanged.
       codes: integer codes ``[H, W]``.
       to: "net" or "opendrive".
-      streets: their measures.
+      streets: the measures.
 
     Raises:
       InputError: as `network`, or if the file cannot be written.
@@ -214,7 +214,7 @@ def convert(file: str | Path, codes: ArrayLike, to: str = "net", streets: Street
 
 
 def _roads(codes: ArrayLike) -> list[list[Cell]]:
-    """Lists the tiles from node to node, of each road in each direction."""
+    """Returns the tiles from node to node, of each road in each direction."""
     roads = []
     for start, end, path in reduced_graph(codes).edges(data="path"):
         middle = len(path) // 2
@@ -224,9 +224,9 @@ def _roads(codes: ArrayLike) -> list[list[Cell]]:
 
 
 def _line(road: list[Cell], exits: dict[Cell, list[Cell]], height: int) -> NDArray[np.complex128]:
-    """Returns the middle of a road from node to node, east + north·i in tiles; no point where it is straight.
+    """Returns the middle of a road from node to node, east + north·i in tiles, without points on straight lines.
 
-    Each tile is crossed from border to border: with a towards the one and b towards the other, both from its centre,
+    Each tile is crossed from border to border. For a and b, the vectors from its centre to both borders,
     a·(1 - sin t) + b·(1 - cos t) is the quarter circle of a turn, and on a straight, where b = -a, the line.
     """
     beyond = [_beyond(road[0], road[1], exits), *road, _beyond(road[-1], road[-2], exits)]
@@ -240,7 +240,7 @@ def _line(road: list[Cell], exits: dict[Cell, list[Cell]], height: int) -> NDArr
 
 
 def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
-    """Returns the tile behind a node, for a road to a neighbour: on the only other road, or else straight behind."""
+    """Returns the tile behind a node, for a road to a neighbour: on the only other road, otherwise straight behind."""
     if len(exits[node]) == 2:
         return next(other for other in exits[node] if other != neighbour)
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
@@ -251,8 +251,8 @@ def _ways_on(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
 
 
 def _node(node: Cell, place: complex, degree: int, streets: Streets) -> str:
-    # SUMO's own 4 m for lanes of 3.2 m where there is room; never as far as the tile's border, so that adjacent
-    # crossings have an edge between them.
+    # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
+    # between adjacent crossings.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
     kind = streets.right_of_way if degree > 2 else "priority"
     point = f'x="{place.real:.4f}" y="{place.imag:.4f}"'

@@ -1,4 +1,4 @@
-"""A small drawing of a map as SVG, which notebooks show; it needs no tile pictures."""
+"""A small drawing of a map as SVG for notebooks, without tile pictures."""
 
 import numpy as np
 

@@ -11,17 +11,17 @@ from elitelanes_jax._util.types import AnyArray, Plain
 from elitelanes_jax.network.plain_metrics import plain_measure
 
 Row = dict[str, Plain]
-"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics, numbers."""
+"""The name of a map, `file`, its `height` and `width` in tiles, and its metrics, which are numbers."""
 
 
 def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
     """Measures grids, a row each.
 
-    A float32 becomes the shortest decimal that is it, 0.54320985 rather than 0.5432098507881165.
+    A float32 becomes its shortest decimal, 0.54320985 instead of 0.5432098507881165.
 
     Args:
       names: of the grids, such as their files.
-      grids: as many, integer codes ``[H, W]`` of any shapes.
+      grids: the same number of grids, integer codes ``[H, W]`` of any shapes.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -36,7 +36,7 @@ def measure_maps(names: Sequence[str], grids: Sequence[AnyArray]) -> list[Row]:
 
 
 def table_to_csv(rows: Sequence[Row]) -> str:
-    """Writes rows, such as those of `measure_maps`, as CSV with a head of all columns that any row has."""
+    """Returns rows, such as those of `measure_maps`, as CSV with a header of all columns that any row has."""
     text = io.StringIO()
     columns = list(dict.fromkeys(name for row in rows for name in row))
     table = csv.DictWriter(text, columns, lineterminator="\n")
@@ -46,5 +46,5 @@ def table_to_csv(rows: Sequence[Row]) -> str:
 
 
 def table_to_json(rows: Sequence[Row]) -> str:
-    """Writes rows of `measure_maps` as a JSON list of objects, one a line."""
+    """Returns rows of `measure_maps` as a JSON list of objects, one per line."""
     return "[\n" + ",\n".join("  " + json.dumps(row) for row in rows) + "\n]\n"

@@ -13,11 +13,11 @@ _ASCII = " -|+--++|+|+++++"
 
 
 def draw_text(codes: ArrayLike, *, ascii_only: bool = False) -> str:
-    """Draws a grid in characters, two a tile, a row a line: a connection is a line to that side.
+    """Returns a grid in characters, two per tile, a line for each row. A connection is a line to that side.
 
     Args:
       codes: integer codes ``[H, W]``.
-      ascii_only: draw with ``+``, ``-`` and ``|`` in place of box-drawing characters.
+      ascii_only: whether to draw with ``+``, ``-`` and ``|`` instead of box-drawing characters.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
