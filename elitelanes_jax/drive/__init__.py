@@ -1,4 +1,4 @@
-"""Driving on maps: lanes, routes, environments for reinforcement learning, and what a camera sees."""
+"""Driving on maps: lanes, routes, environments for reinforcement learning, and a camera."""
 
 import lazy_loader
 

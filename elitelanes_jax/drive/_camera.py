@@ -1,8 +1,8 @@
-"""The camera: what a robot sees of a map, and the labels of every pixel, by one look-up.
+"""The camera: a robot's picture of a map, with the label of every pixel.
 
-A pixel's ray meets the ground at a point, the point lies on a tile, and the tile's picture and labels are looked up
-there: the nearest pixel, so that picture and labels agree exactly. Where a ray meets no tile there is background, and
-above the horizon the sky.
+A pixel's ray meets the ground at a point on a tile. The nearest pixel of the tile's picture and labels is looked up, so
+that picture and labels agree exactly. Pixels whose ray meets no tile show the ground's colour, or above the horizon the
+sky's.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,7 +34,7 @@ class Atlas(NamedTuple):
 
 
 def make_atlas(images: AnyArray, labels: AnyArray) -> Atlas:
-    """Makes the atlas of pictures ``[T, P, P, 3]`` and label maps ``[T, P, P]`` (see `tiles.render.scale_tiles`).
+    """Makes an atlas from pictures ``[T, P, P, 3]`` and label maps ``[T, P, P]`` (see `tiles.render.scale_tiles`).
 
     Raises:
       InputError: for arrays of other shapes or types.
@@ -54,7 +54,7 @@ def _colour(value: UserValue) -> tuple[float, ...]:
 @pytree
 @dataclass(frozen=True)
 class Camera(Record):
-    """Settings of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
+    """Options of the camera, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       height: metres above the ground.
@@ -96,12 +96,12 @@ class View(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """A camera and the pictures that it sees, for observations of environments.
+    """A camera and the pictures of tiles that it shows, for observations of environments.
 
     Attributes:
-      camera: its settings.
+      camera: its options.
       atlas: of the tile set.
-      tiles: int32 ``[16, V]``, the atlas' tiles for each code; a code's pictures take turns from cell to cell.
+      tiles: int32 ``[16, V]``, the atlas' tiles for each code. The pictures of a code alternate from cell to cell.
     """
 
     camera: Camera
@@ -112,17 +112,17 @@ class Sight(NamedTuple):
 def make_sight(
     images: AnyArray, labels: AnyArray, rotations: Mapping[int, Sequence[tuple[int, int]]], camera: Camera | None = None
 ) -> Sight:
-    """Makes what environments see of a tile set.
+    """Makes the camera of environments from a tile set.
 
     Args:
       images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
       labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
       rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
-        without a picture is shown as that of code 0.
+        without a picture is shown like code 0.
       camera: by default `Camera()`.
 
     Raises:
-      InputError: for arrays of other shapes or types, no picture of code 0, or a bad setting of the camera.
+      InputError: for arrays of other shapes or types, no picture of code 0, or a bad option of the camera.
     """
     atlas = make_atlas(images, labels)
     if not rotations.get(0):
@@ -138,7 +138,7 @@ def make_sight(
 
 
 def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
-    """Computes where the ray of each pixel's centre meets the ground, as seen from the middle between the wheels.
+    """Returns where the ray of each pixel's centre meets the ground, relative to the middle between the wheels.
 
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
@@ -158,7 +158,7 @@ def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "ro
 
 
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
-    """Finds the points that distortion moves to the given ones, by a fixed-point iteration."""
+    """Finds the points that distortion moves to `right` and `down`, by a fixed-point iteration."""
     there = right, down
     for _ in range(8):
         square = there[0] ** 2 + there[1] ** 2
@@ -171,12 +171,12 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
     """Renders one frame.
 
     Args:
-      key: consumed for noise; not used without.
+      key: consumed for noise; otherwise not used.
       pose: of the middle between the wheels, in tiles.
-      tiles: the tile of the atlas for each cell of the map: ``4 * index in the set + quarter turns``, for what
-        `choose_tiles` returns ``chosen[..., 0] * 4 + chosen[..., 1]``.
+      tiles: the tile of the atlas for each cell of the map: ``4 * index in the set + quarter turns``. For the result of
+        `choose_tiles` this is ``chosen[..., 0] * 4 + chosen[..., 1]``.
       atlas: of the tile set.
-      camera: its settings.
+      camera: its options.
     """
     ahead, left = rays(camera)
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
@@ -185,14 +185,14 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
     size = atlas.pixels.shape[1]
     seen = jnp.isfinite(ahead)
     ahead, left = jnp.where(seen, ahead, 0), jnp.where(seen, left, 0)
-    # In pixels of the rendered map, so that its pixel, and not the tile's, is what is rounded.
+    # In pixels of the rendered map, because positions are rounded on the map, not on the tile.
     x = jnp.floor((pose.x + ahead * cosine - left * sine) * size).astype(jnp.int32)
     y = jnp.floor((pose.y - ahead * sine - left * cosine) * size).astype(jnp.int32)
     inside = seen & (x >= 0) & (x < width * size) & (y >= 0) & (y < height * size)
     x, y = jnp.clip(x, 0, width * size - 1), jnp.clip(y, 0, height * size - 1)
     tile = tiles.reshape(-1).at[(y // size) * width + x // size].get(mode="promise_in_bounds")
     words = jax.lax.bitcast_convert_type(atlas.pixels, jnp.uint32).reshape(-1)
-    # One word is read where four bytes would be.
+    # Reads one word instead of four bytes.
     flat = (tile * size + y % size) * size + x % size
     pixel = words.at[flat].get(mode="promise_in_bounds")
 
@@ -209,7 +209,7 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
 
 
 def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
-    """Renders what is seen from a pose on a grid. The camera's noise depends on the pose alone.
+    """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
 
     Args:
       pose: of the middle between the wheels, in tiles.

@@ -12,12 +12,12 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 
 UNREACHABLE = 2**30
-"""The distance from where no way leads to the goal."""
+"""The distance if no way leads to the goal."""
 
 NO_WAY = 3
-"""The value instead of a turn where no way leads to the goal."""
+"""The value instead of a turn if no way leads to the goal."""
 
-_SWEEPS = 4  # between two looks at whether anything changed
+_SWEEPS = 4  # between two checks for changes
 
 
 def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
@@ -31,10 +31,10 @@ def lane_nodes(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4"]:
 
 
 def distances(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> Int32[Array, "H W 4"]:
-    """Computes how many tiles a shortest way to the goal takes, from every node of a grid.
+    """Computes the number of tiles of a shortest way to the goal, from every node of a grid.
 
-    Each movement counts one tile. The distance is `UNREACHABLE` where no way leads to the goal, and where the grid has
-    no node.
+    Each movement counts one tile. The distance is `UNREACHABLE` if no way leads to the goal, or the grid does not have
+    the node.
 
     Args:
       grid: integer codes ``[H, W]``.
@@ -54,12 +54,9 @@ def _distances(grid: Array, goal: LaneNode) -> Array:
 
 
 def shortest_ways(grid: Int[ArrayLike, "H W"], goal: LaneNode) -> UInt8[Array, "H W"]:
-    """Computes the turn to take at every node of a grid, for a shortest way to the goal.
+    """Computes the turn at every node of a grid for a shortest way to the goal, two bits per heading; see `way_at`.
 
-    Of several the right turn comes first, then straight on. `way_at` reads what is returned: two bits for each heading.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
+    Among several shortest ways the right turn comes first, then straight on. Raises `InputError` for a bad grid.
     """
     return _shortest_ways(check_grid(grid), goal)
 
@@ -76,17 +73,17 @@ def _shortest_ways(grid: Array, goal: LaneNode) -> Array:
 
 
 def way_at(ways: UInt8[Array, "H W"], node: LaneNode) -> Int32[Array, "..."]:
-    """Reads the turn of a node in what `shortest_ways` returns: 0 right, 1 straight, 2 left, or `NO_WAY`."""
+    """Returns the turn of a node from the result of `shortest_ways`: 0 right, 1 straight, 2 left, or `NO_WAY`."""
     return (ways[node.row, node.column].astype(jnp.int32) >> (2 * jnp.asarray(node.heading))) & 3
 
 
 def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
-    """Returns distances by heading at a tile, and the distances by the heading with which the tile is left.
+    """Returns the distances by the heading with which a tile is entered, and by the heading with which it is left.
 
     Both are int32 ``[4, H, W]``.
     """
     height, width = links.shape
-    # The longest way visits each node once: small numbers are faster where they suffice.
+    # The longest way visits each node once. Small numbers are faster if they suffice.
     dtype = jnp.int16 if 4 * height * width < 2**14 else jnp.int32
     far = dtype(2**14) if dtype == jnp.int16 else dtype(UNREACHABLE)
     rows, columns = jnp.arange(height)[:, None], jnp.arange(width)
@@ -129,9 +126,9 @@ class Route(NamedTuple):
     """A way from node to node.
 
     Attributes:
-      nodes: `LaneNode` with int32 ``[N]``, from the start to the goal; after it the goal again and again.
+      nodes: `LaneNode` with int32 ``[N]``, from the start to the goal, which is then repeated.
       turns: int32 ``[N]``, the turn taken at each node; `NO_WAY` from the goal on.
-      length: int32, tiles; `UNREACHABLE` if no way leads to the goal: then all nodes are the start.
+      length: int32, tiles. If no way leads to the goal it is `UNREACHABLE`, and all nodes are the start.
     """
 
     nodes: LaneNode
@@ -140,19 +137,18 @@ class Route(NamedTuple):
 
     @property
     def movements(self) -> Movement:
-        """The movements of the route, with int32 ``[N]``; those from the goal on have the turn `NO_WAY`."""
+        """The movements of the route, with int32 ``[N]``; from the goal on with the turn `NO_WAY`."""
         return Movement(*self.nodes, self.turns)
 
 
 def route(grid: Int[ArrayLike, "H W"], start: LaneNode, goal: LaneNode, *, most: int | None = None) -> Route:
-    """Finds a shortest way; of several the one that turns right first, else goes straight on first.
+    """Finds a shortest way; among several the one that turns right first, then the one that goes straight on first.
 
     Args:
       grid: integer codes ``[H, W]``.
       start: a node.
       goal: a node.
-      most: N, the number of nodes that fit; by default 4·H·W, which is all of a grid. Of a longer route the first N
-        are returned.
+      most: N, the largest number of nodes; by default 4·H·W, the nodes of a grid. A longer route is cut after N nodes.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -174,11 +170,11 @@ def follow(
     Args:
       ways: of `shortest_ways`.
       start: a node.
-      count: tiles to go.
-      most: N, the number of nodes that fit.
+      count: the number of tiles to drive.
+      most: N, the largest number of nodes.
 
     Returns:
-      The nodes ``[N]``, the last one again and again, and the turns ``[N]``, `NO_WAY` after `count` of them.
+      The nodes ``[N]``, the last one repeated, and the turns ``[N]``, `NO_WAY` after `count` of them.
     """
 
     def go(number: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:

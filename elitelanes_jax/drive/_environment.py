@@ -13,16 +13,16 @@ from elitelanes_jax.network.bits import randint, random_bits
 
 
 class Transition(NamedTuple):
-    """The outcome of a step.
+    """The result of a step.
 
     Attributes:
       observation: of the state.
-      state: from which to go on.
+      state: the next state.
       reward: float32.
-      terminated: bool, the episode is over: nothing comes after it.
-      truncated: bool, the episode was cut off at its limit of steps, and not over.
-      info: a record of figures, such as `success`.
-      reached: the observation that the action led to. It differs from `observation` after an automatic reset.
+      terminated: bool, whether the episode is over.
+      truncated: bool, whether the episode was cut off at its limit of steps.
+      info: a record of metrics, such as `success`.
+      reached: the observation after the action. It differs from `observation` after an automatic reset.
     """
 
     observation: Pytree
@@ -43,7 +43,7 @@ class Environment(NamedTuple):
       step: (key, state, action, params) -> `Transition`. It does not reset; see `auto_reset`.
       observe: (state, params) -> observation.
       actions: the number of discrete actions, or None for real ones.
-      action_size: numbers of a real action, each within -1 to 1; 0 for discrete ones.
+      action_size: the number of values of a real action, each within -1 to 1; 0 for discrete ones.
     """
 
     reset: Callable[[Key[Array, ""], Pytree], tuple[Pytree, Pytree]]
@@ -55,25 +55,25 @@ class Environment(NamedTuple):
 
 
 def draw_level(key: Key[Array, ""], levels: Level) -> Level:
-    """Draws one of a batch of levels uniformly; the key is consumed."""
+    """Draws a level uniformly from a batch; the key is consumed."""
     index = randint(random_bits(key, ()), levels.grid.shape[0])
     return jax.tree.map(lambda part: jnp.asarray(part)[index], levels)
 
 
 def auto_reset(environment: Environment) -> Environment:
-    """Makes the environment whose step, at the end of an episode, goes on with a reset to another level.
+    """Returns the environment with steps that reset to another level at the end of an episode.
 
     `reward`, `terminated`, `truncated`, `info` and `reached` are those of the step, `observation` and `state` those of
     the new episode.
     """
 
     def step(key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree) -> Transition:
-        # Folded in, not split: where a step draws nothing, its key costs nothing.
+        # Folded in instead of split, so that an unused key costs nothing.
         done = environment.step(jax.random.fold_in(key, 0), state, action, params)
         _, first = environment.reset(jax.random.fold_in(key, 1), params)
         ended = done.terminated | done.truncated
         state = jax.tree.map(lambda new, old: jnp.where(ended, new, old), first, done.state)
-        # Observed once more, not chosen: where nobody asks for `reached` it is then never made.
+        # Observed again instead of chosen, so that XLA drops an unused `reached`.
         return done._replace(observation=environment.observe(state, params), state=state)
 
     return environment._replace(step=step)

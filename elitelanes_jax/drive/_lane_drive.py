@@ -41,7 +41,7 @@ from elitelanes_jax.network.codes import SIDES
 def _check_sight(value: UserValue) -> Sight | None:
     if value is None or isinstance(value, Sight):
         return value
-    raise InputError(f"expected what make_sight returns, or None, got {type(value).__name__}")
+    raise InputError(f"expected a result of make_sight, or None, got {type(value).__name__}")
 
 
 def _check_ahead(value: UserValue) -> tuple[float, ...]:
@@ -53,27 +53,27 @@ def _check_ahead(value: UserValue) -> tuple[float, ...]:
 @pytree
 @dataclass(frozen=True)
 class LaneDriveParams(Record):
-    """Settings of `LaneDrive`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
+    """Options of `LaneDrive`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       levels: a batch, from which `reset` draws; `make_levels` makes one.
       robot: its measures.
       limit: steps after which an episode is truncated.
-      start_d: the most that the start is beside the lane's centre, in tiles, to either side.
-      start_phi: the most that the start is turned from the lane, in radians, to either side.
-      progress_reward: for each tile that is driven along the own lane.
-      offset_cost: a second, for each tile from the lane's centre.
-      heading_cost: a second, for each radian from the lane's direction.
-      oncoming_cost: a second in the oncoming lane.
-      leaving_cost: of leaving the road, which terminates the episode.
+      start_d: the largest distance of the start from the lane's centre, in tiles, to either side.
+      start_phi: the largest angle between the start and the lane, in radians, to either side.
+      progress_reward: for each tile driven in the own lane.
+      offset_cost: per second, for each tile from the lane's centre.
+      heading_cost: per second, for each radian from the lane's direction.
+      oncoming_cost: per second in the oncoming lane.
+      leaving_cost: for leaving the road, which terminates the episode.
       goal_reward: for reaching the goal of a route.
-      task: "route": turns lead to the goal by a shortest way, from wherever the robot is. "lane": turns are drawn at
-        random, and no goal ends the episode; static.
+      task: "route": turns lead to the goal by a shortest way from the robot's position. "lane": turns are random, and
+        no goal ends the episode; static.
       action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
         top speed and top turn; static.
       ahead: tiles ahead of the robot, up to 1, at which the lane's curvature is observed; static.
       observe: "lane": offset, heading, speed and curvature ahead; "camera": the picture of `sight`; static.
-      sight: the camera and the tiles that it sees, of `camera.make_sight`; None for none.
+      sight: the camera and its tiles, from `make_sight`; None for none.
     """
 
     levels: Level = option(REQUIRED, check_batch)
@@ -94,17 +94,13 @@ class LaneDriveParams(Record):
     sight: Sight | None = option(None, _check_sight)
 
     def check_together(self) -> None:
-        """Checks that there is a camera where one is observed.
-
-        Raises:
-          InputError: if there is none.
-        """
+        """Checks that there is a camera if one is observed."""
         if self.observe == "camera" and self.sight is None:
-            raise InputError("sight: expected what make_sight returns, to observe the camera, got None")
+            raise InputError("sight: expected a result of make_sight, to observe the camera, got None")
 
     @property
     def max_steps_in_episode(self) -> Numeric:
-        """The limit, by the name that loops for Gymnax's environments read."""
+        """The limit, by the name in Gymnax."""
         return self.limit
 
 
@@ -118,7 +114,7 @@ class LaneDriveState(NamedTuple):
       shortest: int32, of the level.
       pose: of the middle between the wheels.
       wheels: of the robot.
-      movement: that the robot makes.
+      movement: the current one.
       next_turn: int32, the turn on the next tile.
       d: float32, tiles to the left of the lane's centre.
       phi: float32, radians turned to the left of the lane.
@@ -143,7 +139,7 @@ class LaneDriveState(NamedTuple):
 
 
 class LaneDriveObservation(NamedTuple):
-    """An observation of the lane or, alone, of the camera. Parts that are not observed are None.
+    """An observation of the lane, or of the camera alone. Fields that are not observed are None.
 
     Attributes:
       d: float32, tiles to the left of the lane's centre.
@@ -151,7 +147,7 @@ class LaneDriveObservation(NamedTuple):
       speed: float32, metres a second.
       turn: float32, radians a second.
       curvature: float32 ``[N]``, 1 / tiles, to the left, at the distances ahead.
-      image: uint8 ``[rows, columns, 3]``, RGB, what the camera sees.
+      image: uint8 ``[rows, columns, 3]``, RGB, the camera's picture.
     """
 
     d: Float[Array, ""] | None
@@ -163,13 +159,13 @@ class LaneDriveObservation(NamedTuple):
 
 
 class LaneDriveInfo(NamedTuple):
-    """Figures after a step.
+    """Metrics after a step.
 
     Attributes:
       success: bool, the goal of the route is reached.
       off_road: bool, the robot has left the road, or its lane ends at a dead end.
       own_lane: bool, the middle between the wheels is within the own lane.
-      oncoming: bool, it is beyond the road's middle.
+      oncoming: bool, the middle between the wheels is beyond the road's middle.
       tiles: int32, entered so far.
       shortest: int32, tiles of a shortest way to the goal.
       spl: float32, success times shortest / tiles, at most 1.
@@ -185,7 +181,7 @@ class LaneDriveInfo(NamedTuple):
 
 
 def next_movement(state: LaneDriveState) -> Movement:
-    """Returns the movement that comes after the present one."""
+    """Returns the movement after the current one."""
     return Movement(*state.movement.next_node, state.next_turn)
 
 
@@ -209,7 +205,7 @@ def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObser
     def draw() -> tuple[Array, _Start]:
         bits = _reset_bits(key, params)
         index = randint(bits[0], levels.grid.shape[0])
-        # Single tiles are read from the batch itself: the level's whole map would be copied for them.
+        # Single tiles are read from the batch, because otherwise the level's whole map would be copied.
         return index, _start(
             bits,
             _at(levels.start, index),
@@ -225,13 +221,13 @@ def _reset(key: Key[Array, ""], params: LaneDriveParams) -> tuple[LaneDriveObser
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: LaneDriveParams
 ) -> tuple[LaneDriveObservation, LaneDriveState]:
-    """Puts the robot on the start of a level, still, near the middle of its lane; the key is consumed."""
+    """Puts the robot on the start of a level, at rest, near the middle of its lane; the key is consumed."""
     read = _reader(level.grid, level.ways)
     return _begin(level, once(lambda: _start(_reset_bits(key, params), level.start, read, params)), params)
 
 
 def _reset_bits(key: Array, params: LaneDriveParams) -> Array:
-    """Draws all that a reset needs at once: a word for the level, two for the start, and one for each drawn turn."""
+    """Draws all bits of a reset at once: a word for the level, two for the start, and one for each random turn."""
     return random_bits(key, (5,) if params.task == "lane" else (3,))
 
 
@@ -287,15 +283,14 @@ def _step(
 ) -> Transition:
     """Drives for one step of time.
 
+    The episode terminates at the goal of a route, on a dead end, and when either side of the robot leaves the road. It
+    is truncated at the limit. A robot that leaves its tile by another way than its movement continues on that way.
+
     Args:
-      key: consumed, for noise and for turns drawn at random.
-      state: to go on from.
+      key: consumed, for noise and random turns.
+      state: the state before.
       action: two numbers, clipped to -1 to 1, 0 instead of NaN; see `LaneDriveParams.action`.
       params: of the environment.
-
-    Returns:
-      The episode terminates at the goal of a route, where either side of the robot leaves the road, and on a dead end.
-      It is truncated at the limit. A robot that leaves its tile by another way than its movement's goes on from there.
     """
     if (shape := jnp.shape(action)) != (2,):
         raise InputError(f"action: expected two numbers, shape (2,), got shape {shape}")
@@ -355,7 +350,7 @@ def _to_command(action: ArrayLike, params: LaneDriveParams) -> Array:
 def _go_on(
     key: Array, state: LaneDriveState, pose: Pose, params: LaneDriveParams
 ) -> tuple[Movement, Array, Array, Array]:
-    """Returns the movement and the next turn at a new pose, whether a tile was entered, and whether not by a road."""
+    """Returns the movement and the next turn at a new pose, whether it entered a tile, and whether not by a road."""
     before, grid, read = state.movement, state.grid, _reader(state.grid, state.ways)
     down = jnp.floor(pose.y).astype(jnp.int32) - before.row
     right = jnp.floor(pose.x).astype(jnp.int32) - before.column
@@ -382,7 +377,7 @@ def _reader(grid: Array, ways: Array) -> _Reader:
 
 
 def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDriveParams) -> Array:
-    """Chooses the turn to make at a node: the route's, or an open one at random; straight on where none is open."""
+    """Returns the turn at a node: the route's, or a random open one; straight on if none is open."""
     code, way = read(node.row, node.column)
     turns = _turns_of(code, node.heading)
     if params.task == "lane":
@@ -397,8 +392,8 @@ def _pack_turns(is_open: NDArray[np.bool_]) -> int:
     return len(listed) + sum(int(turn) << (2 * number + 2) for number, turn in enumerate(listed)) if len(listed) else 4
 
 
-# Of a tile and a heading, 4 * code + heading: how many turns are open, in two bits, and in two bits each the open ones;
-# straight on where none is.
+# By tile and heading, 4 * code + heading: the number of open turns, in two bits, and in two bits each the open turns;
+# straight on if none is open.
 _TURNS = np.array([_pack_turns(is_open) for is_open in MOVEMENTS.reshape(-1, 3)], np.int32)
 
 
@@ -415,4 +410,4 @@ def _is_road(grid: Array, x: Array, y: Array) -> Array:
 
 
 LaneDrive = Environment(_reset, _reset_to_level, _step, _observe, actions=None, action_size=2)
-"""The environment; `LaneDriveParams` has its settings. An action is two numbers, see `LaneDriveParams.action`."""
+"""The environment; `LaneDriveParams` has its options. An action is two numbers, see `LaneDriveParams.action`."""

@@ -19,11 +19,11 @@ from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 
 
 class Level(NamedTuple):
-    """A task on a map. A batch has N in front of every shape.
+    """A task on a map. In a batch every shape starts with N.
 
     Attributes:
-      grid: int8 ``[H, W]``, with links alone: each connection is returned by the neighbour (see `linked`).
-      start: node, whose heading is the one with which its tile was entered.
+      grid: int8 ``[H, W]``, only links: each connection is returned by the neighbour (see `linked`).
+      start: node; its heading is the one with which its tile was entered.
       goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
       ways: uint8 ``[H, W]``, the turns of a shortest way from every node (see `shortest_ways`).
@@ -37,7 +37,7 @@ class Level(NamedTuple):
 
 
 def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
-    """Makes a level. What `check_level` would refuse gives one too.
+    """Makes a level, also one that `check_level` refuses.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
@@ -65,12 +65,12 @@ def random_level(
     least: Int[ArrayLike, ""] = 1,
     most: Int[ArrayLike, ""] = UNREACHABLE,
 ) -> Level:
-    """Draws a goal uniformly among all nodes that a movement leads to, then a start that is so many tiles away.
+    """Returns a level with a uniformly drawn goal, and a random start `least` to `most` tiles away from it.
 
     Args:
       key: consumed.
       grid: integer codes ``[H, W]`` with at least one movement.
-      least: tiles from the start to the goal; fewer if no node is so far away.
+      least: tiles from the start to the goal; fewer if no node is as far away.
       most: tiles from the start to the goal; more if no node is within `least` and `most`.
 
     Raises:
@@ -92,7 +92,7 @@ def random_level(
 
 
 def _draw(bits: Array, among: Array, width: int) -> LaneNode:
-    """Draws a node uniformly; the first of all if there is none."""
+    """Draws a node uniformly; the first node if none is True."""
     flat = among.reshape(-1)
     count = jnp.cumsum(flat)
     index = jnp.searchsorted(count, randint(bits, jnp.maximum(count[-1], 1)) + 1).astype(jnp.int32)
@@ -108,12 +108,12 @@ def make_levels(
     least: int = 1,
     most: int = UNREACHABLE,
 ) -> Level:
-    """Draws many levels on given maps (see `random_level`).
+    """Draws many levels on maps (see `random_level`).
 
     Args:
       key: consumed.
       grids: M maps of one size, as `as_maps` takes them: integer codes ``[M, H, W]``, or `RoadMap`s.
-      count: N, how many; by default M. Level i is on map i modulo M.
+      count: N, the number of levels; by default M. Level i is on map i modulo M.
       least: tiles from the start to the goal, 1 or more.
       most: tiles from the start to the goal, 1 or more.
 
@@ -149,15 +149,15 @@ def _has_lanes(grids: Array) -> Array:
 
 
 def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
-    """Checks a level, or a batch of them, and returns it.
+    """Checks a level, or a batch of levels, and returns it.
 
-    Compiled code cannot raise. A level that this would refuse does no harm there, but its figures mean nothing: without
-    a lane at the start the episode ends with the first step; a goal that is off the road or cannot be reached never is
-    reached; other numbers for `shortest` and `ways` make other figures of `info` and other routes.
+    Compiled code cannot raise. There a bad level does no harm, but its results mean nothing. Without a lane at the
+    start the episode ends with the first step. A goal off the road or out of reach is never reached. Wrong values of
+    `shortest` and `ways` lead to wrong values in `info` and wrong routes.
 
     Args:
       level: one, or a batch with N in front of every shape.
-      shape: (height, width) that is expected, such as that of the other levels of a batch.
+      shape: the expected (height, width), such as that of the other levels of a batch.
 
     Raises:
       InputError: the message names the level, the field, what was expected and what came.
@@ -174,7 +174,7 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
         raise InputError(f"level.grid: expected {expected} tiles, got {got}")
     lengths = {np.shape(part)[:1] for part in jax.tree.leaves(batch)}
     if len(lengths) > 1 or batch.ways.shape != batch.grid.shape:
-        raise InputError(f"level: expected as many grids, starts and goals, got {sorted(map(str, lengths))}")
+        raise InputError(f"level: expected equally many grids, starts and goals, got {sorted(map(str, lengths))}")
     made = _remade(batch.grid, batch.start, batch.goal)
     for number in range(len(batch.grid)):
         one, again = (jax.tree.map(lambda part, number=number: part[number], tree) for tree in (batch, made))
@@ -210,15 +210,11 @@ def _check_one(name: str, level: Level, made: Level) -> None:
     if level.shortest != made.shortest:
         raise InputError(f"{name}.shortest: expected {made.shortest}, the distance, got {level.shortest}")
     if (level.ways != np.asarray(made.ways)).any():
-        raise InputError(f"{name}.ways: expected those of shortest_ways")
+        raise InputError(f"{name}.ways: expected the result of shortest_ways")
 
 
 def check_batch(levels: UserValue) -> Level:
-    """Checks that a value is a batch of levels, and no more of it.
-
-    Raises:
-      InputError: if it is not.
-    """
+    """Checks that a value is a batch of levels, but not the levels."""
     if not isinstance(levels, Level) or np.ndim(levels.grid) != 3:
         got = f"one of shape {np.shape(levels.grid)}" if isinstance(levels, Level) else type(levels).__name__
         raise InputError(f"expected a batch of levels (see make_levels), got {got}")

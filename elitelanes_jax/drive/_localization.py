@@ -1,9 +1,9 @@
-"""Localisation by elimination: how many tiles a driver with a map needs to find out where on the map it is.
+"""Localisation by elimination: the number of tiles until a driver with a map knows its position.
 
-The driver does not know its node, a tile and a heading, and sees at each tile which turns are open. It keeps every
-node where it could have started, given all that it has seen. It knows where it is once all these starts have led it to
-the same node. This is the exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilistic
-robotics", 2005, section 8.2, grid localization).
+The driver does not know its node, a tile and a heading. At each tile it sees which turns are open. It keeps every
+possible start, given all that it has seen, and knows its node when all these starts lead to the same node. This is the
+exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilistic robotics", 2005, section 8.2, grid
+localization).
 """
 
 from functools import partial
@@ -19,26 +19,26 @@ from elitelanes_jax.network.checks import check_grid
 _Carry = tuple[Array, Array, Array, Array, Array]
 
 NEVER = 2**30
-"""The number of tiles where the driver's turns do not tell where it is, and where the grid has no node."""
+"""The number of tiles if the driver's turns do not reveal its node, or the grid does not have the node."""
 
 
 def turns_asked_for(count: int) -> Int32[Array, " K"]:
-    """Returns the turns that `ambiguity` asks for: right, straight on, left, and again, int32 ``[K]``."""
+    """Returns the turns of the driver of `ambiguity`: right, straight on, left, repeated, int32 ``[K]``."""
     return jnp.arange(count, dtype=jnp.int32) % 3
 
 
 def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"]) -> Int32[Array, "H W 4"]:
-    """Counts the tiles to drive from each node until the driver knows where it is.
+    """Counts the tiles to drive from each node until the driver knows its node.
 
     Args:
       grid: integer codes ``[H, W]``.
-      asked: the turn that the driver wants on each tile that it leaves: 0 right, 1 straight, 2 left. Where it is not
-        open the next one that is gets taken, of right, straight, left, right, as `RoadNav` takes its actions. On a dead
-        end the driver stays.
+      asked: the turn that the driver wants on each tile that it leaves: 0 right, 1 straight, 2 left. If it is not open,
+        the next open one is taken, in the order right, straight, left, right, as in `RoadNav`. On a dead end the driver
+        stays.
 
     Returns:
-      int32 ``[H, W, 4]``, by the heading with which the tile was entered: 0 to K; 0 where the first look tells. `NEVER`
-      where K tiles do not suffice, and where the grid has no node.
+      int32 ``[H, W, 4]``, by the heading with which the tile was entered: 0 to K; 0 if the first look suffices. `NEVER`
+      if K tiles do not suffice, or the grid does not have the node.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -69,7 +69,7 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     moves = jnp.stack(onward)
 
     def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
-        """Splits groups of starts by what is seen now; returns them, and which starts are not told apart.
+        """Splits groups of starts by what is seen now; returns them, and which starts are still ambiguous.
 
         A group is named by its first start.
         """
@@ -91,10 +91,9 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
 
 
 def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[Array, ""]:
-    """Measures how ambiguous the nodes of a map are: a feature for `elitelanes_jax.evolve`.
+    """Returns how ambiguous the nodes of a map are: a feature for `elitelanes_jax.evolve`.
 
-    It is the mean over all nodes of `localization_steps` for a driver that asks for right, straight on, left, and
-    again.
+    It is the mean over all nodes of `localization_steps` for a driver that wants right, straight on, left, repeatedly.
 
     Args:
       grid: integer codes ``[H, W]``.

@@ -20,7 +20,7 @@ def make(
     Args:
       name: "RoadNav" or "LaneDrive".
       maps: a `RoadMap`, several of one size, or integer codes ``[M, H, W]``.
-      count: number of levels. Level i is on map i modulo M.
+      count: the number of levels. Level i is on map i modulo M.
       seed: of the levels, 0 or more.
       settings: fields of `RoadNavParams` or `LaneDriveParams`, such as ``limit``.
 

@@ -1,4 +1,4 @@
-"""Values that are computed once, where XLA would compute them again for all that reads them."""
+"""Values that XLA computes once, instead of again for each use."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -12,10 +12,10 @@ _T = TypeVar("_T", bound=Pytree)
 
 
 def once(compute: Callable[[], _T]) -> _T:
-    """Returns what `compute` returns, a pytree of arrays, for use in compiled code.
+    """Returns the result of `compute`, a pytree of arrays, for use in compiled code.
 
-    XLA for processors fuses arithmetic into each of its readers, so that many readers of long formulas repeat them. It
-    never fuses into a loop. So this is a loop, of one turn, which the barrier keeps it from unrolling.
+    XLA for processors fuses arithmetic into each of its uses, so that many uses of a long formula repeat it. It never
+    fuses into a loop. Therefore this is a loop of one round, which the barrier keeps XLA from unrolling.
     """
     empty = jax.tree.map(lambda part: jnp.zeros(part.shape, part.dtype), jax.eval_shape(compute))
     turns = jax.lax.optimization_barrier(jnp.int32(1))

@@ -19,7 +19,7 @@ def pure_pursuit(
     speed: Float[ArrayLike, ""] = 0.3,
     lookahead: Float[ArrayLike, ""] = 0.12,
 ) -> Float[Array, "2"]:
-    """Drives along the arc that leads to a point of the lane ahead.
+    """Returns the action that drives along the arc to a point of the lane ahead.
 
     Args:
       state: of the environment.

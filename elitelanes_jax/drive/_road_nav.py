@@ -29,7 +29,7 @@ def _check_window(value: UserValue) -> int:
 @pytree
 @dataclass(frozen=True)
 class RoadNavParams(Record):
-    """Settings of `RoadNav`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
+    """Options of `RoadNav`. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
       levels: a batch, from which `reset` draws; `make_levels` makes one.
@@ -53,7 +53,7 @@ class RoadNavParams(Record):
 
     @property
     def max_steps_in_episode(self) -> Numeric:
-        """The limit, by the name that loops for Gymnax's environments read."""
+        """The limit, by the name in Gymnax."""
         return self.limit
 
 
@@ -64,7 +64,7 @@ class RoadNavState(NamedTuple):
       grid: int8 ``[H, W]``, of the level.
       goal: of the level.
       shortest: int32, of the level.
-      node: where the agent is, and the heading with which it came.
+      node: the agent's tile and heading.
       tiles: int32, driven so far.
     """
 
@@ -76,15 +76,15 @@ class RoadNavState(NamedTuple):
 
 
 class RoadNavObservation(NamedTuple):
-    """An observation, from the agent's eyes: up is ahead. Parts that are not observed are None.
+    """An observation from the agent's view: up is ahead. Fields that are not observed are None.
 
     Attributes:
       ways: bool ``[3]``, the turns that are open here: right, straight, left.
       window: int8 ``[k, k]``, codes of the tiles around, turned so that the bit of north means ahead; the agent is in
         the middle; 0 beyond the map.
       mark: bool ``[k, k]``, the goal's tile in the window.
-      compass: float32 ``[3]``, the goal's direction (cosine, sine to the left; 0, 0 on its tile), and its distance as
-        the crow flies, in tiles.
+      compass: float32 ``[3]``, the goal's direction (cosine, sine to the left; 0, 0 on its tile), and its straight-line
+        distance in tiles.
       whole_map: int8 ``[H, W]``, the codes, north up.
       here: int32 ``[3]``, the agent's row, column and heading.
       there: int32 ``[3]``, the goal's row, column and heading.
@@ -100,7 +100,7 @@ class RoadNavObservation(NamedTuple):
 
 
 class RoadNavInfo(NamedTuple):
-    """Figures after a step.
+    """Metrics after a step.
 
     Attributes:
       success: bool, the goal is reached.
@@ -108,8 +108,8 @@ class RoadNavInfo(NamedTuple):
       shortest: int32, the tiles of a shortest way.
       spl: float32, success times shortest / driven (Anderson et al., "On evaluation of embodied navigation agents",
         2018).
-      regret: float32, the return of a shortest way less the return so far, both without discount. Exact where numbers
-        of this size are: at success it is `tile_cost` times the tiles driven in excess.
+      regret: float32, the return of a shortest way minus the return so far, both without discount. At success it is
+        `tile_cost` times the additional tiles driven.
     """
 
     success: Bool[Array, ""]
@@ -119,8 +119,8 @@ class RoadNavInfo(NamedTuple):
     regret: Float[Array, ""]
 
 
-# The turn that is taken for each action: its own or, where that is not open, the next open one, of right, straight,
-# left, right; its own where none is.
+# The turn for each action: its own, or the next open one in the order right, straight, left, right; its own if none is
+# open.
 _TAKEN = np.array(
     [
         [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
@@ -133,7 +133,7 @@ _TAKEN = np.array(
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
-    """Puts the agent on the start of a level. The key is not used: nothing is random."""
+    """Puts the agent on the start of a level. The key is not used."""
     state = RoadNavState(level.grid, level.goal, level.shortest, level.start, jnp.int32(0))
     return _observe(state, params), state
 
@@ -146,16 +146,15 @@ def _reset(key: Key[Array, ""], params: RoadNavParams) -> tuple[RoadNavObservati
 def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], params: RoadNavParams) -> Transition:
     """Drives to the next tile.
 
-    Args:
-      key: not used: nothing is random.
-      state: to go on from.
-      action: 0 right, 1 straight, 2 left; numbers beyond are clipped. Where that turn is not open, the next one that is
-        open is taken, in the order right, straight, left, right. So where there is one way any action takes it. On a
-        dead end the agent stays.
-      params: of the environment.
+    The episode terminates on the goal and on a dead end, and is truncated at the limit.
 
-    Returns:
-      The episode terminates on the goal and on a dead end, and is truncated at the limit.
+    Args:
+      key: not used.
+      state: the state before.
+      action: 0 right, 1 straight, 2 left; other numbers are clipped. If that turn is not open, the next open turn is
+        taken, in the order right, straight, left, right. So any action follows a road without choice. On a dead end the
+        agent stays.
+      params: of the environment.
     """
     if (shape := jnp.shape(action)) != ():
         raise InputError(f"action: expected one whole number, got shape {shape}")
@@ -188,7 +187,6 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
 
 
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
-    """Returns the observation of a state."""
     grid, goal, node = state.grid, state.goal, state.node
     window, mark, compass = None, None, None
     if params.window:
@@ -240,4 +238,4 @@ _AHEAD = np.array([(side.down, side.right) for side in SIDES], np.float32)
 
 
 RoadNav = Environment(_reset, _reset_to_level, _step, _observe, actions=3)
-"""The environment; see `step`, and `RoadNavParams` for its settings."""
+"""The environment; see `step`, and `RoadNavParams` for its options."""

@@ -1,7 +1,7 @@
-"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium; none of them is imported here.
+"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
 
-Where a wrapper needs classes of the other library, it is given the module that has them. Observations become one vector
-(see `flatten`), or stay the camera's picture.
+A wrapper that needs classes of the other library takes the library's module. Observations become one vector (see
+`flatten`), or remain the camera's picture.
 """
 
 from collections.abc import Callable
@@ -22,9 +22,9 @@ from elitelanes_jax.drive._levels import Level
 
 
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:
-    """Makes one float32 vector of an observation: its parts in order, tile codes as four bits each, N, E, S, W.
+    """Returns an observation as one float32 vector: its parts in order, tile codes as four bits each, N, E, S, W.
 
-    A camera's picture stays what it is.
+    A camera's picture is returned unchanged.
     """
     parts = [jnp.asarray(part) for part in jax.tree.leaves(observation)]
     if len(parts) == 1 and parts[0].dtype == jnp.uint8:
@@ -39,7 +39,7 @@ def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows colu
 
 
 def _makers(spaces: Untyped) -> Untyped:
-    """Takes what is needed out of a module: Rejax copies environments, which modules do not allow."""
+    """Takes the needed classes out of a module, because Rejax copies environments, and modules cannot be copied."""
     if not hasattr(spaces, "Discrete") or not hasattr(spaces, "Box"):
         raise InputError(f"spaces: expected the module gymnax.environments.spaces, got {shorten(repr(spaces))}")
     return SimpleNamespace(Discrete=spaces.Discrete, Box=spaces.Box)
@@ -72,9 +72,9 @@ def _observation_space(environment: Environment, params: Pytree, spaces: Untyped
 class GymnaxEnv:
     """The interface of Gymnax's environments, for its loops and those of Rejax and PureJaxRL.
 
-    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's figures,
-    ``terminated``, ``truncated``, ``final_observation``, which the action led to, and ``discount``, 0 where the episode
-    terminated.
+    `step` resets automatically, `step_env` does not. The info is a dictionary of the environment's metrics,
+    ``terminated``, ``truncated``, ``final_observation``, the observation after the action, and ``discount``, 0 if the
+    episode terminated.
     """
 
     def __init__(self, environment: Environment, params: Pytree, spaces: Untyped, *, values: int = 6) -> None:
@@ -82,13 +82,13 @@ class GymnaxEnv:
 
         Args:
           environment: `RoadNav` or `LaneDrive`.
-          params: its settings.
+          params: its options.
           spaces: the module ``gymnax.environments.spaces``.
-          values: that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated, truncated, info), or
-            5 as before and in Rejax 0.1 (observation, state, reward, done, info).
+          values: the number of values that `step` returns: 6 as in Gymnax 1.0 (observation, state, reward, terminated,
+            truncated, info), or 5 as before and in Rejax 0.1 (observation, state, reward, done, info).
 
         Raises:
-          InputError: for settings out of their range, or another module or number of values.
+          InputError: for options out of their range, or another module or number of values.
         """
         if values not in (5, 6):
             raise InputError(f"values: expected 5 or 6, got {values!r}")
@@ -99,12 +99,12 @@ class GymnaxEnv:
         self.num_actions = environment.actions or environment.action_size
 
     def reset(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
-        """Starts an episode on a level drawn from the settings: (observation, state)."""
+        """Starts an episode on a level drawn from the parameters: (observation, state)."""
         observation, state = self._environment.reset(key, self.default_params if params is None else params)
         return flatten(observation), state
 
     def step(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
-        """Makes a step, and a reset where the episode ended: as many values as asked for."""
+        """Makes a step, and a reset if the episode ended."""
         return self._step(self._resetting, key, state, action, params)
 
     def reset_env(self, key: Key[Array, ""], params: Pytree = None) -> tuple[Array, Pytree]:
@@ -112,7 +112,7 @@ class GymnaxEnv:
         return self.reset(key, params)
 
     def step_env(self, key: Key[Array, ""], state: Pytree, action: Pytree, params: Pytree = None) -> tuple[Pytree, ...]:
-        """Makes a step without a reset: as many values as `step`."""
+        """Makes a step without a reset."""
         return self._step(self._environment, key, state, action, params)
 
     def action_space(self, params: Pytree = None) -> Untyped:
@@ -141,16 +141,7 @@ class JaxUedEnv:
     """The interface of JaxUED's `UnderspecifiedEnv`: levels are given, and a step never resets."""
 
     def __init__(self, environment: Environment, params: Pytree, spaces: Untyped) -> None:
-        """Wraps an environment.
-
-        Args:
-          environment: `RoadNav` or `LaneDrive`.
-          params: its settings.
-          spaces: the module ``gymnax.environments.spaces``.
-
-        Raises:
-          InputError: for settings out of their range, or another module.
-        """
+        """Wraps an environment; see `GymnaxEnv` for the arguments and errors."""
         self._environment, self._spaces = environment, _makers(spaces)
         self.default_params = _checked(params)
 
@@ -167,7 +158,7 @@ class JaxUedEnv:
         return flatten(done.observation), done.state, done.reward, done.terminated | done.truncated, info
 
     def sample_level(self, key: Key[Array, ""]) -> Level:
-        """Draws one of the settings' levels, as JaxUED's level generators do; the key is consumed."""
+        """Draws one of the parameters' levels, as JaxUED's level generators do; the key is consumed."""
         return draw_level(key, self.default_params.levels)
 
     def action_space(self, params: Pytree = None) -> Untyped:
@@ -186,16 +177,16 @@ def gymnasium_env(
     *,
     render: Callable[[Pytree], NDArray[np.uint8]] | None = None,
 ) -> Untyped:
-    """Makes an environment of Gymnasium, for those who do not use JAX: NumPy in, NumPy out.
+    """Makes an environment of Gymnasium for programs without JAX: its arrays are NumPy's.
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
-      params: its settings.
+      params: its options.
       gymnasium: the module ``gymnasium``.
-      render: from a state to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
+      render: takes a state and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array".
 
     Raises:
-      InputError: for settings out of their range, or another module.
+      InputError: for options out of their range, or another module.
     """
     _check_gymnasium(gymnasium)
     params = _checked(params)
@@ -241,14 +232,14 @@ def gymnasium_vector_env(
 
     Args:
       environment: `RoadNav` or `LaneDrive`.
-      params: its settings.
+      params: its options.
       gymnasium: the module ``gymnasium``.
       count: B, the number of environments.
-      render: from the state of one to a picture uint8 ``[H, W, 3]``; with it `render_mode` is "rgb_array", and
-        `render` returns a picture of each.
+      render: takes the state of one environment and returns a picture uint8 ``[H, W, 3]``; with it `render_mode` is
+        "rgb_array", and `render` returns a picture of each.
 
     Raises:
-      InputError: for settings or a number out of their range, or another module.
+      InputError: for options or a number out of their range, or another module.
     """
     _check_gymnasium(gymnasium)
     params, count = _checked(params), check_named("count", whole(1), count)

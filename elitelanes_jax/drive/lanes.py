@@ -1,4 +1,4 @@
-"""Lanes: the geometry that a grid of tiles implies, with traffic on the right.
+"""Lanes: the geometry of a grid of tiles with traffic on the right.
 
 Lengths are in tiles. x points east and y south from the north-west corner of the grid, so that a position times
 the side of a tile in pixels is the position in a picture of the map. Angles are counter-clockwise as seen from above,
@@ -6,8 +6,8 @@ in radians; 0 is east. Headings of movements are indices of `codes.SIDES`: 0 nor
 
 A movement enters a tile with a heading and turns right, goes straight on or turns left. It follows the centre of its
 lane, 0.2 tile to the right of the road's middle: a line, or a quarter circle about the near corner (radius 0.3) or the
-far one (0.7). Both lanes of a turn are such arcs; a crossing has all three kinds where its sides are open. Nobody turns
-back, so a stub has no movement. Only links count: connections that the neighbour returns.
+far one (0.7). Both lanes of a turn are such arcs; a crossing has all three kinds whose sides are open. There are no
+U-turns, so a stub has no movement. Only links count: connections that the neighbour returns.
 """
 
 from typing import NamedTuple
@@ -45,7 +45,7 @@ MOVEMENTS = np.array(
 )
 """bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
 
-# A point lies at (forward, left) of the middle of the side that a movement enters by.
+# Points are (forward, left) of the middle of the side by which a movement enters.
 _EAST_PART, _SOUTH_PART = np.array([0, 1, 0, -1], np.float32), np.array([-1, 0, 1, 0], np.float32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = np.array([-1, 0, 1], np.float32)  # to the left
@@ -56,7 +56,7 @@ _LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
 class LaneNode(NamedTuple):
     """A node of the graph of lanes: a tile and the heading with which it was entered.
 
-    A node decides where a robot may drive next.
+    A node determines where a robot may drive next.
 
     Attributes:
       row: int32, from the north.
@@ -91,7 +91,7 @@ class Movement(NamedTuple):
 
     @property
     def next_node(self) -> LaneNode:
-        """The tile that the movement leads to, and the heading there."""
+        """The tile after the movement, and the heading there."""
         out = (jnp.asarray(self.heading, jnp.int32) + 1 - self.turn) & 3
         return LaneNode(self.row + _choose(_DOWN, out), self.column + _choose(_ACROSS, out), out)
 
@@ -111,16 +111,16 @@ class Pose(NamedTuple):
 
 
 class LanePose(NamedTuple):
-    """A pose as its lane has it.
+    """A pose relative to its lane.
 
     Attributes:
       d: float32, tiles to the left of the lane's centre.
       phi: float32, radians that the pose is turned to the left of the lane, -pi to pi.
       s: float32, tiles along the movement from where it enters its tile.
-      on_road: bool, the position lies on the road, between the inner edges of the white tape.
+      on_road: bool, the position is on the road, between the inner edges of the white tape.
       own_lane: bool, on the road and within 0.2 tile of the lane's centre, so not beyond the road's middle.
-      oncoming: bool, on the road, further to the left.
-      movement: whose lane it is.
+      oncoming: bool, on the road, farther to the left.
+      movement: of the lane.
       found: bool, whether that movement exists. If not, `d`, `phi` and `s` are 0, and `own_lane` and `oncoming` False.
     """
 
@@ -151,7 +151,7 @@ def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
 
 
 def movements(grid: Int[ArrayLike, "H W"]) -> Bool[Array, "H W 4 3"]:
-    """Tells which movements each tile of a grid has, by the heading when it is entered and the turn.
+    """Returns which movements each tile of a grid has, by the heading when it is entered and the turn.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -170,14 +170,14 @@ def lane_curvature(turn: Int[ArrayLike, "..."]) -> Float[Array, "..."]:
 
 
 def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Float[Array, "..."], Float[Array, "..."]]:
-    """Computes `d`, `phi` and `s` of a pose on a movement's lane (see `LanePose`), wherever the pose is.
+    """Returns `d`, `phi` and `s` of a pose relative to a movement's lane (see `LanePose`), on its tile or beyond.
 
-    Beyond its tile a lane goes on as the line or the circle that it is.
+    Beyond its tile a lane continues as a line or a circle.
     """
     forward, left = _from_entry(pose, movement)
     turned = pose.theta - _choose(_ANGLE, movement.heading)
     bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
-    across = 0.5 - bend * left  # with `forward`, from the corner that an arc goes about
+    across = 0.5 - bend * left  # with `forward`, the position relative to the centre of an arc
     angle = jnp.arctan2(forward, across)
     straight = bend == 0
     d = jnp.where(straight, left + LANE_OFFSET, bend * (radius - jnp.hypot(forward, across)))
@@ -186,10 +186,10 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
 
 
 def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
-    """Returns the pose `s` tiles along a movement's lane, as the lane is directed; it may lie beyond its end.
+    """Returns the pose `s` tiles along a movement's lane, in its direction; it may be beyond the lane's end.
 
     Args:
-      movement: whose lane it is.
+      movement: of the lane.
       s: tiles along the lane's centre from where it enters.
       d: tiles to the left of the centre.
     """
@@ -207,10 +207,10 @@ def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLik
 def on_road(
     code: Int[ArrayLike, "..."], east: Float[ArrayLike, "..."], south: Float[ArrayLike, "..."]
 ) -> Bool[Array, "..."]:
-    """Tells whether a point lies on the road of its tile, between the inner edges of the white tape.
+    """Returns whether a point is on the road of its tile, between the inner edges of the white tape.
 
-    The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
-    corner between its sides. A stub's road ends as far from the closed sides.
+    The road keeps a distance from closed sides and from the corners between open ones. On a turn it is a ring around
+    the corner between its sides. A stub's road ends at the same distance from the closed sides.
 
     Args:
       code: of the tile.
@@ -233,14 +233,14 @@ def on_road(
 
 
 def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:
-    """Computes where a pose is on the lanes of a grid.
+    """Computes the position of a pose on the lanes of a grid.
 
     Args:
       grid: integer codes ``[H, W]``.
       pose: finite; beyond the grid it is on no road.
-      movement: whose lane to measure by. By default, of the movements on the pose's tile that point less than a quarter
-        turn away from it, the one with the smallest offset; if none does, the one with the smallest offset. Between
-        equals the first heading clockwise from north counts, then right before straight before left.
+      movement: of the lane to use. By default, of the movements on the pose's tile that point less than a quarter
+        turn away from it, the one with the smallest offset; if none does, the one with the smallest offset. Among
+        equal ones the first heading clockwise from north is used, then right before straight before left.
 
     Raises:
       InputError: for a bad grid (see `check_grid`).
@@ -286,14 +286,14 @@ def _nearest(code: Array, pose: Pose, row: Array, column: Array) -> Movement:
 
 
 def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
-    """Returns a point's distances forward and left of the middle of the side that a movement enters by."""
+    """Returns a point's distances forward and left of the middle of the side by which a movement enters."""
     east, south = pose.x - (movement.column + 0.5), pose.y - (movement.row + 0.5)
     ahead_x, ahead_y = _choose(_EAST_PART, movement.heading), _choose(_SOUTH_PART, movement.heading)
     return east * ahead_x + south * ahead_y + 0.5, east * ahead_y - south * ahead_x
 
 
 def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
-    """Reads a table of a few numbers. Unlike a look-up, choices let the compiler use the processor's vectors."""
+    """Reads a table of a few numbers. Unlike a look-up, selections let the compiler use the processor's vectors."""
     chosen = jnp.asarray(table[-1])
     for number in range(len(table) - 2, -1, -1):
         chosen = jnp.where(jnp.asarray(index) == number, table[number], chosen)
@@ -301,6 +301,6 @@ def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
 
 
 def wrap_angle(angle: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
-    """Returns the angle, in radians, that is as much turned and within -pi to pi."""
+    """Returns the equal angle within -pi to pi, in radians."""
     angle = jnp.asarray(angle)
     return jnp.clip(angle - 2 * jnp.pi * jnp.ceil(angle / (2 * jnp.pi) - 0.5), -jnp.pi, jnp.pi)

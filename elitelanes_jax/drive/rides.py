@@ -1,4 +1,4 @@
-"""Rides to look at: the way of a robot across a map, as a film of its camera beside the map, or as trails on one."""
+"""Rides of a robot across a map, as a film of its camera next to the map, or as trails on the map."""
 
 import errno
 import json
@@ -33,15 +33,15 @@ from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
 
 POLICIES = ("route", "random")
-"""Drivers: one that follows the route to the goal, and one whose wheels turn at random."""
+"""Drivers: one follows the route to the goal, the other turns its wheels at random."""
 
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
-"""A driver of one's own: from an observation, in NumPy, to the commands of the left and the right wheel, -1 to 1."""
+"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1."""
 
 _RATE = 30
-_GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: it is ten times the size of a film
+_GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: otherwise it is ten times a film's size
 _COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 220, 150), (255, 120, 200))
-_ROOM = 2**20  # bytes that a full disk has no room for: the error says why
+_ROOM = 2**20  # bytes to write on a full disk, so that the error says why
 _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
 _BITS = 4  # of the fraction of a pixel
@@ -53,7 +53,7 @@ class Rides(NamedTuple):
 
     Attributes:
       levels: a batch of N.
-      x: float32 ``[N, steps + 1]``, tiles east; it stands still after the end of a ride.
+      x: float32 ``[N, steps + 1]``, tiles east; constant after the end of a ride.
       y: float32 ``[N, steps + 1]``, tiles south.
       theta: float32 ``[N, steps + 1]``, radians counter-clockwise from east.
       steps: int ``[N]``, thirtieths of a second until the end.
@@ -71,17 +71,18 @@ class Rides(NamedTuple):
 def make_rides(
     grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
 ) -> Rides:
-    """Drives on a map, from starts and to goals drawn at random: such as the expert reaches in time.
+    """Drives on a map from random starts to random goals that the expert reaches in time.
 
     Args:
       grid: codes ``[H, W]``, or a `RoadMap`.
-      count: N, how many rides.
-      policy: one of `POLICIES`, or a driver of one's own.
-      seconds: after which a ride ends.
-      seed: of starts, goals and all that is random.
+      count: N, the number of rides.
+      policy: one of `POLICIES`, or your own driver.
+      seconds: the length of a ride.
+      seed: of starts, goals and everything random.
 
     Raises:
-      InputError: for a bad grid, one without a lane, another policy, or one that fails or returns no two numbers.
+      InputError: for a bad grid, a map without a lane, another policy, or one that fails or does not return two
+        numbers.
     """
     seconds = check_named("seconds", real(0, unit="seconds, a number", exclusive=True), seconds)
     if not callable(policy) and policy not in POLICIES:
@@ -125,7 +126,7 @@ def _drive(policy: str, key: Array, params: LaneDriveParams, steps: int) -> Pytr
 def _drive_by(
     policy: Policy, key: Array, params: LaneDriveParams, steps: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
-    """Drives as `_drive` does, asking a function of Python at each step."""
+    """Drives like `_drive`, and calls a Python function at each step."""
     keys = jax.random.split(key, params.levels.grid.shape[0])
     seen, states = _begin(keys, params.levels, params)
     poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
@@ -173,7 +174,7 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
 
 
 def load_policy(file: Path) -> Policy:
-    """Loads a driver from a file of Python, which is run: its function ``act(observation)``, see `Policy`.
+    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
 
     Raises:
       InputError: that names the file, if it cannot be read or run, or has no such function.
@@ -190,7 +191,7 @@ def load_policy(file: Path) -> Policy:
 
 
 def _describe(error: Exception, file: str) -> str:
-    """Returns an error in words, with the last line of the file that it came through."""
+    """Returns the text of an error, with the last line of the file that it came through."""
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
     return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")
 
@@ -200,7 +201,7 @@ def trails(
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
-    The ring is where the lane enters the goal's tile: who comes on another lane has not reached it.
+    The ring is where the goal's lane enters the tile. A robot that enters on another lane has not reached the goal.
 
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`).
@@ -215,7 +216,7 @@ def trails(
 def film(
     grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
-    """Draws a ride frame by frame, 30 a second: the camera's picture, and beside it the map with the robot.
+    """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
 
     Yields:
       RGB uint8 ``[480, width, 3]``, all of one width.
@@ -226,7 +227,7 @@ def film(
     grid, size = np.asarray(grid), check_tile_px(tile_px)
     chosen = choose_tiles(grid, tiles) if chosen is None else chosen
     picture = render(grid, tiles, tile_px=size, chosen=chosen)
-    # Each cell has a picture of its own: where tiles are blended no two are alike.
+    # Each cell has its own picture, because blended tiles all differ.
     atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
     cells = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
     camera = Camera(rows=_HEIGHT, columns=640)
@@ -259,7 +260,7 @@ def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
-    """Writes frames as an MP4 film or, where the name ends so, as a GIF, whole or not at all; returns how many.
+    """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all; returns the number of frames.
 
     A GIF has every third frame, half as large.
 
@@ -279,7 +280,7 @@ def _write_mp4(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
         count += 1
     if writer is not None:
         writer.release()
-    # The writer tells of no failure: not of a full disk.
+    # The writer reports no failure, such as a full disk.
     if sum(1 for _ in iter(cv2.VideoCapture(str(file)).grab, False)) != count:
         with file.open("ab") as stream:
             stream.write(bytes(_ROOM))
@@ -300,7 +301,7 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
 
 
 def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
-    """Writes rides as `read_rides` reads them: the map, and of each ride its poses, 30 a second, to its end.
+    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second.
 
     Raises:
       InputError: for more than `MOST_POSES` poses.
@@ -325,7 +326,6 @@ def _goals(levels: Level) -> NDArray[np.float32]:
 def _draw_trail(
     picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, goal: NDArray[np.float32], side: float
 ) -> None:
-    """Draws on a map whose tiles have so many pixels a side."""
     colour = _COLOURS[number % len(_COLOURS)]
     points = np.stack([rides.x[number], rides.y[number]], axis=1)[: int(steps) + 1]
     thick = max(round(side / 20), 1)
@@ -347,5 +347,5 @@ def _draw_robot(picture: NDArray[np.uint8], x: float, y: float, theta: float, si
 
 
 def _dots(points: NDArray[np.floating], side: float) -> NDArray[np.int32]:
-    """Turns positions in tiles, ``[N, 2]`` or ``[2]``, into OpenCV's, ``[N, 1, 2]``, whose last bits are fractions."""
+    """Returns positions in tiles, ``[N, 2]`` or ``[2]``, as OpenCV's ``[N, 1, 2]``, whose last bits are fractions."""
     return np.rint(points * side * 2**_BITS).astype(np.int32).reshape(-1, 1, 2)

@@ -16,7 +16,7 @@ from elitelanes_jax.drive.lanes import Pose, wrap_angle
 TILE = 0.585
 """The side of a tile in metres."""
 
-_DELAYS = 5  # commands that are kept
+_DELAYS = 5  # the number of kept commands
 
 
 @pytree
@@ -25,14 +25,14 @@ class Robot(Record):
     """Measures of the robot, by default gym-duckietown's. A pytree: numbers may be arrays, mapped by `jax.vmap`.
 
     Attributes:
-      dt: seconds a step.
+      dt: seconds per step.
       top_speed: of a wheel, metres a second.
       top_turn: radians a second, for commands of speed and turn.
       wheel_distance: metres.
       width: of the body, metres.
-      trim: share by which the right wheel turns faster than it should, and the left one slower, -0.5 to 0.5.
+      trim: share by which the right wheel turns too fast, and the left one too slow, -0.5 to 0.5.
       noise: standard deviation of each wheel's speed, as a share of the top speed; None for none.
-      latency: steps until a command takes effect, 0 to 4, parts of a step too; None for none.
+      latency: steps until a command takes effect, 0 to 4, also fractions; None for none.
     """
 
     dt: Numeric = traced(1 / 30, real(0, 0.1, exclusive=True))
@@ -60,14 +60,14 @@ class Wheels(NamedTuple):
 
 
 def still(robot: Robot) -> Wheels:
-    """Returns the wheels of a robot that stands still."""
+    """Returns the wheels of a robot at rest."""
     return Wheels(jnp.float32(0), jnp.float32(0), None if robot.latency is None else jnp.zeros((_DELAYS, 2)))
 
 
 def to_wheels(speed: Float[ArrayLike, "..."], turn: Float[ArrayLike, "..."], robot: Robot) -> Float[Array, "... 2"]:
     """Returns the commands of the left and the right wheel, -1 to 1, for metres and radians a second.
 
-    Where one wheel would exceed the top speed both are slowed down, so that the curve stays the same.
+    If one wheel would exceed the top speed, both are slowed down, so that the curve stays the same.
     """
     half = turn * robot.wheel_distance / 2
     wheels = jnp.stack([speed - half, speed + half], axis=-1) / robot.top_speed
@@ -80,7 +80,7 @@ def drive(
     """Drives for one step with constant speeds of the wheels: along an arc, computed exactly.
 
     Args:
-      key: consumed for noise; not used without.
+      key: consumed for noise; otherwise not used.
       pose: in tiles.
       wheels: before.
       command: of the left and the right wheel, -1 to 1; clipped, and 0 instead of NaN.
