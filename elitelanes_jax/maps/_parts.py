@@ -23,11 +23,11 @@ _EXPECTED = "expected a part of a run, made by elitelanes generate --part"
 
 
 def join_parts(folders: Sequence[Path]) -> Evolved:
-    """Joins all the parts of a run, in any order; the result has no state to continue from.
+    """Joins all parts of a run, in any order; the result has no state to continue from.
 
     Raises:
-      InputError: for a folder that is not a part, or not of the same run as the first; for a part that comes twice or
-        is missing; for another tile set.
+      InputError: for a folder that is not a part, a part of another run or tile set, or a part that comes twice or is
+        missing.
     """
     records = [_read_record(folder) for folder in folders]
     settings = {**records[0]["settings"], "part": None}
@@ -100,7 +100,6 @@ def _read_archive(folder: Path, run: Run, index: int, count: int) -> Result:
 
 
 def _join(results: Sequence[Result]) -> Result:
-    """Joins the seeds of results."""
     elites = jax.tree.map(lambda *arrays: jnp.concatenate(arrays), *(result.elites for result in results))
     histories = [result.history for result in results]
     history = histories[0]._replace(

@@ -1,4 +1,4 @@
-"""A run whose seeds are searched in parts elsewhere: on any executor, or on the workers of a Dask cluster."""
+"""Runs whose seeds are searched in parts on other processes: on any executor, or on the workers of a Dask cluster."""
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor, as_completed
@@ -32,14 +32,14 @@ _SECONDS_TO_ANSWER = 10
 def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: bool = False) -> list[RoadMap]:
     """Evolves maps on an executor's workers, and writes the folder that `generate` writes, byte for byte.
 
-    The seeds are searched in parts of 16. After an error, an interruption or a kill, the same call runs only the parts
-    that are missing, and resumes those that were started.
+    The seeds are searched in parts of 16. After an error, an interruption or a kill, the same call runs only the
+    missing parts, and resumes the started ones.
 
     Args:
       executor: of processes or machines that share the disk with this process.
       spec: of the search and the folder, without a part.
       out: the folder, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
 
     Returns:
       The maps, as they were written.
@@ -63,7 +63,6 @@ def generate_on(executor: Executor, spec: GenerateSpec, out: Path, *, force: boo
 
 
 def _run_parts(executor: Executor, parts: Mapping[Path, GenerateSpec]) -> None:
-    """Runs the parts that are not complete, each into its folder."""
     waiting = {folder: spec for folder, spec in parts.items() if not (folder / RECORD).exists()}
     announce(f"searching {pluralize(len(waiting), 'part')} of {len(parts)} on workers")
     jobs = {f"part {folder.name} of {len(parts)}": (spec, folder.absolute()) for folder, spec in waiting.items()}
@@ -85,10 +84,10 @@ def run_on(
       executor: of threads, processes or machines.
       function: takes the arguments of a job. The function and the arguments can be pickled.
       jobs: the arguments, by a name for messages.
-      ended: called in this thread with each value as soon as it is there.
+      ended: called in this thread with each result when its job ends.
 
     Raises:
-      ConnectionError: if a worker dies, or cannot import what it needs.
+      ConnectionError: if a worker dies, or lacks a module.
       InputError, NotEnoughMapsError, OSError: of the function.
     """
     futures = {executor.submit(function, *arguments): name for name, arguments in jobs.items()}
@@ -109,7 +108,7 @@ def run_on(
 
 
 def _run_part(spec: GenerateSpec, folder: Path) -> None:
-    """Runs a part on a worker, unless another worker that was lost has completed it."""
+    """Runs a part on a worker, unless a lost worker has completed it."""
     use_compile_cache()
     if not (folder / RECORD).exists():
         generate(spec, folder)
@@ -117,10 +116,9 @@ def _run_part(spec: GenerateSpec, folder: Path) -> None:
 
 @contextmanager
 def dask_executor(address: str) -> Iterator[Executor]:
-    """Connects to a Dask cluster. If a worker dies, another one runs its part.
+    """Connects to a Dask cluster by the address of its scheduler, such as ``tcp://10.0.0.1:8786``.
 
-    Args:
-      address: of the scheduler, such as ``tcp://10.0.0.1:8786``.
+    If a worker dies, another one runs its part.
 
     Raises:
       MissingPackageError: without Dask.

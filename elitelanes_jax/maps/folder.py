@@ -16,7 +16,7 @@ from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, 
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 ARCHIVE = "archive.npz"
-"""The file with all that the seeds of a run, or of a part, found."""
+"""The file with the elites of all seeds of a run or a part."""
 
 RECORD = "run.json"
 """The file with the settings of a run, a part or a choice."""
@@ -28,21 +28,9 @@ _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
 def write_maps(
     folder: Path, maps: Sequence[RoadMap], title: str, tiles: TileSet, *, tile_px: int, seed: int
 ) -> list[RoadMap]:
-    """Writes each map to a folder of its own, ``maps/0000`` and so on, and the contact sheet.
+    """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
 
-    Args:
-      folder: the folder to write to.
-      maps: of one size, with their metrics.
-      title: of the sheet.
-      tiles: to draw the maps with.
-      tile_px: the side of a tile in pixels.
-      seed: of the choice of tile pictures.
-
-    Returns:
-      The maps as they were drawn.
-
-    Raises:
-      OSError: if a file cannot be written.
+    The maps have one size, and metrics. `seed` is that of the choice of tile pictures.
     """
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     drawn, small = [], []
@@ -64,7 +52,7 @@ def write_maps(
 
 
 def foreign_to_maps(folder: Path) -> str | None:
-    """Returns the first file in a folder that `generate` and `pick` did not write; None without one."""
+    """Returns the first file in a folder that `generate` and `pick` did not write, or None."""
     try:
         run = read_json(folder / RECORD)
         names = "|".join(map(re.escape, ("map.json", *_picture_files(run["tile_set"].get("layers", ())))))

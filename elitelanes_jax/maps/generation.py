@@ -20,7 +20,7 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search.evolution import evolve
 
-# The seconds between two checkpoints, and of the shortest search that is kept while maps are drawn.
+# The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
 
 
@@ -34,7 +34,7 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
     Args:
       spec: of the search and the folder.
       out: the folder, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
 
     Returns:
       The maps, as they were written.
@@ -55,12 +55,12 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
 def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
     """Joins the parts of a run, and writes the folder that `generate` writes without parts, byte for byte.
 
-    In ``run.json`` the seconds of the parts are added up, and the speed is the median of theirs.
+    In ``run.json`` the seconds are the sum over the parts, and the speed is their median.
 
     Args:
       parts: folders, in any order.
-      out: folder to write to, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote it and nothing else is in it.
+      out: the folder, new or empty.
+      force: whether the folder is replaced, if an earlier run wrote all files in it.
 
     Returns:
       The maps, as they were written.
@@ -76,7 +76,7 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
 
 
 def _evolve(run: Run, checkpoint: Path) -> Evolved:
-    """Evolves the seeds of a run; the checkpoint stays if the search was long."""
+    """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
     spec, search, _ = run
     aim = pluralize(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
     announce(

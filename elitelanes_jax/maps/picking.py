@@ -1,4 +1,4 @@
-"""From archives of earlier searches to a folder of maps: more, others, or filtered ones, without another search."""
+"""From archives of earlier searches to a folder of other maps, without another search."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -40,7 +40,7 @@ def pick(
     force: bool = False,
     force_archive: bool = False,
 ) -> list[RoadMap]:
-    """Chooses maps among all that earlier searches found, and writes them to a new folder, whole or not at all.
+    """Chooses maps among the elites of earlier searches, and writes them to a new folder, whole or not at all.
 
     From the archive of one search it chooses the same maps as `generate` with the same number of maps.
 
@@ -49,9 +49,8 @@ def pick(
       archives: one file or several, ``archive.npz`` of `generate` or of `Result.save`, of maps of one size; or a
         result, which is written to the folder as ``archive.npz``.
       out: the folder, new or empty.
-      force: whether the folder is replaced, if an earlier run wrote it, and neither an archive nor anything else is in
-        it.
-      force_archive: whether a folder with an archive is replaced too; `pick` writes none.
+      force: whether the folder is replaced, if an earlier run wrote all files in it, and it has no archive.
+      force_archive: whether a folder with an archive is replaced too. `pick` does not write that archive again.
 
     Returns:
       The maps, as they were written.
@@ -120,19 +119,19 @@ def _foreign_or_archive(folder: Path) -> str | None:
 
 
 def _read(file: Path) -> tuple[Result, int | None]:
-    """Reads the result of one or several runs, and their seed if it is known."""
+    """Returns the result of one or several runs, and their seed if it is known."""
     return _seeded(*load_with_seed(file))
 
 
 def _seeded(result: Result, seed: int | None) -> tuple[Result, int | None]:
-    """Gives the elites of a single seed an axis of seeds."""
+    """Adds an axis of seeds to the elites of a single seed."""
     if result.elites.valid.ndim == 1:
         result = replace(result, elites=jax.tree.map(lambda array: array[None], result.elites))
     return result, seed
 
 
 def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
-    """Returns the search with the ranges and rules of the choice; axes of the choice also remove its targets."""
+    """Returns the search with the ranges and rules of the choice. Axes of the choice also remove its targets."""
     asked = parse_ranges(map(str, spec.where), search.features)
     ranges = {item.name: item for item in (*search.where, *asked)}
     targets = search.targets if spec.axes is None else ()
@@ -140,7 +139,7 @@ def _search(spec: PickSpec, search: SearchSpec) -> SearchSpec:
 
 
 def _measured(search: SearchSpec, axes: Sequence[Axis], results: Sequence[Result]) -> list[str]:
-    """Returns the features beside metrics that the maps have: those that the choice uses, and those of all archives."""
+    """Returns the maps' features beside metrics: those that the choice uses, and those that all archives have."""
     used = {*(axis.metric for axis in axes), *(item.name for item in search.where)}
     used |= {target.name for target in search.targets} | set(TOWN_FEATURES).intersection(search.measured)
     used |= {name for name in search.features if all(name in one.spec.features for one in results)}
@@ -154,7 +153,7 @@ def _join(
     axes: tuple[Axis, ...],
     tiles: TileSet,
 ) -> MeasuredElites:
-    """Joins the runs of all results; results with fewer slots get vacant ones."""
+    """Joins the runs of all results, and pads results with fewer slots with vacant ones."""
     slots = max(one.elites.valid.shape[1] for one in results)
 
     def join(arrays: Sequence[AnyArray]) -> AnyArray:

@@ -1,4 +1,4 @@
-"""One run of `generate`: its search and tiles, its result, and the files that tell about it."""
+"""One run of `generate`: its search and tiles, its result, and the files that describe it."""
 
 import time
 from dataclasses import replace
@@ -26,7 +26,7 @@ DIFFERENCE = "difference_from_examples"
 
 
 class Run(NamedTuple):
-    """A specification, with its search and its tiles; the search has the alphabet of the tiles."""
+    """A specification, with its search and its tiles. The search has the alphabet of the tiles."""
 
     spec: GenerateSpec
     search: SearchSpec
@@ -41,7 +41,7 @@ class Run(NamedTuple):
 
 
 class Evolved(NamedTuple):
-    """A run with the result of its search, and what its record says of the search."""
+    """A run with its result, and the figures of the search for its record."""
 
     run: Run
     result: Result
@@ -55,7 +55,7 @@ def plan_run(spec: GenerateSpec) -> Run:
 
     Raises:
       InputError: for a bad tile set, an alphabet with codes that it has no tiles for, or constraints that too few maps
-        can meet.
+        can satisfy.
     """
     tiles = load_tiles(spec.tiles, blend=spec.blend)
     search = drawable(spec.search, tiles).on(spec.size)
@@ -64,11 +64,7 @@ def plan_run(spec: GenerateSpec) -> Run:
 
 
 def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
-    """Returns a search whose maps can be drawn with a tile set.
-
-    Raises:
-      InputError: for an alphabet with codes that the set has no tiles for.
-    """
+    """Returns a search whose maps can be drawn with a tile set; raises `InputError` if its alphabet has other codes."""
     missing = set(search.alphabet or ()) - set(tiles.alphabet)
     if missing:
         codes = ", ".join(map(str, tiles.alphabet))
@@ -79,10 +75,7 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
 def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
     """Chooses the maps of a run, and writes them, its archive and its record; returns the maps.
 
-    For a part of a run, only the archive and the record are written.
-
-    Raises:
-      NotEnoughMapsError: if there are too few maps.
+    For a part of a run, only the archive and the record are written. Raises `NotEnoughMapsError`.
     """
     (spec, search, tiles), result, start = evolved.run, evolved.result, time.perf_counter()
     choice, maps = None, []
@@ -102,7 +95,7 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
         "settings": spec.to_plain(),
         "weights": search.all_weights._asdict(),
         **describe_source(tiles, result, choice),
-        # By seed; an elite worse than 0 counts nothing.
+        # By seed. An elite worse than 0 does not count.
         "archive": {
             "coverage": coverage(result.elites.valid).tolist(),
             "qd_score": qd_score(result.elites.fitness, result.elites.valid, worst=0).tolist(),
@@ -122,7 +115,7 @@ def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = No
     """Chooses maps with the options of `Result.choose`, fewer than `count` only if `at_most` is set.
 
     Raises:
-      NotEnoughMapsError: if there are too few, or none; the hint says what gives more, and by default follows from the
+      NotEnoughMapsError: if there are too few, or none. The hint says what finds more; its default depends on the
         search.
     """
     with Progress("choosing maps"):
@@ -136,14 +129,13 @@ def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = No
 
 
 def describe_budget(search: SearchSpec) -> str:
-    """Returns the budget of a search in words."""
     if search.generations is None:
         return f"{search.evaluations:,} evaluations"
     return f"{search.generations:,} generations"
 
 
 def describe_source(tiles: TileSet, result: Result, choice: Choice | None) -> dict[str, Plain]:
-    """Returns what the records of all folders of maps have in common, plain values for JSON."""
+    """Returns the entries that the records of all folders of maps share, plain values for JSON."""
     chosen = choice and {"elites": {"found": choice.found, "rejected": choice.rejected, "alike": choice.alike}}
     return {
         "config": result.config and config_to_plain(result.config),

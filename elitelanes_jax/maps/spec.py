@@ -15,11 +15,7 @@ from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_ini
 
 
 def check_size(size: UserValue) -> tuple[int, int]:
-    """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``.
-
-    Raises:
-      InputError: as `check_shape`.
-    """
+    """Checks the size of maps, (rows, columns) in tiles: numbers, texts of numbers, or a text such as ``6 8``."""
     try:
         sides = size.lower().replace("x", " ").split() if isinstance(size, str) else size
         return check_shape([whole(0)(side) if isinstance(side, str) else side for side in sides], new=True)
@@ -29,11 +25,7 @@ def check_size(size: UserValue) -> tuple[int, int]:
 
 
 def parse_part(part: UserValue) -> tuple[int, int]:
-    """Reads the index of a part, from 1, and the number of parts: ``3/10`` or (3, 10).
-
-    Raises:
-      InputError: for anything else.
-    """
+    """Reads the index of a part, from 1, and the number of parts: ``3/10`` or (3, 10)."""
     pair = part.split("/") if isinstance(part, str) else part
     try:
         index, count = pair
@@ -108,7 +100,7 @@ class PickSpec(Record):
         overrides the search's
       rules: rules that every map keeps; by default those of the first archive's search
       axes: axes of the niches; by default those of the first archive's search
-      unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml; of other sizes, all do
+      unlike: maps that all chosen maps differ from, map.json or Duckietown's .yaml
       seed: seed of the choice of tile pictures
       tiles: folder of the tile pictures; by default the package's own
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
