@@ -30,14 +30,14 @@ _HARD_SPACE = "\N{NO-BREAK SPACE}"
 # Widths as parts of the road's.
 _KERB_WIDTH, _LANE_WIDTH = 1.2, 0.09
 
-# How many letters stand side by side below a plot of the usual width.
+# The number of letters that fit in a line below a plot of the usual width.
 _ROOM = 50
 
 
 def road_map(
     grid: ArrayLike, *, width: float = 0.5, lanes: bool = True, marked: UserValue = None, ax: "Axes | None" = None
 ) -> "Axes":
-    """Draws a map in lines: roads as ribbons, turns round, north at the top, a unit a tile.
+    """Draws a map in lines: roads as ribbons, turns round, north at the top, one unit per tile.
 
     Each link is one ribbon from the middle of a tile to the middle of the next; an unmatched connection reaches the
     tile's side. A red bar marks where a road ends: in a tile with a single connection, or at such a side.
@@ -45,7 +45,7 @@ def road_map(
     Args:
       grid: integer codes ``[H, W]``, repaired or not.
       width: of the roads, a part of a tile's side, over 0 and at most 0.8.
-      lanes: whether to draw the line between the lanes; small pictures are clearer without.
+      lanes: whether to draw the line between the lanes. Small pictures are clearer without it.
       marked: bool ``[H, W]``, cells to colour, such as the dirty tiles of a move.
       ax: to draw on.
 
@@ -70,7 +70,7 @@ def road_map(
     ax.add_collection(PolyCollection(cells, facecolors="#ffdf9e", label="marked"))
     lines, ends = _links(codes)
     for name, share, colour in (("kerb", _KERB_WIDTH * width, _KERB), ("road", width, _ROAD)):
-        # A hairline of the same colour closes the seams that two smoothed edges leave.
+        # A hairline of the same colour closes the seams between smoothed edges.
         ribbons = [_ribbon(line, share) for line in lines]
         ax.add_collection(
             PolyCollection(ribbons, facecolors=colour, edgecolors=colour, linewidths=0.3, snap=False, label=name)
@@ -95,10 +95,10 @@ def archive_map(
     ax: "Axes | None" = None,
     **image: Untyped,
 ) -> "Axes":
-    """Draws an archive as a heat map: one axis of the descriptor across, the niches of one or several others down.
+    """Draws an archive as a heat map: one axis of the descriptor across, one or several others down.
 
-    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell with vacant niches
-    alone is hatched.
+    Each cell shows the lowest fitness over the axes that are not named, and over all seeds. A cell without filled
+    niches is hatched.
 
     Args:
       fitness: a `Result`; or numbers ``[..., N]``, lower is better, in the order of `niche_index`: the fitness of a
@@ -110,12 +110,11 @@ def archive_map(
         others.
       label: of the colour bar.
       ax: to draw on.
-      image: further arguments of matplotlib's `imshow`, such as ``vmax`` where a few bad niches hide the differences of
+      image: further arguments of matplotlib's `imshow`, such as ``vmax`` if a few bad niches hide the differences of
         others.
 
     Raises:
-      InputError: for another number of niches, for names that are none of the axes' or twice there, or without
-        matplotlib.
+      InputError: for another number of niches, for a name that is not an axis' or occurs twice, or without matplotlib.
     """
     from elitelanes_jax.problem.descriptor import parse_axes
 
@@ -142,7 +141,7 @@ def archive_map(
         raise InputError(f"fitness: expected {prod(bins)} niches on the last axis, got shape {values.shape}")
     values = np.where(np.isfinite(values) & (values < np.iinfo(np.int32).max), values, np.inf)
     values = values.reshape(-1, *bins).min(axis=0)
-    hidden = tuple(place for place, name in enumerate(names) if name not in shown)
+    hidden = tuple(index for index, name in enumerate(names) if name not in shown)
     left = [name for name in names if name in shown]
     table = values.min(axis=hidden).transpose([left.index(name) for name in shown])
     rows, columns = [axes[names.index(name)] for name in down], axes[names.index(across)]
@@ -154,20 +153,20 @@ def archive_map(
     ax.patch.set(facecolor=_VACANT, hatch="////", edgecolor="#cfcfca", linewidth=0)
     ax.figure.colorbar(cells, ax=ax, label=label)
     every = -(-columns.bins // 9)
-    ax.set_xticks(range(0, columns.bins, every), [_bin_name(columns, place) for place in range(0, columns.bins, every)])
+    ax.set_xticks(range(0, columns.bins, every), [_bin_name(columns, index) for index in range(0, columns.bins, every)])
     ax.set_xlabel(_in_words(across))
     ax.set_ylabel(fill(f"{_HARD_SPACE}· ".join(name.replace("_", _HARD_SPACE) for name in down), 44))
     heads = [
-        " · ".join(_bin_name(axis, place) for axis, place in zip(rows, places, strict=True))
-        for places in np.ndindex(*(axis.bins for axis in rows))
+        " · ".join(_bin_name(axis, index) for axis, index in zip(rows, indices, strict=True))
+        for indices in np.ndindex(*(axis.bins for axis in rows))
     ]
-    # As many labels as can be read, the same ones in each group.
+    # As many labels as are legible, the same ones in each group.
     group = rows[-1].bins
     every = next(n for n in range(-(-len(heads) // 32), len(heads) + 1) if group % n == 0 or n % group == 0)
     ax.set_yticks(range(0, len(heads), every), heads[::every])
     if len(rows) > 1:
-        for number in range(group, len(heads), group):
-            ax.axhline(number - 0.5, color="white", linewidth=1.5)
+        for row in range(group, len(heads), group):
+            ax.axhline(row - 0.5, color="white", linewidth=1.5)
     return ax
 
 
@@ -179,14 +178,14 @@ def history(
     quantiles: tuple[float, float] = (0.25, 0.75),
     ax: "Axes | None" = None,
 ) -> "Axes":
-    """Draws a run against the evaluations of a seed: the median over its seeds, and a band about it.
+    """Draws a run against the evaluations of a seed: the median over its seeds, and a band around it.
 
     Args:
       record: a `Result`, or its `History`, of one seed or of many.
       name: ``best_fitness`` or ``elite_count``.
       label: of the line in the legend.
       quantiles: the limits of the band, 0 to 1.
-      ax: to draw on; several runs on the same one have different colours.
+      ax: to draw on; several runs on one Axes have different colours.
 
     Raises:
       InputError: for a result without history, another name, bad quantiles, or without matplotlib.
@@ -225,17 +224,17 @@ def seed_band(
     Raises:
       InputError: for values of another shape, bad quantiles, or without matplotlib.
     """
-    place, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
-    if place.ndim != 1 or samples.ndim != 2 or samples.shape[1] != place.size or not len(samples):
-        raise InputError(f"values: expected [S, {place.size}] like x, got shape {np.shape(values)}")
+    steps, samples = np.asarray(x), np.atleast_2d(np.asarray(values, float))
+    if steps.ndim != 1 or samples.ndim != 2 or samples.shape[1] != steps.size or not len(samples):
+        raise InputError(f"values: expected [S, {steps.size}] like x, got shape {np.shape(values)}")
     given = np.asarray(quantiles)
     if given.shape != (2,) or given.dtype.kind not in "fiu" or not 0 <= given[0] <= given[1] <= 1:
         raise InputError(f"quantiles: expected two from 0 to 1, the lower first, got {quantiles!r}")
     low, high = given
     ax = _axes(ax)
     bottom, middle, top = np.quantile(samples, [low, 0.5, high], axis=0)
-    (drawn,) = ax.plot(place, middle, label=label, **line)
-    ax.fill_between(place, bottom, top, color=drawn.get_color(), alpha=0.2, linewidth=0)
+    (drawn,) = ax.plot(steps, middle, label=label, **line)
+    ax.fill_between(steps, bottom, top, color=drawn.get_color(), alpha=0.2, linewidth=0)
     ax.grid(alpha=0.3)
     return ax
 
@@ -244,10 +243,10 @@ def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | Non
     """Draws one metric of several groups of maps as box plots: quartiles, whiskers to 1.5 times the box, outliers.
 
     Args:
-      groups: by name, each a result's ``elites`` (vacant places are left out), a `Metrics` record, or a mapping from
+      groups: by name, each a result's ``elites`` (vacant slots are ignored), a `Metrics` record, or a mapping from
         names of metrics to numbers ``[N]``.
       metric: its name.
-      ax: to draw on; for several metrics give each one its own.
+      ax: to draw on, for one metric.
 
     Raises:
       InputError: for no group, a group without that metric or without any map, or without matplotlib.
@@ -268,8 +267,8 @@ def metric_boxes(groups: Mapping[str, AnyArray], metric: str, *, ax: "Axes | Non
             raise InputError(f"groups: expected at least one map in each, got none in {name!r}")
     ax = _axes(ax)
     boxes = ax.boxplot(samples, widths=0.55, patch_artist=True, medianprops={"color": "black"})
-    for number, box in enumerate(boxes["boxes"]):
-        box.set(facecolor=f"C{number % 10}", alpha=0.55)
+    for index, box in enumerate(boxes["boxes"]):
+        box.set(facecolor=f"C{index % 10}", alpha=0.55)
     ax.set_xticks(range(1, len(samples) + 1), list(groups))
     if sum(map(len, groups)) > _ROOM:
         for written in ax.get_xticklabels():
@@ -290,27 +289,27 @@ def _in_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _bin_name(axis: "Axis", place: int) -> str:
-    """Names the values in a bin, shares in per cent."""
+def _bin_name(axis: "Axis", index: int) -> str:
+    """Returns the values in a bin, shares in per cent."""
     from elitelanes_jax.problem.features import SHARE_UNIT, feature_unit, is_share
 
-    first, last = axis.start + place * axis.width, axis.start + (place + 1) * axis.width - 1
+    first, last = axis.start + index * axis.width, axis.start + (index + 1) * axis.width - 1
     if is_share(axis.metric):
-        more = "+" if place == axis.bins - 1 and last < SHARE_UNIT - 1 else ""
+        more = "+" if index == axis.bins - 1 and last < SHARE_UNIT - 1 else ""
         return f"{100 * first / SHARE_UNIT:g}%{more}"
     if feature_unit(axis.metric) != 1:
-        return f"{first / SHARE_UNIT:g}" + ("+" if place == axis.bins - 1 else "")
-    if place == axis.bins - 1:
+        return f"{first / SHARE_UNIT:g}" + ("+" if index == axis.bins - 1 else "")
+    if index == axis.bins - 1:
         return f"{first}+"
     return f"{first}" if first == last else f"{first}–{last}"
 
 
-# The places of a tile's sides from its middle, x to the east and y to the south.
+# The positions of a tile's sides relative to its middle, x to the east and y to the south.
 _TO_SIDE = {side.bit: (side.right / 2, side.down / 2) for side in SIDES}
 
 
 def _links(codes: NDArray[np.int8]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-    """Returns the lines ``[P, 2]``, x and y, of all links and unmatched connections; and those that end, from there."""
+    """Returns the lines ``[P, 2]``, x and y, of links and unmatched connections; and the lines from roads' ends."""
     height, width = codes.shape
     lines, ends = [], []
     for row, column in np.ndindex(height, width):
@@ -340,24 +339,22 @@ def _half(code: int, side: int, tile: tuple[int, int]) -> NDArray[np.float64]:
         return middle + np.array([[0.0], [0.5], [1.0]]) * to
     other = np.array(_TO_SIDE[code & ~side])
     angles = np.linspace(np.pi / 4, np.pi / 2, 7)[:, None]
-    # About the corner between the two sides: both of their middles are half a tile from it.
+    # An arc around the corner between the two sides, whose middles are half a tile from it.
     return middle + to + other - np.cos(angles) * to - np.sin(angles) * other
 
 
 def _directions(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns unit vectors along a line at each of its points, exact at its ends, where ribbons meet."""
+    """Returns unit vectors along a line at each of its points, exact at its ends, so that ribbons meet."""
     step = np.gradient(line, axis=0, edge_order=2)
     return step / np.linalg.norm(step, axis=1, keepdims=True)
 
 
 def _ribbon(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """Returns the outline of a ribbon of a width about a line."""
     aside = _directions(line)[:, ::-1] * (-width / 2, width / 2)
     return np.concatenate([line + aside, (line - aside)[::-1]])
 
 
 def _bar(line: NDArray[np.float64], width: float) -> NDArray[np.float64]:
-    """Returns the outline of the bar across the first point of a line."""
     return _ribbon(line[0] + np.array([[0.0], [0.05], [0.1]]) * _directions(line)[0], width)
 
 

@@ -81,7 +81,7 @@ NO_MOVES = dict.fromkeys((*KNOWN_MOVES, "fill_probability"), 0)
         (RoadNavParams, {"levels": LEVELS, "tile_cost": float("nan")}, "tile_cost: expected a number"),
         (LaneDriveParams, {"levels": LEVELS, "ahead": (2,)}, "ahead: expected a number, 0 to 1, got 2"),
         (LaneDriveParams, {"levels": LEVELS, "task": "park"}, "task: expected one of route, lane, got 'park'"),
-        (LaneDriveParams, {"levels": LEVELS, "observe": "camera"}, "sight: expected what make_sight returns, .* None"),
+        (LaneDriveParams, {"levels": LEVELS, "observe": "camera"}, "sight: expected a result of make_sight, .* None"),
         (Streets, {"tile": 6}, "tile: expected more than two lanes, 6.4 m, got 6 m"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Datasets for semantic segmentation: maps of mixed sizes, drawn, labelled and split, as training reads them."""
+"""Datasets for semantic segmentation: maps of mixed sizes, drawn, labelled and split for training."""
 
 import lazy_loader
 

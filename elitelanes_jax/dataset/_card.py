@@ -19,19 +19,19 @@ _LICENCES = {"apache-2.0", "mit", "cc0-1.0", "cc-by-4.0", "cc-by-sa-4.0", "cc-by
 
 
 _POSES = """
-`d` is the robot's distance to the left of its lane's centre in tiles, `phi` the angle in radians by which it is turned
-to the left of the lane, and `curvature` the lane's there in 1 / tiles, to the left. They belong to the lane of
+`d` is the robot's distance to the left of its lane's centre in tiles. `phi` is the angle in radians by which it is
+turned to the left of the lane. `curvature` is the lane's curvature to the left, in 1 / tiles. They refer to the lane of
 `movement`, which was drawn at random: the row and the column of a tile, the heading with which it is entered (0 north,
-1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass one place,
-and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane, which depends on
-the pose alone. Train on `nearest`, unless the network is also given the turn. `pose` has the robot's place on the map,
-`x` east and `y` south in tiles, and `theta`, counter-clockwise from east; `camera` the camera's height and its place
-ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps what lies behind the camera to
-a third coordinate of 0 or less."""
+1 east, 2 south, 3 west), and the turn (0 right, 1 straight, 2 left). On a crossing, several movements pass the same
+position, and no picture shows which one was drawn. `nearest` has `d`, `phi` and `curvature` of the nearest lane, which
+depends on the pose alone. Train on `nearest`, unless the network also receives the turn. `pose` is the robot's position
+on the map, `x` east and `y` south in tiles, and `theta`, counter-clockwise from east. `camera` has the camera's height
+and its distance ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps points behind
+the camera to a third coordinate of 0 or less."""
 
 
 def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
-    """Writes the README of a dataset, Markdown with the front matter that Hugging Face reads.
+    """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
 
     Args:
       about: the record in ``dataset.json``.
@@ -55,7 +55,7 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     (low, wide), (high, widest) = ((asked["size"][0][end], asked["size"][-1][end]) for end in (0, 1))
     sides = f"{low} x {wide}" if (low, wide) == (high, widest) else f"{low} x {wide} to {high} x {widest}"
     if asked["camera"] is not None:
-        seen = f"what a robot on their lanes sees, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
+        seen = f"views of a robot on their lanes, {asked['camera']['rows']} x {asked['camera']['columns']} pixels"
         seen += f", of maps drawn with {asked['tile_px']} pixels a tile"
     else:
         seen = f"of {asked['tile_px']} pixels a tile"
@@ -99,7 +99,7 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             *rows,
             "| | pictures | | " + " | ".join(f"{counts[split]:,}" for split in SPLITS) + " |",
             "",
-            "Lines lie over the road. Pixels beyond a map, and above the horizon, are background.",
+            "Lines cover the road. Pixels beyond a map, and above the horizon, are background.",
             "",
             "## Loading it",
             "",
@@ -114,8 +114,8 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             "```",
             "",
             "The metadata of each sample give its tile codes (8·N + 4·E + 2·S + 1·W), its metrics, the tile picture of "
-            "each cell, and `transform.matrix`, which maps places (x, y) of the plain map, in pixels from its top left "
-            "corner, to places of the picture.",
+            "each cell, and `transform.matrix`, which maps points (x, y) of the plain map, in pixels from its top left "
+            "corner, to points of the picture.",
             *([_POSES] if asked["camera"] is not None else []),
             "",
             "## How it was made",
@@ -136,13 +136,10 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
 def sample_sheet(
     out: Path, samples: Sequence[tuple[str, str, Sequence[str]]], title: str, shape: float = 1
 ) -> NDArray[np.uint8]:
-    """Draws pictures of samples beside their labels in colour, uint8 ``[., ., 3]``, RGB.
+    """Draws pictures of samples next to their labels in colour, uint8 ``[., ., 3]``, RGB.
 
-    Args:
-      out: folder of the dataset.
-      samples: of each, the files of its image and its labels within the folder, and lines of text.
-      title: of the sheet.
-      shape: height of the shown pictures over their width.
+    Each of `samples` has the files of its image and its labels in the folder of the dataset, and lines of text. `shape`
+    is the height of the shown pictures divided by their width.
     """
     pictures, height = [], round(_SHEET_PX * shape)
     for image, labels, _ in samples:

@@ -1,4 +1,4 @@
-"""Layouts of a dataset's folder, each for some training library."""
+"""Layouts of a dataset's folder for different training libraries."""
 
 import json
 import re
@@ -33,8 +33,8 @@ class Format(NamedTuple):
     """A layout.
 
     Attributes:
-      layers: the layers beside image, labels and those of the tile set's maker.
-      file: (split, number, layer) -> the path of a picture within the folder.
+      layers: the layers beside image, labels and the further masks of the tile set.
+      file: (split, index, layer) -> the path of a picture in the folder.
       note: labels uint8 ``[h, w]`` -> additions to a sample's record, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
@@ -72,11 +72,7 @@ class Format(NamedTuple):
 
 
 def find_format(name: str) -> Format:
-    """Returns a format by its name.
-
-    Raises:
-      MissingPackageError: if a package that it needs is not installed.
-    """
+    """Returns a format by its name; raises `MissingPackageError` if a package that it needs is not installed."""
     layout = FORMATS[name]
     if layout.needs is not None:
         import_optional(layout.needs, f"format: {name} needs {layout.needs}")
@@ -84,7 +80,7 @@ def find_format(name: str) -> Format:
 
 
 def foreign_to_dataset(folder: Path) -> str | None:
-    """Returns the first file in a folder that no dataset's run wrote there; None without one."""
+    """Returns the first file in a folder that is not of a dataset, or None."""
     try:
         about = read_json(folder / RECORD)
         layers = ("image", "labels", *MASKS, *about["tile_set"]["layers"])
@@ -102,7 +98,7 @@ def foreign_to_dataset(folder: Path) -> str | None:
 
 _SHORT = ("train", "val", "test")
 
-# The pictures of every dataset; masks of the tile set's maker have a folder of their own beside them.
+# The pictures of every dataset. Further masks of the tile set have their own folder next to them.
 _USUAL = ("image", "labels", *MASKS)
 
 

@@ -1,4 +1,4 @@
-"""Maps that are given to a dataset in place of evolved ones; without JAX and OpenCV."""
+"""Maps that a dataset uses instead of evolving maps; without JAX and OpenCV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -15,12 +15,12 @@ from elitelanes_jax.network.symmetry import canonical_form
 
 @dataclass(frozen=True)
 class GivenMaps:
-    """Given maps; equal where their digests are.
+    """The maps that a user provides for a dataset; equal if their digests are.
 
     Attributes:
       maps: at least one, each with its metrics.
-      digest: of all that is known of them.
-      repeated: how many were left out, as they are another one rotated or mirrored.
+      digest: of all fields of all maps.
+      repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
@@ -34,20 +34,20 @@ class GivenMaps:
 
 
 def given(maps: Sequence[RoadMap], repeated: int = 0) -> GivenMaps:
-    """Takes maps as they are; metrics that they do not have are measured."""
+    """Returns the maps with their metrics, which are measured if a map has none."""
     measured = tuple(map(_measured, maps))
     return GivenMaps(measured, sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16], repeated)
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
-    """Reads maps.
+    """Reads maps, and measures metrics that are missing.
 
-    Of those that are the same when rotated or mirrored the first one is taken, so that no two splits show one network.
-    Metrics that a file does not have are measured.
+    Of several maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the
+    same network.
 
     Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are all files ``map.json`` in them,
-        or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
+      sources: one map or several, as `as_maps` takes them; or folders. The maps of a folder are all files ``map.json``
+        below it, or otherwise the files ``.json``, ``.yaml`` and ``.yml`` directly in it.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.

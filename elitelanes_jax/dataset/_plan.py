@@ -1,4 +1,4 @@
-"""The maps of a dataset, and the split that each belongs to."""
+"""The maps of a dataset, and the split of each map."""
 
 import json
 from bisect import bisect_right
@@ -26,13 +26,13 @@ from elitelanes_jax.search.selection import MIN_DIFFERENCE
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
 
-# A round evolves so many seeds, and gives at most so many maps, as maps of one seed are related. If it gives fewer than
-# the last figure, the next ones may be more alike.
+# Each round evolves 16 seeds and returns at most 512 maps, because maps of one seed are related. After a round with
+# fewer than 8 maps, the maps of the next rounds may be more alike.
 _SEEDS, _FROM_ROUND, _FEW = 16, 512, 8
 
 
 class Maps:
-    """Maps by number, kept in files of a round each; a few rounds are held in memory.
+    """Maps by index, kept in a file for each round; a few rounds are held in memory.
 
     Args:
       rounds: the files, JSON lines.
@@ -41,7 +41,7 @@ class Maps:
     def __init__(self, rounds: Sequence[Path]) -> None:
         self.rounds = list(rounds)
         self._ends = list(accumulate(len(_lines(file)) for file in self.rounds))
-        self._maps_of = lru_cache(maxsize=8)(_maps_of)  # its own, as other datasets may have files of the same names
+        self._maps_of = lru_cache(maxsize=8)(_maps_of)  # not shared: other datasets may have files of the same names
 
     def __len__(self) -> int:
         return self._ends[-1] if self._ends else 0
@@ -55,10 +55,11 @@ class Maps:
 
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Executor | None = None) -> Maps:
-    """Evolves the maps round by round, each round kept in a file as soon as it is done.
+    """Evolves the maps round by round, and writes a file after each round.
 
-    All are valid, and no two alike when rotated or mirrored: each differs from all others in `MIN_DIFFERENCE` of its
-    tiles, in less where no more such maps are found. Within a round the niches give as equally as they can.
+    All are valid, and each differs from all others in `MIN_DIFFERENCE` of its tiles, however they are rotated or
+    mirrored. If no more such maps are found, the next, smaller difference applies. The maps of a round are spread
+    evenly over the niches.
 
     Args:
       spec: of the dataset.
@@ -67,7 +68,7 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Exe
       executor: whose workers search, one size each, and share the disk.
 
     Raises:
-      NotEnoughMapsError: if the searches give too few maps.
+      NotEnoughMapsError: if the searches find too few maps.
       OSError: if a file cannot be written, or a worker fails.
     """
     wanted = maps_by_shape(spec)
@@ -88,7 +89,6 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Exe
 
 
 def _evolve_on_worker(seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path) -> None:
-    """Keeps all rounds of one size."""
     use_compile_cache()
     for _ in _rounds(seed, search, shape, wanted, work):
         pass
@@ -97,7 +97,7 @@ def _evolve_on_worker(seed: int, search: SearchSpec, shape: tuple[int, int], wan
 def _rounds(
     seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path
 ) -> Iterator[tuple[Path, int]]:
-    """Yields the file of each round of one size and the number of its maps; evolves those that are not there."""
+    """Yields the file of each round of one size and the number of its maps; evolves missing rounds."""
     found: list[NDArray[np.int8]] = []
     number = level = 0
     while len(found) < wanted:
@@ -105,7 +105,7 @@ def _rounds(
         if not file.exists():
             _keep(file, _evolve_round(seed, search, shape, number, wanted, found, MIN_DIFFERENCE[level]))
         new = [road_map.codes for road_map in _maps_of(file)]
-        # Where few maps differ as much as they should, the next ones may differ less.
+        # If few maps differ enough, the next ones may differ less.
         if len(new) < min(_FEW, wanted - len(found)):
             level += 1
         found += new
@@ -119,7 +119,7 @@ def _rounds(
 
 
 def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:
-    """Keeps given maps like evolved ones."""
+    """Writes given maps to a file like evolved ones."""
     file = work / "maps" / "given.jsonl"
     _keep(file, maps)
     return Maps([file])
@@ -134,7 +134,7 @@ def _evolve_round(
     found: Sequence[NDArray[np.int8]],
     min_difference: float,
 ) -> list[RoadMap]:
-    """Evolves the maps of one round, each unlike all before in so large a share of its tiles."""
+    """Evolves the maps of one round, which differ from all earlier maps by at least `min_difference`."""
     first = number * _SEEDS
     result = evolve(seed_keys(seed, range(first, first + _SEEDS)), shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
@@ -146,10 +146,10 @@ def _evolve_round(
 
 
 def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np.int_]:
-    """Assigns each map to a split, a place in `SPLITS`, int ``[maps]``.
+    """Assigns each map to a split, an index in `SPLITS`, int ``[maps]``.
 
-    Every split has its share of every size and every niche, as evenly as can be; the test only maps that its tiles
-    can draw.
+    Every split has its share of every size and every niche, as evenly as possible. The test has only maps that its
+    tiles can draw.
 
     Raises:
       InputError: if its tiles can draw too few.
@@ -175,7 +175,7 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
 
 
 def _evenly(count: int, wanted: int) -> NDArray[np.int_]:
-    """Returns so many places out of a row, as evenly spaced as can be."""
+    """Returns `wanted` indices from 0 to `count` - 1, evenly spaced."""
     return ((np.arange(wanted) * 2 + 1) * count) // (2 * max(wanted, 1))
 
 

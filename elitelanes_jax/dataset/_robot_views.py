@@ -1,8 +1,8 @@
 """Views of a map from a robot on its lanes: a pose, a pinhole camera, and the warp of a rendered map.
 
-Between the ground and a picture of it lies one 3 x 3 matrix, as for views from above; what lies behind the camera has a
-third coordinate of 0 or less. Picture and labels are sampled at the same places: the picture four times a pixel, from a
-map that is the smaller the further away it is, and averaged; labels once, the nearest pixel of the map.
+One 3 x 3 matrix maps the ground to a picture, as for views from above; points behind the camera have a third coordinate
+of 0 or less. Picture and labels are sampled at the same points: the picture four times per pixel, from a map that is
+smaller at a larger distance, and averaged; labels once, at the nearest pixel of the map.
 """
 
 from typing import NamedTuple
@@ -19,18 +19,18 @@ from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
 
-# As gym-duckietown draws them: a blue sky, a wall, darkness, a white hall; RGB.
+# Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
-_FINER = 2  # samples a pixel in each direction
-_LEVELS = 6  # at which maps are a half, a quarter and so on as large
+_FINER = 2  # samples per pixel in each direction
+_LEVELS = 6  # the number of sizes of the map: whole, a half, a quarter and so on
 
 
 class Viewpoint(NamedTuple):
-    """A camera at a place of a map.
+    """A camera at a position on a map.
 
     Attributes:
-      matrix: float64 ``[3, 3]``, maps places (x, y) of the rendered map, in pixels, to places of the picture; what it
-        maps to a third coordinate of 0 or less lies behind the camera. That coordinate is the depth in metres.
+      matrix: float64 ``[3, 3]``, maps points (x, y) of the rendered map, in pixels, to points of the picture. The third
+        coordinate is the depth in metres; it is 0 or less behind the camera.
       size: (rows, columns) of the picture.
       sky: its colour, RGB.
       about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
@@ -45,12 +45,13 @@ class Viewpoint(NamedTuple):
 def draw_viewpoint(
     rng: np.random.Generator, viewpoints: Viewpoints, codes: Int[NDArray, "H W"], tile_px: int
 ) -> Viewpoint:
-    """Draws a place on the lanes of a map, and the camera there.
+    """Draws a pose on the lanes of a map, and its camera.
 
-    The movement is drawn uniformly among all of the map, the place along it, the offset and the angle uniformly too.
+    The movement is drawn uniformly from all movements of the map; the position along it, the offset and the angle are
+    uniform too.
 
     Args:
-      rng: the same state gives the same viewpoint.
+      rng: equal states give equal viewpoints.
       viewpoints: the ranges.
       codes: of the map.
       tile_px: side of a tile in pixels.
@@ -60,7 +61,7 @@ def draw_viewpoint(
     """
     lanes = list_lanes(codes)
     if not len(lanes):
-        raise InputError("maps: expected lanes to look from, got a map without any")
+        raise InputError("maps: expected lanes for the camera, got a map without any")
     row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
@@ -70,7 +71,7 @@ def draw_viewpoint(
     bend = turn - 1  # to the left
     radius = 0.5 + LANE_OFFSET * bend
     angle = along * np.pi / 2 * bend
-    # Forward and left of the middle of the side that is entered by.
+    # Forward and left of the middle of the side by which the tile is entered.
     forward = (radius - bend * d) * np.sin(abs(angle)) if bend else along
     left = bend * (0.5 - (radius - bend * d) * np.cos(angle)) if bend else d - LANE_OFFSET
     ahead_x, ahead_y = SIDES[heading].right, SIDES[heading].down
@@ -98,7 +99,7 @@ def draw_viewpoint(
 def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:
     """Returns offset, heading error and curvature on the nearest lane of the pose's tile, as `lane_pose` chooses it.
 
-    A tile without lanes gives an empty table.
+    For a tile without lanes the table is empty.
     """
     found, best = {}, np.inf
     for row, column, heading, turn in lanes[(lanes[:, 0] == int(np.floor(y))) & (lanes[:, 1] == int(np.floor(x)))]:
@@ -119,7 +120,7 @@ def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> di
 def see(
     image: UInt8[NDArray, "h w 3"], viewpoint: Viewpoint, ground: tuple[int, int, int]
 ) -> UInt8[NDArray, "rows columns 3"]:
-    """Draws what the camera sees of a rendered map; beyond it is bare ground of a colour."""
+    """Draws the camera's view of a rendered map. Beyond the map there is ground of one colour."""
     rows, columns = viewpoint.size
     x, y, near = _places(viewpoint, _FINER)
     fine = np.empty((rows * _FINER, columns * _FINER, 3), np.uint8)
@@ -140,7 +141,7 @@ def see(
 
 
 def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDArray, "rows columns"]:
-    """Draws a mask or labels as the camera sees them, the nearest pixel; 0 beyond the map and above the horizon."""
+    """Draws the camera's view of a mask or labels, the nearest pixel; 0 beyond the map and above the horizon."""
     x, y, near = _places(viewpoint, 1)
     seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
     seen[~near] = 0
@@ -148,7 +149,7 @@ def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDA
 
 
 def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
-    """Lists the movements of a map: row, column, heading and turn."""
+    """Returns the movements of a map: row, column, heading and turn."""
     return np.argwhere(MOVEMENTS[_linked(codes)])
 
 
@@ -163,18 +164,18 @@ def _linked(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:
 
 
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
-    """Returns the matrix from places of the map, in tiles, to metres ahead and to the left of a pose."""
+    """Returns the matrix from positions on the map, in tiles, to metres ahead and to the left of a pose."""
     cosine, sine = np.cos(theta), np.sin(theta)
     turn = np.array([[cosine, -sine, 0], [-sine, -cosine, 0], [0, 0, 1]])
     return np.asarray(np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]]))
 
 
 def _project(height: float, forward: float, pitch: float, view: float, size: tuple[int, int]) -> Float[NDArray, "3 3"]:
-    """Returns the matrix from metres ahead and to the left to places of the picture of a pinhole camera."""
+    """Returns the matrix from metres ahead and to the left to points of the picture of a pinhole camera."""
     rows, columns = size
     focal = rows / 2 / np.tan(np.radians(view) / 2)
     cosine, sine = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
-    # Right, down and depth as the camera has them.
+    # Right, down and depth in the camera's frame.
     down = [-sine, 0, height * cosine + forward * sine]
     depth = [cosine, 0, height * sine - forward * cosine]
     seen = np.array([[0, -1, 0], down, depth])
@@ -182,14 +183,14 @@ def _project(height: float, forward: float, pitch: float, view: float, size: tup
 
 
 def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
-    """Returns where the rays of pixels meet the ground, x and y in pixels of the map, and whether they do at all."""
+    """Returns where the rays of pixels meet the ground, x and y in pixels of the map, and whether they meet it."""
     rows, columns = (side * finer for side in viewpoint.size)
     back = np.linalg.inv(viewpoint.matrix)
     u, v = (np.arange(columns) + 0.5) / finer, ((np.arange(rows) + 0.5) / finer)[:, None]
     x, y, inverse_depth = (part[0] * u + part[1] * v + part[2] for part in back)
     near = inverse_depth > 1e-6
     depth = 1 / np.where(near, inverse_depth, 1)
-    # Places far beyond are too large for OpenCV.
+    # Distant points exceed OpenCV's range.
     x, y = (np.clip(np.where(near, part * depth, -1e6), -1e6, 1e6).astype(np.float32) for part in (x, y))
     return x, y, near
 
@@ -197,7 +198,7 @@ def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDAr
 def _levels(x: NDArray[np.float32], y: NDArray[np.float32], near: NDArray[np.bool_]) -> Int[NDArray, " rows"]:
     """Returns how often the map is halved for each row of samples; -1 for rows of sky.
 
-    A row's samples are as far from each other as the root of the area between four of them.
+    The distance between a row's samples is the root of the area between four of them.
     """
     middle = x.shape[1] // 2
     right = np.hypot(x[:, middle] - x[:, middle - 1], y[:, middle] - y[:, middle - 1])
@@ -216,7 +217,7 @@ def _sample(
     interpolation: int,
     outside: tuple[int, int, int],
 ) -> NDArray[np.uint8]:
-    # OpenCV's places are those of pixels' centres.
+    # OpenCV's coordinates refer to the centres of pixels.
     across, down = (np.asarray(part - 0.5, np.float32) for part in (x, y))
     seen = cv2.remap(layer, across, down, interpolation, borderMode=cv2.BORDER_CONSTANT, borderValue=outside)
     return np.asarray(seen, np.uint8)

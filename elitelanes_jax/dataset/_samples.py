@@ -1,4 +1,4 @@
-"""One sample: a map drawn and seen in one view."""
+"""One sample: a map drawn in one view."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,12 +42,12 @@ def draw_sample(
     camera: Viewpoints | None = None,
     layers: Sequence[str] = MASKS,
 ) -> Sample:
-    """Draws a map with tiles of a set in one view; all choices follow from the seed and the number.
+    """Draws a map with tiles of a set in one view. All choices depend on `seed` and `number` alone.
 
     Args:
       road_map: the map.
       tiles: to draw it with.
-      number: of the sample, 0 or more.
+      number: the index of the sample, 0 or more.
       seed: of the dataset.
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
@@ -93,11 +93,7 @@ def draw_sample(
 
 
 def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
-    """Writes the pictures of a sample to their places in a format.
-
-    Raises:
-      OSError: that names the file, if one cannot be written.
-    """
+    """Writes the pictures of a sample to their paths in a format. An `OSError` names the file."""
     number = sample.record["number"]
     for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
         write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))

@@ -18,11 +18,10 @@ from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 
 def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> None:
-    """Checks maps that are given in place of evolved ones.
+    """Checks maps that are used instead of evolved ones.
 
     Raises:
-      InputError: unless they are as many as the specification says, of its sizes, and can be drawn; unless they have
-        lanes, for a camera.
+      InputError: unless their number and sizes are the specification's, they can be drawn, and for a camera have lanes.
     """
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(maps) != spec.maps:
@@ -43,10 +42,10 @@ def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> N
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:
-    """Returns the tile set that each split is drawn from.
+    """Returns the tile set of each split.
 
-    Where tiles are held out, the test has about its own share of the pictures of every kind that has several, drawn at
-    random, and at least one; kinds with a single picture are not in the test.
+    If tiles are held out, the test has its share of the pictures of every kind with several pictures, drawn at random,
+    and at least one; kinds with a single picture are not in the test.
 
     Raises:
       InputError: if no map could be drawn from the tiles held out.
@@ -75,7 +74,7 @@ def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet,
 
 
 def _with_all(tile: Tile, tiles: TileSet) -> Tile:
-    """Gives a tile masks and points of all the names in the set, so that both parts have the same."""
+    """Gives a tile all masks and points of the set, so that both parts have the same."""
     empty = np.zeros(tile.road.shape, bool)
     return tile._replace(
         layers={name: tile.layers.get(name, empty) for name in tiles.layers},

@@ -1,4 +1,4 @@
-"""The ranges that views of a map vary in."""
+"""The ranges of views of a map."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -29,11 +29,11 @@ class Transforms(Record):
       quarter_turns: whether maps are rotated by quarter turns.
       rotation: largest free rotation in degrees, either way, 0 to 180.
       scale: smallest and largest factor, 0.25 to 4.
-      perspective: largest move of each corner, as a share of the map's side, 0 to 0.2: a camera not quite overhead.
-      crop: side in pixels of a square window within the map, 16 or more, or 0 for the whole picture.
+      perspective: largest shift of each corner, as a share of the map's side, 0 to 0.2: a camera not quite overhead.
+      crop: side in pixels of a square window in the map, 16 or more, or 0 for the whole picture.
       light: largest change of brightness, either way, as a share, 0 to 1.
       contrast: largest change of contrast, either way, as a share, 0 to 1.
-      colour: largest change of each channel by itself, either way, as a share, 0 to 1.
+      colour: largest change of each channel alone, either way, as a share, 0 to 1.
       blur: largest standard deviation of a Gaussian blur in pixels, 0 to 20.
       noise: largest standard deviation of Gaussian noise in grey levels, 0 to 64.
     """
@@ -55,7 +55,7 @@ STANDARD = Transforms(True, 5, (0.9, 1.1), 0.04, light=0.2, contrast=0.2, colour
 
 
 GEOMETRY = ("quarter_turns", "rotation", "scale", "perspective", "crop")
-"""The fields of `Transforms` that say where the camera is; the others are of light and of the camera itself."""
+"""The fields of `Transforms` for the camera's position. The others change light and pixels."""
 
 
 def parse_transforms(texts: UserValue) -> Transforms:
@@ -80,7 +80,7 @@ def parse_transforms(texts: UserValue) -> Transforms:
     check_unique("transforms", "transform", [text.partition("=")[0] for text in words])
     late = set(words[1:]) & {"none", "standard"}
     if late:
-        raise InputError(f"transforms: expected {late.pop()} alone or first, as it says what all others start from")
+        raise InputError(f"transforms: expected {late.pop()} alone or first, because it sets all transforms")
     for text in words:
         name, equals, value = text.partition("=")
         if text in ("none", "standard"):

@@ -1,4 +1,4 @@
-"""The settings of a camera on a robot, for datasets of what it sees."""
+"""The options of a camera on a robot, for datasets of its views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Viewpoints(Record):
 
 
 def parse_viewpoints(texts: UserValue) -> Viewpoints:
-    """Reads settings such as ``["rows=120", "columns=160", "heading=45"]``; without any, all are the defaults.
+    """Reads options such as ``["rows=120", "columns=160", "heading=45"]``; all have defaults.
 
     Args:
       texts: words, one or several, a mapping of numbers by name, or a `Viewpoints`.

@@ -3,7 +3,7 @@
 Geometry is one 3 x 3 matrix for all layers, applied by OpenCV's warps: the picture by linear interpolation, masks and
 labels by the nearest pixel, so that their values stay exact. Light, colour, blur and noise change the picture alone.
 
-Places are (x, y) in pixels from the picture's top left corner, so that the first pixel reaches from (0, 0) to (1, 1).
+Points are (x, y) in pixels from the picture's top left corner, so that the first pixel reaches from (0, 0) to (1, 1).
 """
 
 from statistics import NormalDist
@@ -17,7 +17,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
 from elitelanes_jax.dataset._transforms import Transforms
 
-# The scale under which a picture is first made smaller by area.
+# Below this scale a picture is first scaled down by area.
 _SHRUNK = 0.6
 
 _NORMAL = np.array([NormalDist().inv_cdf((part + 0.5) / 256) for part in range(256)])
@@ -27,10 +27,10 @@ class View(NamedTuple):
     """One drawn transform.
 
     Attributes:
-      matrix: float64 ``[3, 3]``, maps places of the plain map to places of the view.
+      matrix: float64 ``[3, 3]``, maps points of the plain map to points of the view.
       size: (height, width) of the view in pixels.
-      gains: float ``[3]``, factors of the channels R, G, B about mid-grey.
-      offset: grey levels added to all.
+      gains: float ``[3]``, factors of the channels R, G, B relative to mid-grey.
+      offset: grey levels added to all channels.
       blur: standard deviation in pixels.
       noise: standard deviation in grey levels.
       noise_seed: of the noise.
@@ -49,9 +49,9 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     """Draws a view of a map.
 
     Args:
-      rng: the same state gives the same view.
+      rng: equal states give equal views.
       transforms: the ranges.
-      size: (height, width) of the map in pixels; at the smallest scale a crop is at most as large.
+      size: (height, width) of the map in pixels; at the smallest scale a crop is not larger.
 
     Raises:
       InputError: for a crop larger than the map.
@@ -61,7 +61,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
         raise InputError(
             f"transforms: expected a crop within the map's {width} x {height} pixels, got {transforms.crop}"
         )
-    # All are drawn in any case, so that a change of one range leaves the other values as they were.
+    # All values are always drawn, so that a change of one range does not change the others.
     turns = int(rng.integers(4)) * transforms.quarter_turns
     angle = rng.uniform(-1, 1) * transforms.rotation
     low, high = transforms.scale
@@ -78,7 +78,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     matrix = _bend(bends, frame) @ _shift(frame[1] / 2, frame[0] / 2) @ matrix
     if transforms.crop:
         sides = np.array([frame[1], frame[0]])
-        shown = sides * min(1.0, scale)  # the part of the frame, about its middle, that the map covers
+        shown = sides * min(1.0, scale)  # the middle part of the frame that the map covers
         first = np.ceil((sides - shown) / 2)
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
         x, y = np.floor(first + place * (last - first + 1))
@@ -91,13 +91,13 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
 
 
 def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[np.uint8]:
-    """Warps a layer as the view shows it.
+    """Warps a layer into the view.
 
     Args:
-      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation, and by area where it shrinks much; or
-        ``[H, W]``, a mask or labels, by the nearest pixel.
+      layer: uint8 ``[H, W, 3]``, a picture, by linear interpolation, or by area if it shrinks much; or ``[H, W]``, a
+        mask or labels, by the nearest pixel.
       view: the transform.
-      outside: value, or colour, of places beyond the map.
+      outside: value, or colour, beyond the map.
 
     Returns:
       uint8 ``[h, w]`` or ``[h, w, 3]``, h and w the view's.
@@ -108,14 +108,14 @@ def warp(layer: NDArray[np.uint8], view: View, outside: Numeric = 0) -> NDArray[
     matrix = view.matrix
     scale = np.sqrt(abs(np.linalg.det(matrix[:2, :2])))
     if layer.ndim == 3 and scale < _SHRUNK:
-        # Interpolation sees the nearest pixels only, and would leave out all others between.
+        # Interpolation uses the nearest pixels only, and would skip all others between.
         before = layer.shape[:2]
         layer = np.asarray(cv2.resize(layer, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
         matrix = matrix @ np.diag([before[1] / layer.shape[1], before[0] / layer.shape[0], 1])
     return np.asarray(
         cv2.warpPerspective(
             layer,
-            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),  # OpenCV's places are those of pixels' centres
+            _shift(-0.5, -0.5) @ matrix @ _shift(0.5, 0.5),  # OpenCV's coordinates refer to the centres of pixels
             (width, height),
             flags=cv2.INTER_LINEAR if layer.ndim == 3 else cv2.INTER_NEAREST,
             borderMode=cv2.BORDER_CONSTANT,
@@ -131,10 +131,10 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
         levels = np.arange(256)[:, None] - 128.0
         table = np.clip(np.rint(levels * view.gains + 128 + view.offset), 0, 255).astype(np.uint8)
         image = np.asarray(cv2.LUT(image, table[None]), np.uint8)
-    if view.blur > 0.1:  # less changes nothing
+    if view.blur > 0.1:  # a smaller blur changes no pixel
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), view.blur), np.uint8)
     if view.noise:
-        # A byte each, mapped to 256 quantiles of a normal distribution: four times as fast as drawing it.
+        # Random bytes mapped to 256 quantiles of a normal distribution are four times as fast as drawing from it.
         grain = np.frombuffer(np.random.default_rng(view.noise_seed).bytes(image.size), np.uint8).reshape(image.shape)
         table = np.rint(_NORMAL * view.noise).astype(np.int16)
         image = np.asarray(cv2.add(image, cv2.LUT(grain, table), dtype=cv2.CV_8U), np.uint8)
@@ -142,7 +142,7 @@ def photograph(image: NDArray[np.uint8], view: View) -> NDArray[np.uint8]:
 
 
 def map_points(points: ArrayLike, matrix: ArrayLike) -> NDArray[np.float64]:
-    """Maps places ``[N, 2]`` of the plain map to places ``[N, 2]`` of the view with this matrix; NaN behind it."""
+    """Maps points ``[N, 2]`` of the plain map to points ``[N, 2]`` of the view with this matrix; NaN behind it."""
     points = np.asarray(points, np.float64).reshape(-1, 2)
     across = np.column_stack([points, np.ones(len(points))]) @ np.asarray(matrix, np.float64).T
     depth = across[:, 2:]

@@ -41,7 +41,7 @@ _PICTURES_A_JOB = 64
 
 
 class _Drawing(NamedTuple):
-    """What the samples are drawn from, and where to.
+    """The sources and the folders of the samples.
 
     Attributes:
       spec: of the dataset.
@@ -101,9 +101,9 @@ def make_dataset(
       spec: of the dataset.
       out: the folder, new or empty.
       workers: threads that draw; by default one for each core (see `use_cores`).
-      force: whether another dataset in the folder is replaced when this one is complete, if nothing else is in the
-        folder. Until then the disk needs room for both.
-      maps: drawn instead of evolved maps, as `as_maps` takes them; as many as the specification says and of its sizes.
+      force: whether another dataset in the folder is replaced when this one is complete, if an earlier run wrote all
+        files in it. Until then the disk needs room for both.
+      maps: drawn instead of evolved maps, as `as_maps` takes them, with the specification's number and sizes.
       executor: whose workers search and draw instead of this process, such as `dask_executor`. They share the disk
         with this process.
 
@@ -167,8 +167,8 @@ def _plan(
     count, views = pluralize(spec.maps, "map"), pluralize(spec.views, "view")
     announce(f"making a dataset of {count} of {_sizes(spec)} tiles, {views} each")
     if own is not None and own.repeated:
-        which = "that is another one" if own.repeated == 1 else "that are others"
-        announce(f"left out {pluralize(own.repeated, 'map')} {which} rotated or mirrored")
+        which = "that equals another one" if own.repeated == 1 else "that equal others"
+        announce(f"skipped {pluralize(own.repeated, 'map')} {which} when rotated or mirrored")
     maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
     splits = np.repeat(split_maps(spec, maps, test_tiles), spec.views)
     return _Drawing(spec, maps, splits, work.files, work.kept / "records")
@@ -192,7 +192,7 @@ def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None) -> dict[
 
 
 def _draw_here(drawing: _Drawing, tiles: Sequence[TileSet], workers: int) -> None:
-    """Draws the samples that are not complete in threads, side by side because OpenCV works outside of Python."""
+    """Draws the incomplete samples in threads, side by side because OpenCV works outside of Python."""
     waiting, total = drawing.waiting(), len(drawing.splits)
     with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar, _one_thread_each():
         calls = (partial(drawing.draw, tiles, index) for index in waiting)
@@ -200,7 +200,7 @@ def _draw_here(drawing: _Drawing, tiles: Sequence[TileSet], workers: int) -> Non
 
 
 def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
-    """Draws the samples that are not complete on an executor's workers."""
+    """Draws the incomplete samples on an executor's workers."""
     waiting, total = drawing.waiting(), len(drawing.splits)
     spec = drawing.spec
     spec = spec.replace(tiles=spec.tiles and spec.tiles.absolute(), maps_from=None)
@@ -222,7 +222,7 @@ def _draw_share(
     records: Path,
     share: Sequence[int],
 ) -> int:
-    """Draws the samples of some indices on a worker; returns how many."""
+    """Draws the samples of some indices on a worker; returns their number."""
     tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
     drawing = _Drawing(spec, Maps(rounds), splits, files, records)
     with _one_thread_each():

@@ -22,7 +22,7 @@ SPLITS = ("train", "validation", "test")
 LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
 """The layouts of a dataset's folder."""
 
-# OpenCV warps no picture with a longer side, and Pillow reads none with more pixels.
+# The longest side that OpenCV warps, and the most pixels that Pillow reads.
 _LONGEST_SIDE, _MOST_PIXELS = 32_766, 178_956_970
 
 Sides = tuple[tuple[int, int], ...]
@@ -68,13 +68,13 @@ def parse_split(split: UserValue) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class DatasetSpec(Record):
-    """A dataset. Longer runs give hardly more maps that differ, more runs do.
+    """A dataset. For more different maps, more runs help, but longer runs hardly do.
 
     Attributes:
       maps: number of maps
       size: sides of the maps in tiles, such as 8..14 for squares, or 8..10 12..14 for rows and columns
       split: shares of the maps for training, validation and test
-      views: how often each map is drawn, each time with other tile pictures, in another view
+      views: pictures of each map, each with other tile pictures, in another view
       hold_out_tiles: draw the test from tile pictures that no other split shows
       format: layout: imagefolder, mmseg, coco or plain
       transforms: how views of the maps vary: standard or none, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
@@ -82,12 +82,12 @@ class DatasetSpec(Record):
       camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
         offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE
       seed: seed of everything random
-      maps_from: files or folders of maps, or lists of maps such as the explorer saves, to be drawn in place of evolved
-        ones; they say the number of maps and the sizes
+      maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw instead of evolving
+        maps; they determine the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
-      blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
-        photographs are
+      blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
+        which is on for photographs
       tile_px: side of a tile in pixels; by default 64, with a camera 256
     """
 
@@ -110,12 +110,12 @@ class DatasetSpec(Record):
         """Returns the record with other values in some fields.
 
         Raises:
-          InputError: as that of `Record`, and for the number or the sizes of maps beside `maps_from`.
+          InputError: as `Record.replace`, and for the number or the sizes of maps together with `maps_from`.
         """
         if given.get("maps_from", self.maps_from) is not None:
             for name in ("maps", "size"):
                 if name in given:
-                    raise InputError(f"{name}: expected none beside given maps, which say it, got {given[name]!r}")
+                    raise InputError(f"{name}: expected none with given maps, which determine it, got {given[name]!r}")
         return super().replace(**given)
 
     def check_together(self) -> None:
@@ -147,7 +147,7 @@ class DatasetSpec(Record):
             )
 
     def _take_given(self, given: GivenMaps) -> None:
-        """Takes the number and the sizes of given maps."""
+        """Sets the number and the sizes of given maps."""
         defaults = {one.name: one.default for one in fields(self)}
         if self.search != defaults["search"]:
             raise InputError("maps_from: expected no options of a search, which given maps do not need")
@@ -159,25 +159,25 @@ class DatasetSpec(Record):
             object.__setattr__(self, name, value)
 
     def _check_camera(self) -> None:
-        """Checks that the views' geometry is left to the camera."""
+        """Checks that transforms do not change the camera's geometry."""
         still, usual = ({name: getattr(one, name) for name in GEOMETRY} for one in (Transforms(), STANDARD))
         asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
         if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
             raise InputError(
-                "transforms: expected light, contrast, colour, blur and noise with a camera, which sees maps from its "
-                f"own places, got {changed[0].replace('_', '-')}"
+                "transforms: expected light, contrast, colour, blur and noise with a camera, which has its own "
+                f"positions, got {changed[0].replace('_', '-')}"
             )
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
     def _check_pixels(self) -> None:
-        """Checks that the pictures can be made, and be read again."""
+        """Checks that the pictures can be made and read again."""
         name = "size" if self.tile_px is None else "tile_px"
         side = max(map(max, self.shapes)) * self.pixels
         if side > _LONGEST_SIDE:
             raise InputError(f"{name}: expected maps of at most {_LONGEST_SIDE} pixels a side, got {side}")
         area = self.transforms.crop**2 or max(map(prod, self.shapes)) * self.pixels**2
         if area > _MOST_PIXELS and self.camera is None:
-            expected = f"pictures of at most {_MOST_PIXELS} pixels, as Pillow reads no larger ones"
+            expected = f"pictures of at most {_MOST_PIXELS} pixels, because Pillow reads no larger ones"
             raise InputError(f"{name}: expected {expected}, got {area}")
 
     def check_search(self) -> None:
@@ -188,7 +188,7 @@ class DatasetSpec(Record):
 
     @property
     def pixels(self) -> int:
-        """The side of a tile in pixels: the given one, or 64, and 256 where a camera comes close to it."""
+        """The side of a tile in pixels: the given one, or 64, or 256 with a camera, which comes close to tiles."""
         return self.tile_px or (64 if self.camera is None else 256)
 
     @property
@@ -200,7 +200,7 @@ class DatasetSpec(Record):
         return [(side, side) for side in rows] if len(self.size) == 1 else list(product(rows, columns))
 
     def to_plain(self) -> dict[str, UserValue]:
-        """Returns plain values for JSON; of given maps their digest."""
+        """Returns plain values for JSON; for given maps their digest."""
         return vars(self) | {
             "maps_from": self.maps_from and self.maps_from.digest,
             "transforms": vars(self.transforms),
@@ -217,7 +217,7 @@ def maps_by_shape(spec: DatasetSpec) -> dict[tuple[int, int], int]:
 
 
 def maps_by_split(spec: DatasetSpec) -> tuple[int, int, int]:
-    """Returns the number of maps in each split: a whole number next to its share, together all."""
+    """Returns the number of maps in each split: its share of all maps, rounded."""
     validation, test = (floor(spec.maps * share + 0.5) for share in spec.split[1:])
     test = min(test, spec.maps - validation)
     return spec.maps - validation - test, validation, test

@@ -133,9 +133,9 @@ def lie(name):
         ({"fitness": perfect().fitness[..., :1]}, "expected fitness [10, 2, 2], got [10, 2, 1]"),
         (
             {"fitness": lie("fitness")},
-            "fitness: expected what the grids have, got -54 for a grid that has -56, at run 3",
+            "fitness: expected the grids' own values, got -54 for a grid that has -56, at run 3",
         ),
-        ({"cyclomatic": lie("cyclomatic")}, "cyclomatic: expected what the grids have, got 5 for a grid that has 3"),
+        ({"cyclomatic": lie("cyclomatic")}, "cyclomatic: expected the grids' own values, got 5 for a grid that has 3"),
     ],
 )
 def test_other_archives_are_refused_in_one_line(changed, words, tmp_path, capsys):
@@ -162,7 +162,7 @@ def test_other_files_are_refused_in_one_line(content, tmp_path, capsys):
         (TASK._replace(optimum=TASK.optimum + 2), "expected none better than the certified -54, got -56"),
         (
             TASK._replace(cyclomatic=TASK.cyclomatic + 1),
-            "expected none where no network is certified to be, got one at 3",
+            "expected none in niches that are certified to be empty, got one at 3",
         ),
     ],
 )

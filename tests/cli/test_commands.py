@@ -118,7 +118,7 @@ def test_another_seed_finds_other_maps_and_the_table_shows_them(generated, tmp_p
         assert line.split()[:3] == expected
     assert lines[4:] == [
         f"3 maps in {out / 'maps'}, all of them on {out / 'contact-sheet.png'}",
-        f"elitelanes explore {out} --open shows all that was found",
+        f"elitelanes explore {out} --open shows all elites",
     ]
     assert captured.err == "evolving 3 maps of 5 x 6 tiles: ea, paper, 3 runs of 5 generations\n"
 
@@ -578,4 +578,4 @@ def test_the_last_line_names_a_program_that_can_be_started(tmp_path, monkeypatch
         monkeypatch.setattr("sys.argv", [started])
         out = tmp_path / str(number)
         assert main([*line.split(), "--out", str(out)]) == 0
-        assert capsys.readouterr().out.splitlines()[-1] == f"{name} explore {out} --open shows all that was found"
+        assert capsys.readouterr().out.splitlines()[-1] == f"{name} explore {out} --open shows all elites"

@@ -52,7 +52,7 @@ def test_a_part_has_its_seeds_and_no_maps(runs, capsys, tmp_path):
         np.testing.assert_array_equal(part.elites.grids, whole.elites.grids[np.array(seeds)])
     assert main(["generate", *SMALL, "--maps", "600", "--part", "1/3", "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
-    assert said == f"part 1 of 3, seeds 0 to 0, in {tmp_path / 'out'}; elitelanes merge puts all parts together\n"
+    assert said == f"part 1 of 3, seeds 0 to 0, in {tmp_path / 'out'}; elitelanes merge joins all parts\n"
 
 
 def test_every_seed_is_in_one_part():

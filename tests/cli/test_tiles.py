@@ -104,7 +104,7 @@ def test_masks_make_a_set_of_photographs(folder, capsys):
     assert main(["tiles", "masks", str(folder), "--sheet", str(sheet)]) == 0
     printed = capsys.readouterr().out
     assert "1 mask of 4 tiles" in printed
-    assert "11 that existed are as they were" in printed
+    assert "11 existing ones unchanged" in printed
     after = files(folder)
     after.pop("turn_1/red.png")
     assert after == before

@@ -441,7 +441,7 @@ def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evol
     assert code == 2
     place, reason = capsys.readouterr().err.split(": ", 1)[1].split(": ")
     assert Path(place).is_relative_to(out) or Path(place).is_relative_to(tmp_path / ".out-unfinished" / "kept")
-    assert reason == "File too large; what is complete stays, and the same command continues from there\n"
+    assert reason == "File too large; complete files are kept, and the same command resumes\n"
     assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
     assert files(out) == files(evolved)
 

@@ -189,7 +189,7 @@ def test_what_is_wrong_with_a_camera_is_named(tmp_path):
         DatasetSpec(camera=(), transforms=parse_transforms("rotation=20"))
     with pytest.raises(InputError, match="size: expected maps of at most 32766 pixels a side"):
         DatasetSpec(camera=(), size=128, maps=1, split=(1, 0, 0))
-    with pytest.raises(InputError, match="expected lanes to look from"):
+    with pytest.raises(InputError, match="expected lanes for the camera"):
         draw_viewpoint(np.random.default_rng(0), SMALL, np.array([[4, 1], [0, 0]], np.int8), PX)
     assert DatasetSpec().pixels == 64
     assert DatasetSpec().replace(camera=[]).pixels == 256

@@ -95,7 +95,7 @@ def test_faults_of_a_batch_are_named(maps, any_types):
         check_level(level, SHAPE)
     with pytest.raises(InputError, match="level.shortest: expected 2, the distance, got 3"):
         check_level(level._replace(shortest=np.int32(3)))
-    with pytest.raises(InputError, match="level.ways: expected those of shortest_ways"):
+    with pytest.raises(InputError, match="level.ways: expected the result of shortest_ways"):
         check_level(level._replace(ways=level.ways ^ 1))
     loose = np.array(level.grid)
     loose[2, 0] = 8
@@ -104,7 +104,7 @@ def test_faults_of_a_batch_are_named(maps, any_types):
     levels = make_levels(jax.random.key(0), maps[:3])
     with pytest.raises(InputError, match=re.escape("level[1].shortest: expected")):
         check_level(levels._replace(shortest=levels.shortest.at[1].set(99)))
-    with pytest.raises(InputError, match="level: expected as many grids"):
+    with pytest.raises(InputError, match="level: expected equally many grids"):
         check_level(levels._replace(shortest=levels.shortest[:2]))
     with pytest.raises(InputError, match=re.escape("grids[1]: expected a map with a lane, got one without")):
         make_levels(jax.random.key(0), np.stack([maps[0], 0 * maps[0]]))

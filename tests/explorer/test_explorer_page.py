@@ -280,5 +280,5 @@ def test_the_tile_set_of_a_run_is_found_from_everywhere(tmp_path, monkeypatch, c
     shutil.rmtree(home / "mine")
     capsys.readouterr()
     assert main(["explore", str(home / "runs" / "one"), "--out", str(tmp_path / "page.html")]) == 0
-    said = "the tile pictures of the run are not in mine; the package's own are shown, --tiles names others\n"
+    said = "mine: expected the tile pictures of the run, got none; the package's own are shown; see --tiles\n"
     assert capsys.readouterr().err == said

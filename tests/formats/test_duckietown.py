@@ -98,7 +98,7 @@ def test_without_dead_ends_nothing_is_left_that_leads_nowhere(grid):
     np.testing.assert_array_equal(without_dead_ends(left), left)
     assert metrics.cyclomatic == measure(grid).cyclomatic  # no loop is lost
     if grid.any() and not left.any():
-        with pytest.raises(InputError, match="expected a road that leads round to itself"):
+        with pytest.raises(InputError, match="expected a road that forms a loop"):
             to_duckietown(grid, dead_ends="grass")
     else:
         np.testing.assert_array_equal(from_duckietown(to_duckietown(grid, dead_ends="grass")), left)
