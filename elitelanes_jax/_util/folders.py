@@ -30,15 +30,10 @@ _INSIDE = ".unfinished"  # the name of the hidden folder if it has to be in the 
 
 
 class Unfinished(NamedTuple):
-    """The folders of unfinished work.
+    """The folders of unfinished work."""
 
-    Attributes:
-      files: a folder for the files; it becomes the output folder.
-      kept: a folder for what the next run resumes from; it is deleted when the output folder is complete.
-    """
-
-    files: Path
-    kept: Path
+    files: Path  # a folder for the files; it becomes the output folder
+    kept: Path  # a folder for what the next run resumes from; it is deleted when the output folder is complete
 
 
 @contextmanager

@@ -46,47 +46,28 @@ _RECORDED = ("settings", "config", "archives", "tile_set", "elites", "versions",
 
 
 class _Finds(NamedTuple):
-    """Grids of one size, and their metadata.
+    """Grids of one size, and their metadata."""
 
-    Attributes:
-      name: of the run.
-      grids: int8 ``[E, H, W]``.
-      fitness: int32 or float32 ``[E]``; None if the page computes it from the weights.
-      seed: int ``[E]``, the index of the run's seed that found each, from 0.
-      seeds: the number of seeds.
-      axes: of the niches.
-      niche: int32 ``[E]``, see `niche_index`; None if the page computes it from metrics.
-      weights: of the fitness.
-      alphabet: the codes that `off_alphabet` does not count; None for all.
-      feature_weights: of features that the search measured beside the metrics.
-      extras: int ``[E]`` by name, the features that the search measured beside the metrics.
-      labels: a name for each grid, or None.
-      maps: the chosen maps: the index of each among the grids, its name, and its tile pictures if they are known.
-      rides: on maps, each with the index of its map.
-      history: of the run.
-      usual_fitness: whether the fitness is the weighted sum of features plus the penalty of ranges.
-      floors: the proven minimum of the usual fitness by cyclomatic number, None if none is known.
-      record: of the run, to be shown.
-    """
-
-    name: str
-    grids: NDArray[np.int8]
-    fitness: NDArray[np.number] | None
-    seed: NDArray[np.int_]
-    seeds: int
-    axes: tuple[Axis, ...]
-    weights: Weights
-    alphabet: tuple[int, ...] | None
-    feature_weights: Mapping[str, int] = {}
-    extras: Mapping[str, NDArray[np.int32]] = {}
-    niche: NDArray[np.int32] | None = None
-    labels: tuple[str, ...] | None = None
+    name: str  # of the run
+    grids: NDArray[np.int8]  # [E, H, W]
+    fitness: NDArray[np.number] | None  # [E]; None if the page computes it from the weights
+    seed: NDArray[np.int_]  # [E], the index of the run's seed that found each, from 0
+    seeds: int  # the number of seeds
+    axes: tuple[Axis, ...]  # of the niches
+    weights: Weights  # of the fitness
+    alphabet: tuple[int, ...] | None  # the codes that off_alphabet does not count; None for all
+    feature_weights: Mapping[str, int] = {}  # of the features measured beside the metrics
+    extras: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, the features measured beside the metrics
+    niche: NDArray[np.int32] | None = None  # [E], see niche_index; None if the page computes it from metrics
+    labels: tuple[str, ...] | None = None  # a name for each grid, or None
+    # The chosen maps: the index of each among the grids, its name, and its tile pictures if they are known.
     maps: tuple[tuple[int, str, Drawn | None], ...] = ()
-    rides: tuple[tuple[int, RecordedRide], ...] = ()
-    history: "History | None" = None
-    usual_fitness: bool = True
+    rides: tuple[tuple[int, RecordedRide], ...] = ()  # on maps, each with the index of its map
+    history: "History | None" = None  # of the run
+    usual_fitness: bool = True  # whether the fitness is the weighted sum of features plus the penalty of ranges
+    # The proven minimum of the usual fitness by cyclomatic number, None if none is known.
     floors: Mapping[int, int] | None = None
-    record: Mapping[str, Plain] = {}
+    record: Mapping[str, Plain] = {}  # of the run, to be shown
 
 
 def collect(

@@ -10,16 +10,12 @@ from elitelanes_jax._util.types import AnyArray, Plain
 
 
 class Payload(NamedTuple):
-    """The contents of the explorer.
+    """The contents of the explorer."""
 
-    Attributes:
-      values: for JSON. A table ``{"array": [dtype, start, count]}`` represents an array: its little-endian numbers
-        start at that byte of the blob.
-      blob: the arrays, one after another, compressed by zlib.
-    """
-
+    # For JSON. A table {"array": [dtype, start, count]} represents an array: its little-endian numbers start at
+    # that byte of the blob.
     values: dict[str, Plain]
-    blob: bytes
+    blob: bytes  # the arrays, one after another, compressed by zlib
 
 
 class Blob:

@@ -40,15 +40,10 @@ _OUTER = 0
 
 
 class Links(NamedTuple):
-    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout.
+    """The links of a grid, each a road between two neighbouring tiles, as vectors ``[size]`` of its layout."""
 
-    Attributes:
-      east: bool, whether the tile and its eastern neighbour are linked.
-      south: bool, whether the tile and its southern neighbour are linked.
-    """
-
-    east: Bool[Array, " size"]
-    south: Bool[Array, " size"]
+    east: Bool[Array, " size"]  # whether the tile and its eastern neighbour are linked
+    south: Bool[Array, " size"]  # whether the tile and its southern neighbour are linked
 
 
 def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
@@ -61,17 +56,11 @@ def find_links(layout: PaddedLayout, padded: Int[Array, " padded"]) -> Links:
 
 
 class Faces(NamedTuple):
-    """The faces of a grid, as vectors ``[size]`` of its layout.
+    """The faces of a grid, as vectors ``[size]`` of its layout."""
 
-    Attributes:
-      first: bool, whether the corner is the first one of an inner face.
-      east_bridge: bool, whether the link to the east is a bridge.
-      south_bridge: bool, whether the link to the south is a bridge.
-    """
-
-    first: Bool[Array, " size"]
-    east_bridge: Bool[Array, " size"]
-    south_bridge: Bool[Array, " size"]
+    first: Bool[Array, " size"]  # whether the corner is the first one of an inner face
+    east_bridge: Bool[Array, " size"]  # whether the link to the east is a bridge
+    south_bridge: Bool[Array, " size"]  # whether the link to the south is a bridge
 
 
 def find_faces(layout: PaddedLayout, links: Links) -> Faces:

@@ -25,23 +25,14 @@ WEST = 1
 
 
 class Side(NamedTuple):
-    """A side of a tile.
+    """A side of a tile."""
 
-    Attributes:
-      bit: of a code that connects there.
-      letter: N, E, S or W.
-      name: north, east, south or west.
-      down: rows from the tile to its neighbour there.
-      right: columns from the tile to its neighbour there.
-      opposite: the bit of the neighbour's side that faces it.
-    """
-
-    bit: int
-    letter: str
-    name: str
-    down: int
-    right: int
-    opposite: int
+    bit: int  # of a code that connects there
+    letter: str  # N, E, S or W
+    name: str  # north, east, south or west
+    down: int  # rows from the tile to its neighbour there
+    right: int  # columns from the tile to its neighbour there
+    opposite: int  # the bit of the neighbour's side that faces it
 
 
 SIDES = (

@@ -31,17 +31,11 @@ _ALONG, _UPRIGHT = EAST | WEST, NORTH | SOUTH
 
 
 class _Town(NamedTuple):
-    """A town while it grows.
+    """A town while it grows."""
 
-    Attributes:
-      codes: int8 ``[N, N]``; cells outside the grid are crossings, on which nothing is built.
-      streets: int32, the number of streets to add.
-      bends: int32, the number of bends to add.
-    """
-
-    codes: Int8[Array, "N N"]
-    streets: Int32[Array, ""]
-    bends: Int32[Array, ""]
+    codes: Int8[Array, "N N"]  # cells outside the grid are crossings, on which nothing is built
+    streets: Int32[Array, ""]  # the number of streets to add
+    bends: Int32[Array, ""]  # the number of bends to add
 
 
 def grow_town(key: Key[Array, ""], shape: tuple[int, int]) -> Int8[Array, "H W"]:

@@ -132,23 +132,15 @@ def generate_batch(
 
 
 class _Rules(NamedTuple):
-    """Tables by domain. Bit i of a domain is the alphabet's code i, the highest bit a guard cell.
+    """Tables by domain. Bit i of a domain is the alphabet's code i, the highest bit a guard cell."""
 
-    Attributes:
-      guard: int, the domain of a guard cell.
-      allowed: int32 ``[4, domains]``, what is left of the domain of the neighbour to the north, east, south, west.
-      options: int8 ``[domains]``, the number of codes.
-      urgency: uint32 ``[domains]``, the number of codes times 2**16; the largest value if there is nothing to choose.
-      option: int32 ``[domains, K]``, the domain of the first, second, ... code alone.
-      code: int8 ``[domains]``, the code of a domain with one code.
-    """
-
-    guard: int
-    allowed: Domains
-    options: NDArray[np.int8]
+    guard: int  # the domain of a guard cell
+    allowed: Domains  # int32 [4, domains], what is left of the domain of the neighbour to the north, east, south, west
+    options: NDArray[np.int8]  # [domains], the number of codes
+    # [domains], the number of codes times 2**16; the largest value if there is nothing to choose.
     urgency: NDArray[np.uint32]
-    option: Domains
-    code: NDArray[np.int8]
+    option: Domains  # int32 [domains, K], the domain of the first, second, ... code alone
+    code: NDArray[np.int8]  # [domains], the code of a domain with one code
 
 
 @lru_cache(maxsize=8)

@@ -119,35 +119,21 @@ _BITS = 5 + _TOURNAMENT
 
 
 class Cycle(NamedTuple):
-    """The cycles of C chains.
+    """The cycles of C chains."""
 
-    Attributes:
-      goal: int32 ``[C, D]``, the bins of the niche that the cycle pursues.
-      directed: bool ``[C]``, whether the cycle takes a direction.
-      restarts: bool ``[C]``, whether the cycle starts from a random grid.
-      start: int32 ``[C]``, the index of the elite that any other cycle starts from.
-    """
-
-    goal: Int32[Array, "*C D"]
-    directed: Bool[Array, "*C"]
-    restarts: Bool[Array, "*C"]
-    start: Int32[Array, "*C"]
+    goal: Int32[Array, "*C D"]  # the bins of the niche that the cycle pursues
+    directed: Bool[Array, "*C"]  # whether the cycle takes a direction
+    restarts: Bool[Array, "*C"]  # whether the cycle starts from a random grid
+    start: Int32[Array, "*C"]  # the index of the elite that any other cycle starts from
 
 
 class AnnealedMapElitesState(NamedTuple):
-    """The state of all chains.
+    """The state of all chains."""
 
-    Attributes:
-      chains: the current grids.
-      cycles: the current cycles.
-      archives: one archive for each group of isolated chains, then the archive of all chains, end to end.
-      cooling: arrays ``[C]``, the step of each chain within its cycle.
-    """
-
-    chains: Population
-    cycles: Cycle
-    archives: Population
-    cooling: Cooling
+    chains: Population  # the current grids
+    cycles: Cycle  # the current cycles
+    archives: Population  # one archive for each group of isolated chains, then the archive of all chains, end to end
+    cooling: Cooling  # arrays [C], the step of each chain within its cycle
 
 
 def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
@@ -253,21 +239,13 @@ def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> In
 
 
 class _Groups(NamedTuple):
-    """The archives of G groups of isolated chains and the archive of all chains, end to end; static.
+    """The archives of G groups of isolated chains and the archive of all chains, end to end; static."""
 
-    Attributes:
-      niches: the N niches of each archive.
-      isolated: bool ``[C]``, whether each chain is isolated: the first half of them.
-      first: int32 ``[C]``, the first index of the archive that each chain knows.
-      last: the first index of the archive of all chains.
-      accept_equal: whether a grid replaces an elite of equal fitness.
-    """
-
-    niches: Niches
-    isolated: Bool[np.ndarray, " C"]
-    first: Int32[np.ndarray, " C"]
-    last: int
-    accept_equal: bool
+    niches: Niches  # the N niches of each archive
+    isolated: Bool[np.ndarray, " C"]  # whether each chain is isolated: the first half of them
+    first: Int32[np.ndarray, " C"]  # the first index of the archive that each chain knows
+    last: int  # the first index of the archive of all chains
+    accept_equal: bool  # whether a grid replaces an elite of equal fitness
 
     @staticmethod
     def of(problem: Problem, chains: int, accept_equal: bool) -> "_Groups":

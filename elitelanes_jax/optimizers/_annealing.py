@@ -92,15 +92,10 @@ class AnnealingConfig(Record):
 
 
 class Cooling(NamedTuple):
-    """The step of a run within its cycle.
+    """The step of a run within its cycle."""
 
-    Attributes:
-      step: int32, the next step of the cycle, from 0.
-      length: int32, the number of steps of the cycle.
-    """
-
-    step: Int32[Array, "..."]
-    length: Int32[Array, "..."]
+    step: Int32[Array, "..."]  # the next step of the cycle, from 0
+    length: Int32[Array, "..."]  # the number of steps of the cycle
 
     @staticmethod
     def first(config: AnnealingConfig, shape: tuple[int, int]) -> "Cooling":
@@ -149,21 +144,13 @@ def metropolis_accepts(
 
 
 class StepBits(NamedTuple):
-    """The random bits of one step, for each of C chains.
+    """The random bits of one step, for each of C chains."""
 
-    Attributes:
-      accept: for `metropolis_accepts`.
-      mate: for the choice of a mate.
-      fresh: for a random grid.
-      extra: for further choices of one method.
-      move: for the move.
-    """
-
-    accept: UInt32[Array, " C"]
-    mate: UInt32[Array, " C"]
-    fresh: UInt32[Array, " C"]
-    extra: UInt32[Array, "C extra"]
-    move: UInt32[Array, "C bits"]
+    accept: UInt32[Array, " C"]  # for metropolis_accepts
+    mate: UInt32[Array, " C"]  # for the choice of a mate
+    fresh: UInt32[Array, " C"]  # for a random grid
+    extra: UInt32[Array, "C extra"]  # for further choices of one method
+    move: UInt32[Array, "C bits"]  # for the move
 
     @staticmethod
     def draw(key: Key[Array, ""], chains: int, move: Move, *, extra: int = 0) -> "StepBits":

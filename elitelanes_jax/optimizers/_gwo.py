@@ -47,17 +47,11 @@ class GwoConfig(Record):
 
 
 class GwoState(NamedTuple):
-    """The state of the pack.
+    """The state of the pack."""
 
-    Attributes:
-      pack: the wolves' grids.
-      leaders: alpha and beta, the two best grids found so far, best first.
-      steps: int32, the number of steps so far.
-    """
-
-    pack: Population
-    leaders: Population
-    steps: Int32[Array, ""]
+    pack: Population  # the wolves' grids
+    leaders: Population  # alpha and beta, the two best grids found so far, best first
+    steps: Int32[Array, ""]  # the number of steps so far
 
 
 def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:

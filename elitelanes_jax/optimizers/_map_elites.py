@@ -42,15 +42,10 @@ class MapElitesConfig(Record):
 
 
 class MapElitesState(NamedTuple):
-    """The population and the archive.
+    """The population and the archive."""
 
-    Attributes:
-      population: sorted, best first; if parents come from the archive, always the first population.
-      archive: the best grid of each niche so far.
-    """
-
-    population: Population
-    archive: Population
+    population: Population  # sorted, best first; if parents come from the archive, always the first population
+    archive: Population  # the best grid of each niche so far
 
 
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:

@@ -269,30 +269,19 @@ _Sides = tuple[Int32[Array, ""], Int32[Array, ""], Int32[Array, ""], Int32[Array
 
 
 class _Change(NamedTuple):
-    """The change that a move makes, as numbers, so that a move is drawn before any tile is computed.
+    """The change that a move makes, as numbers, so that a move is drawn before any tile is computed."""
 
-    Attributes:
-      sides: north, south, west and east of a rectangle of tiles, all included.
-      toggles: whether the links along its outline are toggled (along a rectangle one tile wide, the links in it).
-        Otherwise its tiles are written.
-      code: the code that is written; `_COPIED` for tiles that are copied, `_REFITTED` for a window.
-      rows: with `columns`, the index of the tile that each tile is copied from is their sum.
-      columns: see `rows`.
-      flipped: whether copied tiles are mirrored north to south.
-      mirrored: whether they are mirrored east to west.
-      transposed: whether rows and columns of the source are exchanged first.
-      from_mate: whether they come from the mate.
-    """
-
-    sides: _Sides
+    sides: _Sides  # north, south, west and east of a rectangle of tiles, all included
+    # Whether the links along its outline are toggled (along a rectangle one tile wide, the links in it). Otherwise
+    # its tiles are written.
     toggles: Bool[Array, ""]
-    code: Int32[Array, ""]
-    rows: Int32[Array, " H"]
+    code: Int32[Array, ""]  # the code that is written; _COPIED for tiles that are copied, _REFITTED for a window
+    rows: Int32[Array, " H"]  # rows + columns is the index of the tile that each tile is copied from
     columns: Int32[Array, " W"]
-    flipped: Bool[Array, ""]
-    mirrored: Bool[Array, ""]
-    transposed: Bool[Array, ""]
-    from_mate: Bool[Array, ""]
+    flipped: Bool[Array, ""]  # whether copied tiles are mirrored north to south
+    mirrored: Bool[Array, ""]  # whether they are mirrored east to west
+    transposed: Bool[Array, ""]  # whether rows and columns of the source are exchanged first
+    from_mate: Bool[Array, ""]  # whether they come from the mate
 
 
 # From random bits, uint32 [7], and the grid's shape.

@@ -50,19 +50,12 @@ class PsoConfig(Record):
 
 
 class PsoState(NamedTuple):
-    """The state of the particles.
+    """The state of the particles."""
 
-    Attributes:
-      position: int32 ``[P, K, H, W]``, the position of each particle for each of K codes, in units of 1 / `UNIT`.
-      velocity: int32 ``[P, K, H, W]``, in the same units.
-      best_position: int32 ``[P, K, H, W]``, the position of each particle when it found its best grid.
-      best: the best grid of each particle.
-    """
-
-    position: Int32[Array, "P K H W"]
-    velocity: Int32[Array, "P K H W"]
-    best_position: Int32[Array, "P K H W"]
-    best: Population
+    position: Int32[Array, "P K H W"]  # of each particle for each of K codes, in units of 1 / UNIT
+    velocity: Int32[Array, "P K H W"]  # in the same units
+    best_position: Int32[Array, "P K H W"]  # the position when each particle found its best grid
+    best: Population  # the best grid of each particle
 
 
 def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:

@@ -40,25 +40,18 @@ _EAST, _SOUTH, _WEST, _NORTH = (_shown(side) for side in (EAST, SOUTH, WEST, NOR
 
 
 class StripTables(NamedTuple):
-    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below.
+    """All columns and states that fit. "around" is what the tiles above and below a column show, 5 x above + below."""
 
-    Attributes:
-      before: uint32 ``[25 * 8 * 256, 2]``, the states west of a column if the states east of it are these eight bits.
-      after: uint32 ``[25 * 125, 2]``, the states east of a column, by what the column to its west shows.
-      between: uint32 ``[25 * 64, 2]``, the states west of a column with a state east of it.
-      first: int32 ``[25 * 64 * 64 + 1]``, the index of the first column with a state east and a state west of it.
-      columns: int32 ``[N]``, the columns: four bits a tile, the northernmost tile lowest.
-      forth: uint32 ``[125, 2]``, the states that fit what a column shows to the east; 5^line a tile.
-      back: uint32 ``[125, 2]``, the states that fit what a column shows to the west.
-    """
-
+    # [25 * 8 * 256, 2], the states west of a column if the states east of it are these eight bits.
     before: UInt32[np.ndarray, "B 2"]
+    # [25 * 125, 2], the states east of a column, by what the column to its west shows.
     after: UInt32[np.ndarray, "A 2"]
-    between: UInt32[np.ndarray, "C 2"]
+    between: UInt32[np.ndarray, "C 2"]  # [25 * 64, 2], the states west of a column with a state east of it
+    # [25 * 64 * 64 + 1], the index of the first column with a state east and a state west of it.
     first: Int32[np.ndarray, " F"]
-    columns: Int32[np.ndarray, " N"]
-    forth: UInt32[np.ndarray, "125 2"]
-    back: UInt32[np.ndarray, "125 2"]
+    columns: Int32[np.ndarray, " N"]  # the columns: four bits a tile, the northernmost tile lowest
+    forth: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the east; 5^line a tile
+    back: UInt32[np.ndarray, "125 2"]  # the states that fit what a column shows to the west
 
 
 @cache

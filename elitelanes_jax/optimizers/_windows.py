@@ -18,14 +18,11 @@ class WindowTable(NamedTuple):
 
     A border has 2 (h + w) bits, one for each link that leads out of the window: first to the north and to the south,
     both from west to east, then to the west and to the east, both from north to south.
-
-    Attributes:
-      first: int32 ``[2^(2 (h + w)) + 1]``, the index of the first window of each border, and last N.
-      rows: int32 ``[N, h]``, the rows of each window: four bits a tile, the westernmost tile lowest.
     """
 
+    # [2^(2 (h + w)) + 1], the index of the first window of each border, and last N.
     first: Int32[np.ndarray, " B"]
-    rows: Int32[np.ndarray, "N h"]
+    rows: Int32[np.ndarray, "N h"]  # the rows of each window: four bits a tile, the westernmost tile lowest
 
 
 @cache

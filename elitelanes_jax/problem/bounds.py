@@ -47,17 +47,11 @@ class _Inequality(NamedTuple):
 
 
 class FeatureBounds(NamedTuple):
-    """Bounds of the metrics, shares and town features of a set of maps.
+    """Bounds of the metrics, shares and town features of a set of maps."""
 
-    Attributes:
-      shape: (height, width) of the maps.
-      intervals: a lower and an upper bound of each metric, by name.
-      inequalities: that the metrics satisfy.
-    """
-
-    shape: tuple[int, int]
-    intervals: dict[str, tuple[int, int]]
-    inequalities: tuple[_Inequality, ...]
+    shape: tuple[int, int]  # (height, width) of the maps
+    intervals: dict[str, tuple[int, int]]  # a lower and an upper bound of each metric, by name
+    inequalities: tuple[_Inequality, ...]  # that the metrics satisfy
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
         """Returns a lower and an upper bound of a feature that is not the user's, in units of 1."""

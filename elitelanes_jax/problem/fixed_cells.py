@@ -16,15 +16,10 @@ from elitelanes_jax.network.codes import SIDES
 
 
 class FixedCells(NamedTuple):
-    """The fixed cells of a grid; hashable.
+    """The fixed cells of a grid; hashable."""
 
-    Attributes:
-      shape: (height, width) of the grid.
-      codes: the code of each fixed cell, None for each free cell, row by row.
-    """
-
-    shape: tuple[int, int]
-    codes: tuple[int | None, ...]
+    shape: tuple[int, int]  # (height, width) of the grid
+    codes: tuple[int | None, ...]  # the code of each fixed cell, None for each free cell, row by row
 
     @property
     def fixed(self) -> NDArray[np.bool_]:

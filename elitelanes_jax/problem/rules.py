@@ -8,15 +8,10 @@ from elitelanes_jax.network.weights import Weights
 
 
 class Rules(NamedTuple):
-    """A set of rules.
+    """A set of rules."""
 
-    Attributes:
-      forbidden: the metrics that must be 0.
-      weights: weights of a fitness whose optima keep the rules.
-    """
-
-    forbidden: tuple[str, ...]
-    weights: Weights
+    forbidden: tuple[str, ...]  # the metrics that must be 0
+    weights: Weights  # weights of a fitness whose optima keep the rules
 
 
 RULES = {
@@ -30,17 +25,11 @@ RULES = {
 
 
 class Constraint(NamedTuple):
-    """A metric that has one value on every map.
+    """A metric that has one value on every map."""
 
-    Attributes:
-      metric: its name.
-      value: its value on maps.
-      violated: words for a grid on which it has another value.
-    """
-
-    metric: str
-    value: int
-    violated: str
+    metric: str  # its name
+    value: int  # its value on maps
+    violated: str  # words for a grid on which it has another value
 
 
 _ALWAYS = (

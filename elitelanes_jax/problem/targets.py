@@ -14,15 +14,10 @@ from elitelanes_jax.problem.features import check_feature, is_share
 
 
 class ExampleValues(NamedTuple):
-    """The values of one feature on all example maps.
+    """The values of one feature on all example maps."""
 
-    Attributes:
-      name: of the feature.
-      values: one for each map, of a share as a part of 1.
-    """
-
-    name: str
-    values: tuple[float, ...]
+    name: str  # of the feature
+    values: tuple[float, ...]  # one for each map, of a share as a part of 1
 
 
 def parse_targets(targets: UserValue, features: Collection[str] = ()) -> tuple[ExampleValues, ...]:

@@ -31,21 +31,14 @@ indices of the next maps to choose. The differences change after each map."""
 
 
 class Choice(NamedTuple):
-    """The chosen maps, and why the other elites were not chosen.
+    """The chosen maps, and why the other elites were not chosen."""
 
-    Attributes:
-      maps: the chosen maps, sorted by niche, and within a niche by fitness.
-      found: the number of elites.
-      rejected: the number of elites that violate a constraint, by reason.
-      alike: the number of elites that equal another elite, or an excluded map, when rotated or mirrored.
-      nearest: if no elite is in all ranges, the constrained features of the elite nearest to them, if possible of one
-        without other violations. None if there are no elites.
-    """
-
-    maps: list[RoadMap]
-    found: int
-    rejected: dict[str, int]
-    alike: int
+    maps: list[RoadMap]  # the chosen maps, sorted by niche, and within a niche by fitness
+    found: int  # the number of elites
+    rejected: dict[str, int]  # the number of elites that violate a constraint, by reason
+    alike: int  # the number of elites that equal another elite, or an excluded map, when rotated or mirrored
+    # If no elite is in all ranges, the constrained features of the elite nearest to them, if possible of one
+    # without other violations. None if there are no elites.
     nearest: dict[str, float] | None = None
 
     def describe(self, wanted: int) -> str:

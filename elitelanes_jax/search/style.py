@@ -21,15 +21,10 @@ _DISCARDS = {"method": "preset", "axes": "targets", "evaluations": "generations"
 
 
 class Style(NamedTuple):
-    """A style that was read.
+    """A style that was read."""
 
-    Attributes:
-      name: of the style, or the path of its file.
-      options: values by name, not yet checked.
-    """
-
-    name: str
-    options: Mapping[str, UserValue]
+    name: str  # of the style, or the path of its file
+    options: Mapping[str, UserValue]  # values by name, not yet checked
 
 
 def read_style(style: UserValue) -> Style:

@@ -111,7 +111,7 @@ def test_dead_ends_are_named():
     assert without_dead_ends(grid).tolist() == [[6, 3, 0], [12, 9, 0], [0, 0, 0]]
     with pytest.raises(ValueError, match="row 0, column 7 and 92 more"):
         to_duckietown(np.ones((10, 10), int))
-    with pytest.raises(ValueError, match="got 100 tiles, all with dead ends$"):
+    with pytest.raises(ValueError, match="got 100 tiles, all on roads to dead ends$"):
         to_duckietown(np.ones((10, 10), int), dead_ends="grass")
 
 
