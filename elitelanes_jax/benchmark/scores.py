@@ -30,11 +30,9 @@ class Scores(NamedTuple):
 
 
 def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
-    """Computes the scores of archives.
+    """Computes the scores of archives on a task with F feasible niches.
 
-    Args:
-      task: with F feasible niches.
-      best: ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite if it is vacant.
+    `best` is ``[..., F]`` with at least one more axis, the lowest fitness in each niche; infinite if it is vacant.
     """
     filled = np.isfinite(best)
     nearness = np.where(filled, np.maximum(np.where(filled, best, 0) / task.optimum, 0), 0)
@@ -44,8 +42,8 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
 
 
-def confidence_interval(values: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
-    """Returns the percentile bootstrap interval of the mean over runs ``[R]``; the same for the same values.
+def confidence_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; the same for the same values.
 
     Runs with NaN are ignored. Without any other run, both limits are NaN.
     """
@@ -53,5 +51,5 @@ def confidence_interval(values: NDArray[np.float64], level: float = 0.95) -> tup
     if not len(known):
         return float("nan"), float("nan")
     drawn = np.random.default_rng(0).integers(len(known), size=(_RESAMPLES, len(known)))
-    low, high = np.quantile(known[drawn].mean(axis=1), [(1 - level) / 2, (1 + level) / 2])
+    low, high = np.quantile(known[drawn].mean(axis=1), [0.025, 0.975])
     return float(low), float(high)

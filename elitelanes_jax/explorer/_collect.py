@@ -73,7 +73,7 @@ class _Finds(NamedTuple):
 def collect(
     what: "Result | RoadMap | str | Path | Iterable[RoadMap] | Iterable[str | Path]",
     *,
-    tiles: str | Path | None = None,
+    tiles: str | Path | TileSet | None = None,
     blend: bool | None = None,
     tile_px: int = 64,
     title: str | None = None,
@@ -83,8 +83,8 @@ def collect(
     Args:
       what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run of `generate` or
         `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
-      tiles: folder of the tile pictures; by default those of the first run. If they are not found, the package's own
-        are used, with a line on standard error. A relative path in a run's record is searched from here, then from each
+      tiles: a tile set or its folder; by default that of the first run. If it is not found, the package's own
+        is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
       blend: whether to blend the tiles (see `tiles.blend`); by default as in the first run that records it, otherwise
         as the tile set says.
@@ -97,20 +97,25 @@ def collect(
     """
     given: UserValue = what
     if hasattr(given, "elites") and hasattr(given, "axes"):
-        return collect_result(given, title or "result", tiles=load_tiles(tiles, blend=blend), tile_px=tile_px)
+        name = title or "result"
+        return _pack([_from_result(given, name)], _load_tiles(tiles, blend), tile_px, name)
     alone = isinstance(given, RoadMap | str | Path) or not isinstance(given, Iterable)
     listed = [given] if alone else list(given)
     if not listed:
         raise InputError("what: expected a Result, maps, or paths of runs and maps, got nothing")
     if all(isinstance(one, RoadMap) for one in listed):
-        return collect_maps(listed, tiles=load_tiles(tiles, blend=blend), tile_px=tile_px, title=title or "")
+        return _pack(_of_maps(listed, ""), _load_tiles(tiles, blend), tile_px, title or "")
     if all(isinstance(one, str | Path) for one in listed):
         return _collect_files([Path(one) for one in listed], tiles, blend, tile_px, title)
     raise InputError(f"what: expected a Result, maps, or paths of runs and maps, got {type(what).__name__}")
 
 
+def _load_tiles(tiles: str | Path | TileSet | None, blend: bool | None) -> TileSet:
+    return tiles if isinstance(tiles, TileSet) else load_tiles(tiles, blend=blend)
+
+
 def _collect_files(
-    sources: Sequence[Path], tiles: str | Path | None, blend: bool | None, tile_px: int, title: str | None
+    sources: Sequence[Path], tiles: str | Path | TileSet | None, blend: bool | None, tile_px: int, title: str | None
 ) -> Payload:
     runs: list[_Finds] = []
     maps: list[tuple[str, RoadMap]] = []
@@ -136,42 +141,19 @@ def _collect_files(
     blended = next((one for run in runs if isinstance(one := _setting(run, "blend"), bool)), None)
     if tiles is None and own is None and (lost := next(filter(None, (_setting(run, "tiles") for run in runs)), None)):
         announce(f"{lost}: expected the tile pictures of the run, got none; the package's own are shown; see --tiles")
-    tile_set = load_tiles(own if tiles is None else tiles, blend=blended if blend is None else blend)
+    tile_set = _load_tiles(own if tiles is None else tiles, blended if blend is None else blend)
     heading = title or (runs[0].name if len(runs) == 1 and not maps else "")
     return _pack([_with_rides(run, driven) for run in (*runs, *_by_size(maps))], tile_set, tile_px, heading)
 
 
-def collect_result(
-    result: "Result", name: str = "result", *, tiles: TileSet | None = None, tile_px: int = 64
-) -> Payload:
-    """Collects the result of a search in memory, of one seed or of many; see `collect` for the arguments."""
-    return _pack([_from_result(result, name)], tiles or load_tiles(), tile_px, name)
-
-
-def collect_results(
-    results: "Mapping[str, Result | Iterable[RoadMap]]",
-    *,
-    seeds: int | None = None,
-    tiles: TileSet | None = None,
-    tile_px: int = 64,
-) -> Payload:
+def collect_results(results: "Mapping[str, Result | Iterable[RoadMap]]", *, seeds: int | None = None) -> Payload:
     """Collects results of searches, and maps of other methods, by name; of each result the first `seeds` seeds."""
     runs: list[_Finds] = []
     for name, one in results.items():
         runs += _of_maps(one, name) if isinstance(one, Iterable) else [_from_result(one, name, seeds)]
     if not runs:
         raise InputError("results: expected at least one, got none")
-    return _pack(runs, tiles or load_tiles(), tile_px, "")
-
-
-def collect_maps(
-    maps: Iterable[RoadMap], *, tiles: TileSet | None = None, tile_px: int = 64, title: str = ""
-) -> Payload:
-    """Collects maps in memory; see `collect` for the arguments."""
-    runs = _of_maps(maps, "")
-    if not runs:
-        raise InputError("maps: expected at least one, got none")
-    return _pack(runs, tiles or load_tiles(), tile_px, title)
+    return _pack(runs, load_tiles(), 64, "")
 
 
 def _of_maps(maps: Iterable[RoadMap], group: str) -> list[_Finds]:

@@ -10,7 +10,7 @@ from jaxtyping import Int8
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped, UserValue
-from elitelanes_jax.explorer._collect import collect, collect_result, has_usual_fitness
+from elitelanes_jax.explorer._collect import collect, has_usual_fitness
 from elitelanes_jax.explorer._payload import Payload
 from elitelanes_jax.explorer.page import static_text
 
@@ -97,7 +97,7 @@ def _widget_class() -> Untyped:
                 return
             try:
                 self.result = self._continue(np.array(content["continue"], np.int8), self.result)
-                payload = collect_result(self.result, tile_px=self._tile_px)
+                payload = collect(self.result, tile_px=self._tile_px)
             except Exception as error:  # otherwise only the notebook's log would show it
                 self.send({"message": str(error)})
                 raise

@@ -61,12 +61,7 @@ def randint(bits: UInt32[Array, "..."], count: Int[ArrayLike, "..."]) -> Int32[A
 def bernoulli(bits: UInt32[Array, "..."], probability: Real[ArrayLike, "..."]) -> Bool[Array, "..."]:
     """Returns True with a probability, from the upper 24 of 32 random bits: never for 0, always for 1.
 
-    Args:
-      bits: uint32, any shape.
-      probability: 0 to 1, a number or an array that broadcasts against `bits`.
-
-    Returns:
-      bool, of the broadcast shape.
+    The probability broadcasts against the bits.
     """
     return (bits >> 8).astype(jnp.float32) < jnp.float32(2**24) * probability
 

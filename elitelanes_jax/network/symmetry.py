@@ -12,17 +12,10 @@ from elitelanes_jax.network.codes import EAST, WEST, exchange_sides, rotate_code
 
 
 def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
-    """Rotates a grid counter-clockwise by quarter turns, as `numpy.rot90` does.
+    """Rotates a grid of codes ``[H, W]`` counter-clockwise by quarter turns, as `numpy.rot90` does.
 
-    Args:
-      grid: integer codes ``[H, W]``.
-      quarter_turns: any whole number; negative ones rotate clockwise.
-
-    Returns:
-      int8 ``[H, W]`` after an even number of turns, ``[W, H]`` after an odd one.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
+    Any whole number of turns is valid; negative ones rotate clockwise. Returns int8 ``[H, W]`` or ``[W, H]``. Raises
+    `InputError` for a bad grid (see `check_grid`).
     """
     grid = check_grid(grid)
     for _ in range(check_named("quarter_turns", whole(-LARGEST, LARGEST), quarter_turns) % 4):
@@ -31,16 +24,9 @@ def rotate(grid: AnyArray, quarter_turns: int = 1) -> AnyArray:
 
 
 def mirror(grid: AnyArray) -> AnyArray:
-    """Mirrors a grid east to west, as `numpy.fliplr` does.
+    """Mirrors a grid of codes ``[H, W]`` east to west, as `numpy.fliplr` does; returns int8 ``[H, W]``.
 
-    Args:
-      grid: integer codes ``[H, W]``.
-
-    Returns:
-      int8 ``[H, W]``.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
+    Raises `InputError` for a bad grid (see `check_grid`).
     """
     return exchange_sides(check_grid(grid), EAST, WEST)[:, ::-1]
 

@@ -84,12 +84,7 @@ _Mates = Callable[[StepBits, AnnealedState], Int8[Array, "C H W"]]
 
 
 def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -> Optimizer:
-    """Makes the tuned EA; its elites are the chains' best grids.
-
-    Args:
-      problem: the problem to solve.
-      config: options; the defaults are the preset `tuned`.
-    """
+    """Makes the tuned EA for a problem; its elites are the chains' best grids. The default is preset `tuned`."""
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
         return island_mates(bits.mate, state.chains.grids, config.chains_on(problem.shape))
@@ -98,7 +93,7 @@ def annealed_ea(problem: Problem, config: AnnealingConfig = AnnealingConfig()) -
 
 
 def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig()) -> Optimizer:
-    """Makes the tuned PSO; its elites are the particles' best grids. Arguments are as in `annealed_ea`."""
+    """Makes the tuned PSO for a problem; its elites are the particles' best grids. The default is preset `tuned`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:
@@ -113,7 +108,7 @@ def annealed_pso(problem: Problem, config: AnnealedPsoConfig = AnnealedPsoConfig
 
 
 def annealed_gwo(problem: Problem, config: AnnealedGwoConfig = AnnealedGwoConfig()) -> Optimizer:
-    """Makes the tuned GWO; its elites are the wolves' best grids. Arguments are as in `annealed_ea`."""
+    """Makes the tuned GWO for a problem; its elites are the wolves' best grids. The default is preset `tuned`."""
     each = config.annealing.chains_on(problem.shape)
 
     def mates(bits: StepBits, state: AnnealedState) -> Array:

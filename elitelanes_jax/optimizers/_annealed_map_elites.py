@@ -139,12 +139,8 @@ class AnnealedMapElitesState(NamedTuple):
 def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = AnnealedMapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites whose chains pursue niches; its elites are the archive of all chains.
 
-    Args:
-      problem: the problem to solve, with at least one axis. Niches outside an axis' target bin are stepping stones.
-      config: options; the defaults are the preset `tuned`.
-
-    Raises:
-      InputError: for a problem without axes.
+    The problem has at least one axis; otherwise `InputError` is raised. Niches outside an axis' target bin are stepping
+    stones. The default configuration is the preset `tuned`.
     """
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     cells = shape[0] * shape[1]

@@ -18,11 +18,9 @@ from elitelanes_jax.problem.problem import Problem
 
 
 def ea(problem: Problem, config: EvolutionConfig = EvolutionConfig()) -> Optimizer:
-    """Makes an evolutionary algorithm; its state is the `Population`, sorted, best first.
+    """Makes an evolutionary algorithm for a problem; its state is the `Population`, sorted, best first.
 
-    Args:
-      problem: the problem to solve.
-      config: options; the defaults are the preset `paper`.
+    The default configuration is the preset `paper`.
     """
     mutation = paper_mutation(problem.alphabet, config.tile_rate, config.crossing_rate)
 

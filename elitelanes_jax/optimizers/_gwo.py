@@ -55,11 +55,9 @@ class GwoState(NamedTuple):
 
 
 def gwo(problem: Problem, config: GwoConfig = GwoConfig()) -> Optimizer:
-    """Makes grey wolf optimisation; its elites are alpha and beta, then the pack.
+    """Makes grey wolf optimisation of a problem; its elites are alpha and beta, then the pack.
 
-    Args:
-      problem: the problem to solve.
-      config: options; the defaults are the preset `paper`.
+    The default configuration is the preset `paper`.
     """
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.wolves, codes.size, *problem.shape)

@@ -51,12 +51,8 @@ class MapElitesState(NamedTuple):
 def map_elites(problem: Problem, config: MapElitesConfig = MapElitesConfig()) -> Optimizer:
     """Makes MAP-Elites on the problem's descriptor space. The first population is also inserted into the archive.
 
-    Args:
-      problem: the problem to solve, with at least one axis.
-      config: options; the defaults are the preset `paper`.
-
-    Raises:
-      InputError: for a problem without axes.
+    The problem has at least one axis; otherwise `InputError` is raised. The default configuration is the preset
+    `paper`.
     """
     loop = config.loop
     mutation = paper_mutation(problem.alphabet, loop.tile_rate, loop.crossing_rate)

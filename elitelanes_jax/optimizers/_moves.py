@@ -118,10 +118,7 @@ KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill
 def random_move(weights: MoveWeights, *, fill: bool, fixed: AnyArray = None) -> Move:
     """Makes one move, drawn in proportion to the weights.
 
-    Args:
-      weights: at least one is over 0.
-      fill: whether repair always fills, so that `MoveWeights.fill_probability` has no effect.
-      fixed: bool ``[H, W]``, see `repair`.
+    If repair always fills, `MoveWeights.fill_probability` has no effect. For `fixed`, bool ``[H, W]``, see `repair`.
     """
     move = _move(
         {
@@ -186,10 +183,8 @@ def slide_lines() -> Move:
 def transplant(*, displaced: bool = False) -> Move:
     """Copies a block of the mate after rotating or mirroring the mate: one of the eight symmetries of a square.
 
-    A grid that is not square is rotated by half turns only.
-
-    Args:
-      displaced: whether the block comes from another position in the same rows or in the same columns.
+    A grid that is not square is rotated by half turns only. A `displaced` block comes from another position in the same
+    rows or in the same columns.
     """
     return _move({_plan_displaced_transplant if displaced else _plan_transplant: 1})
 
@@ -197,11 +192,8 @@ def transplant(*, displaced: bool = False) -> Move:
 def refit_window(*, empty: bool = True) -> Move:
     """Replaces a window of 3 x 3 tiles by another valid window that has the same links to the tiles around it.
 
-    The windows come from a table (see `valid_windows`) and are about equally likely. If no other window fits, the grid
-    does not change.
-
-    Args:
-      empty: whether cells of a window may be empty.
+    The windows come from a table (see `valid_windows`), are about equally likely, and may have `empty` cells. If no
+    other window fits, the grid does not change.
     """
     return _move({_plan_refit: 1}, empty=empty)
 

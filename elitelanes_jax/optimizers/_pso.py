@@ -59,11 +59,9 @@ class PsoState(NamedTuple):
 
 
 def pso(problem: Problem, config: PsoConfig = PsoConfig()) -> Optimizer:
-    """Makes particle swarm optimisation; its elites are the particles' best grids.
+    """Makes particle swarm optimisation of a problem; its elites are the particles' best grids.
 
-    Args:
-      problem: the problem to solve.
-      config: options; the defaults are the preset `paper`.
+    The default configuration is the preset `paper`.
     """
     codes = jnp.array(problem.alphabet, jnp.int8)
     shape = (config.particles, codes.size, *problem.shape)

@@ -15,11 +15,9 @@ from elitelanes_jax.optimizers.base import Info, Optimizer
 
 
 def seed_keys(seed: int, indices: int | Sequence[int]) -> Key[Array, " K"]:
-    """Makes keys ``[K]`` from a whole number. Each depends on the number and its index alone.
+    """Returns keys ``[K]`` made from a whole number, 0 to 2**32 - 1. Each depends on the number and its index alone.
 
-    Args:
-      seed: 0 to 2**32 - 1.
-      indices: of the keys; or their number K, for the first K.
+    `indices` are those of the keys; or their number K, for the first K.
     """
     return _fold_in(np.uint32(seed), np.arange(indices) if isinstance(indices, int) else np.array(indices, int))
 

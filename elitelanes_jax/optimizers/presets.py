@@ -89,17 +89,16 @@ R = TypeVar("R", bound=Record)
 def make_optimizer(problem: Problem, config: Config) -> Optimizer:
     """Returns the optimiser that a configuration belongs to, such as `annealed_ea` for an `AnnealingConfig`.
 
-    Args:
-      problem: to optimise.
-      config: any configuration of a method, such as one of `PRESETS`.
-
-    Raises:
-      InputError: for anything else.
+    Raises `InputError` for anything else than the configuration of a method, such as one of `PRESETS`.
     """
+    _check_config(config)
+    return _FACTORIES[type(config)](problem, config)
+
+
+def _check_config(config: UserValue) -> None:
     if type(config) not in _FACTORIES:
         names = ", ".join(kind.__name__ for kind in _FACTORIES)
         raise InputError(f"config: expected one of {names}, got {type(config).__name__}")
-    return _FACTORIES[type(config)](problem, config)
 
 
 def with_moves(config: Config, moves: UserValue) -> Config:
@@ -127,10 +126,8 @@ def find_preset(config: Config) -> tuple[str, str, bool]:
 
     If it equals no preset, the preset is the first one of its type. Raises `InputError` for anything else.
     """
+    _check_config(config)
     alike = [(found, known == config) for found, known in PRESETS.items() if type(known) is type(config)]
-    if not alike:
-        kinds = ", ".join(kind.__name__ for kind in _FACTORIES)
-        raise InputError(f"config: expected one of {kinds}, got {type(config).__name__}")
     (method, preset), exact = max(alike, key=lambda one: one[1])
     return method, preset, exact
 

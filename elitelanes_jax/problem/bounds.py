@@ -113,8 +113,7 @@ def find_bounds(
 def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> None:
     """Checks that the bounds do not rule out a map in all ranges; `maps` is how the message calls the maps.
 
-    Raises:
-      InputError: for the first range that contradicts the bounds or the ranges before it; the message states the bound.
+    The `InputError` names the first range that contradicts the bounds or the ranges before it, and states the bound.
     """
     before = ""
     for item in where:

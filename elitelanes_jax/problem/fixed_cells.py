@@ -38,13 +38,12 @@ class FixedCells(NamedTuple):
         return [list(self.codes[start : start + width]) for start in range(0, len(self.codes), width)]
 
 
-def parse_fixed_cells(cells: UserValue, name: str = "fix") -> FixedCells:
+def parse_fixed_cells(cells: UserValue) -> FixedCells:
     """Reads fixed cells from rows or a file.
 
     Args:
       cells: rows ``[H][W]`` of codes, with None for a free cell and 0 for a cell without roads; or a `FixedCells`; or
         the path of a JSON file with the rows, alone or under the key ``codes``, with null for None.
-      name: the start of messages about rows. Messages about a file start with its path.
 
     Raises:
       InputError: if the file cannot be read, the cells are no table of codes, or a fixed cell has a road that leaves
@@ -52,6 +51,7 @@ def parse_fixed_cells(cells: UserValue, name: str = "fix") -> FixedCells:
     """
     if isinstance(cells, FixedCells):
         return cells
+    name = "fix"
     if isinstance(cells, str | Path):
         name, cells = str(cells), _read_rows(path(cells))
     try:

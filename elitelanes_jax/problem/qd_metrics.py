@@ -9,20 +9,16 @@ from elitelanes_jax._util.types import AnyArray
 def qd_score(fitness: AnyArray, valid: AnyArray, worst: float) -> NDArray[np.float64]:
     """Returns the sum over all elites of worst - fitness, if positive; float ``[...]``.
 
-    Args:
-      fitness: ``[..., N]``, lower is better; anything in vacant niches.
-      valid: bool ``[..., N]``, which niches are filled.
-      worst: an elite of this fitness or more adds nothing.
+    `fitness` is ``[..., N]``, lower is better, and anything in niches that are not `valid`, bool ``[..., N]``.
     """
     return np.where(valid, np.maximum(worst - np.asarray(fitness, np.float64), 0), 0).sum(axis=-1)
 
 
 def coverage(valid: AnyArray, feasible: AnyArray = None) -> NDArray[np.float64]:
-    """Returns the share of the niches that are filled, float ``[...]``.
+    """Returns the filled share of the feasible niches, float ``[...]``.
 
-    Args:
-      valid: bool ``[..., N]``, which niches are filled.
-      feasible: bool ``[N]``, the niches that can be filled, if known; by default all count.
+    `valid`, bool ``[..., N]``, are the filled niches, `feasible`, bool ``[N]``, those that can be filled; by default
+    all.
     """
     valid = np.asarray(valid, bool)
     feasible = np.ones(valid.shape[-1], bool) if feasible is None else np.asarray(feasible, bool)

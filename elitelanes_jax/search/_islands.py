@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import PartitionSpec
-from jaxtyping import Array, Key, UInt32
+from jaxtyping import Array, Key
 
 from elitelanes_jax._util.checks import check_named, is_whole, whole
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -22,7 +22,7 @@ from elitelanes_jax.optimizers.presets import Config
 from elitelanes_jax.problem.archive import Population, keep_best
 from elitelanes_jax.problem.kernels import Fitness, Kernel
 from elitelanes_jax.search._options import SearchOptions
-from elitelanes_jax.search._programs import Static, as_measured
+from elitelanes_jax.search._programs import as_measured
 from elitelanes_jax.search.evolution import Users, check_keys, prepare
 from elitelanes_jax.search.result import History, Result, RunState
 from elitelanes_jax.search.spec import SearchSpec
@@ -88,23 +88,10 @@ def evolve_islands(
     optimizer = static.optimizer(traced)
     if optimizer.migrate is None:
         raise InputError(f"method: expected map-elites, which has an archive to exchange, got {spec.method}")
-    return _evolve(keys[0], islands, every, devices, static._replace(impl=impl), spec, config, optimizer, progress)
-
-
-def _evolve(
-    key: UInt32[np.ndarray, " B"],
-    islands: int,
-    every: int,
-    devices: list[jax.Device],
-    static: Static,
-    spec: SearchSpec,
-    config: Config | None,
-    optimizer: Optimizer,
-    progress: bool | None,
-) -> Result:
     per_step = optimizer.evaluations_per_step * islands
     last = spec.steps(optimizer.evaluations_per_step)
-    first_states, stretch = _compiled(optimizer, partial(static.keys, key), islands, every, devices)
+    make_key = partial(static._replace(impl=impl).keys, keys[0])
+    first_states, stretch = _compiled(optimizer, make_key, islands, every, devices)
     rows: list[History] = []
     done, shown = 0, progress if jax.process_index() == 0 else False
     with Progress(f"{spec.method} {static.shape[0]}x{static.shape[1]}", last, "generations", shown=shown) as bar:

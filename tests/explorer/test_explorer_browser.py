@@ -17,7 +17,7 @@ import pytest
 from explored import big_result, float_result, own_result, write_run
 
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result
+from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
 from elitelanes_jax.formats.rides import RIDES
@@ -81,12 +81,12 @@ def photographs():
 def seen(place, run, drawn):
     (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
     (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
-    (place / "own.html").write_text(page_of(collect_result(own_result())))
-    (place / "float.html").write_text(page_of(collect_result(float_result())))
-    (place / "big.html").write_text(page_of(collect_result(big_result())))
+    (place / "own.html").write_text(page_of(collect(own_result())))
+    (place / "float.html").write_text(page_of(collect(float_result())))
+    (place / "big.html").write_text(page_of(collect(big_result())))
     for px in (64, 32):
-        (place / f"photo{px}.html").write_text(page_of(collect_maps([read_map(TOWN)], tiles=photographs(), tile_px=px)))
-    hostile = collect_maps([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
+        (place / f"photo{px}.html").write_text(page_of(collect([read_map(TOWN)], tiles=photographs(), tile_px=px)))
+    hostile = collect([RoadMap(np.array([[6, 3], [12, 9]], np.int8))])
     hostile.values["runs"][0]["labels"] = [HOSTILE]
     hostile.values["title"] = HOSTILE
     (place / "hostile.html").write_text(page_of(hostile))

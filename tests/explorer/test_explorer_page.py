@@ -15,7 +15,7 @@ from explored import big_result, own_result, write_run
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer._collect import collect, collect_maps, collect_result, collect_results
+from elitelanes_jax.explorer._collect import collect, collect_results
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
 from elitelanes_jax.problem.archive import vacant_fitness
@@ -125,7 +125,7 @@ def test_the_page_lets_the_browser_ask_for_nothing(run):
 
 
 def test_many_elites_fit_into_eight_megabytes():
-    assert len(page_of(collect_result(big_result()))) < 8_000_000
+    assert len(page_of(collect(big_result()))) < 8_000_000
 
 
 def change_json(file, **values):
@@ -222,14 +222,14 @@ def test_a_generation_without_elites_has_an_infinite_best_fitness():
     result = big_result()
     best = result.history.best_fitness.copy()
     best[0, 0] = vacant_fitness(best.dtype)
-    payload = collect_result(replace(result, history=result.history._replace(best_fitness=best)))
+    payload = collect(replace(result, history=result.history._replace(best_fitness=best)))
     shown = payload.values["runs"][0]["history"]["best_fitness"]
     best = read_array(shown, zlib.decompress(payload.blob))
     assert best[0] == np.inf and np.isfinite(best[1:]).all()
 
 
 def test_the_fractions_of_a_map_file_are_kept():
-    payload = collect_maps([RoadMap(LOOP, fitness=-0.25), RoadMap(LOOP, fitness=3)])
+    payload = collect([RoadMap(LOOP, fitness=-0.25), RoadMap(LOOP, fitness=3)])
     (shown,) = payload.values["runs"]
     assert read_array(shown["fitness"], zlib.decompress(payload.blob)).tolist() == [-0.25, 3]
     assert not shown["usual_fitness"]
@@ -247,7 +247,7 @@ def test_results_stand_side_by_side_with_as_many_seeds_as_are_asked_for():
 
 def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     maps = [RoadMap(LOOP), RoadMap(np.array([[6, 5, 3], [12, 5, 9]], np.int8)), RoadMap(LOOP)]
-    runs = collect_maps(maps).values["runs"]
+    runs = collect(maps).values["runs"]
     assert [(one["name"], one["shape"], len(one["maps"])) for one in runs] == [
         ("maps of 2 x 2", [2, 2], 2),
         ("maps of 2 x 3", [2, 3], 1),
@@ -256,8 +256,6 @@ def test_maps_of_several_sizes_are_grouped_and_none_is_refused():
     assert [one["name"] for one in groups] == ["one", "both, maps of 2 x 2", "both, maps of 2 x 3"]
     with pytest.raises(InputError, match="results: expected at least one"):
         collect_results({})
-    with pytest.raises(InputError, match="maps: expected at least one"):
-        collect_maps([])
     with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got nothing"):
         collect([])
 
