@@ -53,7 +53,7 @@ WRONG = {
     "where 'cyclomatic=200..': expected a range with some of 1..121, which": lambda: evolve(
         0, where="cyclomatic=200.."
     ),
-    "metrics: expected Metrics, as measure gives them, got ndarray": lambda: fitness(GRID),
+    "metrics: expected Metrics, from measure, got ndarray": lambda: fitness(GRID),
     "tiles: expected a TileSet, as load_tiles gives it, got 'tiles'": lambda: choose_tiles(GRID, "tiles"),
     "tiles: expected a name, got 3": lambda: render(GRID, 3),
     "quarter_turns: expected a whole number": lambda: rotate(GRID, "x"),

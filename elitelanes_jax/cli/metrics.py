@@ -23,7 +23,7 @@ def add_metrics(commands: Commands) -> None:
 
 
 def _metrics(options: argparse.Namespace) -> int:
-    from elitelanes_jax.problem.descriptions import describe_features
+    from elitelanes_jax.problem.extremes import describe_features
     from elitelanes_jax.problem.features import check_feature
 
     listed = describe_features()
@@ -50,8 +50,7 @@ _MEASURED = "measured only in searches that name it, because it costs time"
 
 def _show(feature: str, meaning: str, values: str) -> str:
     from elitelanes_jax.formats.text import draw_text
-    from elitelanes_jax.problem.descriptions import value_text
-    from elitelanes_jax.problem.extremes import extreme_maps, feature_range
+    from elitelanes_jax.problem.extremes import extreme_maps, feature_range, value_text
     from elitelanes_jax.problem.features import TOWN_FEATURES
 
     if feature in TOWN_FEATURES:

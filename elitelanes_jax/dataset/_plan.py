@@ -164,9 +164,7 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
         if len(free) < counts[place]:
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
-            expected = (
-                f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, of which there is one picture only"
-            )
+            expected = f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, which have only one picture"
             raise InputError(
                 f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
             )

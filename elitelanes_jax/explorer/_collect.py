@@ -83,7 +83,7 @@ def collect(
     Args:
       what: a `Result`; a `RoadMap` or several; or a path or several. A path is the folder of a run of `generate` or
         `pick`, a folder of such folders, an archive, a file of maps, or a file of rides of `drive`.
-      tiles: a tile set or its folder; by default that of the first run. If it is not found, the package's own
+      tiles: a tile set or its folder; by default the first run's. If it is not found, the package's own
         is used, with a line on standard error. A relative path in a run's record is searched from here, then from each
         folder above the run.
       blend: whether to blend the tiles (see `tiles.blend`); by default as in the first run that records it, otherwise

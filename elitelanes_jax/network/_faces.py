@@ -12,9 +12,9 @@ Once the faces are labelled, Euler's formula gives these counts exactly, without
 
     cyclomatic number = faces - 1 (the outer one)
     components        = tiles - roads + cyclomatic number
-    a road is a bridge if and only if the same face lies on both its sides
+    a road is a bridge if and only if the same face is on both its sides
 
-Corner (r, c) lies south-east of tile (r, c) and has the same index in the padded layout. The inner corners have rows
+Corner (r, c) is south-east of tile (r, c) and has the same index in the padded layout. The inner corners have rows
 0..H-2 and columns 0..W-2; every other index belongs to the outer face. The road east of a tile separates the tile's
 corner from the corner to the north, and the road south of it from the corner to the west, so that each neighbour is a
 shift of one vector.

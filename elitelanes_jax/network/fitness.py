@@ -25,7 +25,7 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
       InputError: for anything but `Metrics` and `Weights`, or weights that are not integers.
     """
     if not isinstance(metrics, Metrics):
-        raise InputError(f"metrics: expected Metrics, as measure gives them, got {type(metrics).__name__}")
+        raise InputError(f"metrics: expected Metrics, from measure, got {type(metrics).__name__}")
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")
     total = _integer("constant", weights.constant)

@@ -33,7 +33,7 @@ class Metrics(NamedTuple):
       empty_cells: cells with no connection.
       edges: links.
       mismatches: unmatched connections inside the grid.
-      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 where none is given.
+      off_alphabet: tiles whose code is not in the alphabet given to `measure`; 0 without an alphabet.
       coverage: tiles / all cells, in [0, 1] (CV).
     """
 

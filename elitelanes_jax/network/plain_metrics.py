@@ -1,4 +1,4 @@
-"""The metrics of one grid in NumPy alone, because importing JAX would take longer than measuring one grid."""
+"""The metrics and some town features of one grid in NumPy alone: importing JAX takes longer than measuring a grid."""
 
 from collections.abc import Iterable
 
@@ -61,6 +61,31 @@ def plain_measure(grid: AnyArray, alphabet: Iterable[int] | None = None) -> dict
         "mismatches": int((connections - returned - outward).sum()),
         "off_alphabet": int((~np.isin(codes, list(allowed))).sum()),
         "coverage": np.float32(tiles / codes.size),
+    }
+
+
+def cut_to_roads(grid: AnyArray) -> AnyArray:
+    """Returns the smallest box that contains all tiles of a NumPy grid; a grid without tiles is returned whole."""
+    rows, columns = np.flatnonzero(grid.any(axis=1)), np.flatnonzero(grid.any(axis=0))
+    return grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] if rows.size else grid
+
+
+def plain_town(grid: AnyArray) -> dict[str, int]:
+    """Measures the town features of one grid ``[H, W]`` that need no blocks and streets, as `measure_town` does."""
+    codes = cut_to_roads(np.asarray(check_grid(grid)))
+    metrics, road = plain_measure(codes), codes > 0
+    tiles = max(metrics["tiles"], 1)
+    height, width = codes.shape
+    alike = max(int((road == other).sum()) for other in (road[::-1], road[:, ::-1], road[::-1, ::-1]))
+    some = bool(road.any())
+    return {
+        "loops_per_tile": 1000 * metrics["cyclomatic"] // tiles,
+        "border_share": 1000 * (metrics["tiles"] - int(road[1:-1, 1:-1].sum())) // tiles,
+        "box_fill": 1000 * metrics["tiles"] // codes.size,
+        "box_share": some * 1000 * codes.size // np.size(grid),
+        "box_length": some * 1000 * max(height, width) // min(height, width),
+        "symmetry": some * 1000 * alike // codes.size,
+        "adjacent_turns_per_tile": 1000 * metrics["adjacent_turns"] // tiles,
     }
 
 

@@ -1,13 +1,13 @@
 from .archive import Population as Population
 from .archive import insert as insert
 from .archive import vacant_fitness as vacant_fitness
-from .descriptions import describe_features as describe_features
 from .descriptor import Axis as Axis
 from .descriptor import niche_bins as niche_bins
 from .descriptor import niche_index as niche_index
 from .descriptor import paper_axes as paper_axes
 from .descriptor import tuned_axes as tuned_axes
 from .extremes import EXTREMES as EXTREMES
+from .extremes import describe_features as describe_features
 from .extremes import extreme_maps as extreme_maps
 from .extremes import feature_range as feature_range
 from .extremes import features_of as features_of

@@ -7,8 +7,7 @@ import numpy as np
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray, Plain
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.plain_town import cut_to_roads, plain_town
+from elitelanes_jax.network.plain_metrics import cut_to_roads, plain_measure, plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.style import read_style

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, pluralize
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.plain_town import cut_to_roads
+from elitelanes_jax.network.plain_metrics import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features

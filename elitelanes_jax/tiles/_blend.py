@@ -29,12 +29,12 @@ def solve_tones(
 ) -> Float[NDArray, "H W 3 2"]:
     """Solves for the gains and offsets of all tiles of a map by linear least squares.
 
-    A seam is where the roads of two neighbours meet. Compared are the pixels within half a tile of a seam that have the
-    same label as their mirror image on the other side: road, or the same kind of line. With less depth, darker or
-    redder borders of photographs would decide, and their middles would be too bright or too green. The solution
-    minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and 0.01 ·
-    offset², summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole map. Each
-    channel is solved alone.
+    A seam is where the roads of two neighbours meet. The pixels within half a tile of a seam are compared with their
+    mirror images on the other side, if both have the same label: road, or the same kind of line. With less depth,
+    darker or redder borders of photographs would decide, and their middles would be too bright or too green. The
+    solution minimises the mean squared difference of these pairs, summed over all seams, plus (255 · (gain - 1))² and
+    0.01 · offset², summed over all tiles. The first cost keeps the contrast, the second one the colour of the whole
+    map. Each channel is solved alone.
 
     Args:
       grid: codes ``[H, W]``.

@@ -338,7 +338,7 @@ def test_held_out_tiles_are_in_no_other_split(tmp_path):
 def test_too_few_maps_without_the_only_crossing_to_hold_out(tmp_path):
     grid = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)
     maps = [RoadMap(grid, niche=[0])] * 4
-    with pytest.raises(InputError, match="expected 1 map without crossing4, of which there is one picture only"):
+    with pytest.raises(InputError, match="expected 1 map without crossing4, which have only one picture"):
         make_dataset(small(maps=4, size=3, hold_out_tiles=True), tmp_path / "out", maps=maps)
     assert not (tmp_path / "out").exists()
 

@@ -6,8 +6,7 @@ import numpy as np
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.plain_town import plain_town
+from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem.descriptor import paper_axes
 from elitelanes_jax.search.elites import MeasuredElites

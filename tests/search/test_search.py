@@ -304,7 +304,7 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"seed": 3}, "seed: expected it as key=3, got seed="),
         ({"key": -1}, "key: expected a whole number, 0 to 4294967295, got -1"),
         ({"key": 1, "seeds": 0}, "seeds: expected a whole number, 1 to 1000000, got 0"),
-        ({"seeds": 2}, "seeds: expected it with a whole number as key, .*, got 2"),
+        ({"seeds": 2}, "seeds: expected none with keys, .*, got 2"),
         ({"key": jnp.zeros(3)}, "key: expected a whole number, a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
         ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),

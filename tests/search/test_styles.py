@@ -18,8 +18,7 @@ from elitelanes_jax.cli.generate import describe_maps
 from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.run import DIFFERENCE
 from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.plain_town import plain_town
+from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
 from elitelanes_jax.network.symmetry import mirror, rotate
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import feature_unit
