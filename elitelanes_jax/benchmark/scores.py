@@ -43,9 +43,9 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
 
 
 def confidence_interval(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; the same for the same values.
+    """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 
-    Runs with NaN are ignored. Without any other run, both limits are NaN.
+    Runs with NaN are ignored. If all runs are NaN, both limits are NaN.
     """
     known = values[~np.isnan(values)]
     if not len(known):

@@ -85,7 +85,7 @@ def program_name() -> str:
 
 
 def fail(program: str, message: str, code: int) -> int:
-    """Prints one line on standard error, even if a file's name has several; returns the exit code."""
+    """Prints a message on standard error in one line, with line breaks escaped; returns the exit code."""
     warn(f"{program}: " + "\\n".join(message.splitlines()))
     return code
 

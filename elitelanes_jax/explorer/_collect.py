@@ -344,7 +344,7 @@ def _distinct_names(names: Sequence[str]) -> list[str]:
 
 
 def _find_tiles(folder: Path, run: _Finds) -> Path | None:
-    """Returns the folder of a run's tile set, if there is one of the same name; see `collect`."""
+    """Returns the folder of a run's tile set, or None if no folder has a set of the recorded name; see `collect`."""
     tiles, recorded = _setting(run, "tiles"), run.record.get("tile_set")
     if not isinstance(tiles, str):
         return None

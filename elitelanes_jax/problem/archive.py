@@ -34,7 +34,7 @@ class Population(NamedTuple):
 
 
 def vacant_fitness(dtype: np.dtype) -> float:
-    """Returns the fitness of a vacant slot, and of a refused grid: infinity, or the largest int32."""
+    """Returns the fitness of vacant slots and refused grids: infinity for floats, otherwise the largest int32."""
     return np.inf if jnp.issubdtype(dtype, jnp.floating) else VACANT
 
 

@@ -14,7 +14,7 @@ from elitelanes_jax._util.types import Pytree
 
 
 def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
-    """Returns 16 hexadecimal digits that are the same in every process for functions with the same jaxpr and constants.
+    """Returns 16 hexadecimal digits that are equal in all processes for functions with the same jaxpr and constants.
 
     Calls out of JAX, such as callbacks, do not count. The arguments may be given by their shapes and dtypes.
     """

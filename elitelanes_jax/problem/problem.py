@@ -55,7 +55,9 @@ class Evaluation(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A task of an optimiser. `road_problem` makes the paper's; the first two fields suffice for another task.
+    """The grids of a search, their evaluation and their niches. `road_problem` makes the paper's problem.
+
+    Your own problem needs only the first two fields.
 
     Attributes:
       shape: (height, width) of the grids, each at least 2.

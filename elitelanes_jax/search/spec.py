@@ -262,7 +262,10 @@ class SearchSpec(Record):
         return self
 
     def on(self, shape: tuple[int, int]) -> "SearchSpec":
-        """Returns the search for grids ``(height, width)``, without options for large maps. All options are given."""
+        """Returns the search for grids ``(height, width)``. For large grids the options for large maps are merged in.
+
+        All its options count as given.
+        """
         chosen = self.large if self.large is not None and min(shape) >= LARGE else self
         values = {name: getattr(chosen, name) for name in _DEFAULTS} | {"large": None}
         return _empty()._fill(values, origins=self._origins)
