@@ -175,9 +175,7 @@ class SearchSpec(Record):
     large: "SearchSpec | None" = option(None, none_or(_parse_large), after="features")
     _given: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
     _defaults: Mapping[str, UserValue] = field(init=False, repr=False, compare=False)
-    _origins: Mapping[str, str] = field(
-        init=False, repr=False, compare=False
-    )  # of the style or `like`
+    _origins: Mapping[str, str] = field(init=False, repr=False, compare=False)  # of the style or `like`
 
     def __init__(self, **given: Unpack[SpecOptions]) -> None:
         """Makes a specification from options by name; all have defaults.
