@@ -18,7 +18,7 @@ class TownFeatures(NamedTuple):
     Only `box_share` depends on the size of the grid around the town. Parts of 1 and ratios are in thousandths, rounded
     down. A mean or part of nothing is 0. Areas are in squares of a tile between the middles of roads, so that the block
     around one cell has 4. A street is the road from a crossing or dead end to the next; a ring without either is one
-    street. The box is the smallest one around the town.
+    street.
 
     Attributes:
       largest_block: area of the largest block, an inner face of the network.
@@ -30,12 +30,12 @@ class TownFeatures(NamedTuple):
       longest_street: links of the longest street.
       shortest_street: links of the shortest street.
       mean_street: mean number of links of a street, a ratio.
-      border_share: part of the tiles that lie along the sides of the box.
-      box_fill: part of the box that has tiles.
-      box_share: part of the grid that the box covers.
-      box_length: longer side of the box / shorter side, a ratio.
-      symmetry: part of the cells of the box that agree (both tiles or both empty) with its most similar image: mirrored
-        either way, or rotated by half a turn.
+      border_share: part of the tiles that are along the sides of the smallest box around the town.
+      box_fill: part of the smallest box around the town that has tiles.
+      box_share: part of the grid that the smallest box around the town covers.
+      box_length: longer side / shorter side of the smallest box around the town, a ratio.
+      symmetry: part of the cells of the smallest box around the town that agree (both tiles or both empty) with its most
+        similar image: mirrored either way, or rotated by half a turn.
       repetition: part of the tiles whose neighbourhood of 3 x 3 codes equals that of another tile.
       adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
       mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked tiles, a ratio.

@@ -127,7 +127,7 @@ def lie(name):
         ({"task": "6x6A-100000"}, "expected grids [R, 2, N, 6, 6] for 6x6A-100000, got [10, 2, 2, 5, 5]"),
         ({"grids": None}, "expected arrays version, task, grids, fitness, cyclomatic, got version, task, fitness, "),
         ({"grids": perfect().grids[:9]}, "expected at least 10 runs, got 9"),
-        ({"grids": perfect().grids[:, :, :0]}, "expected at least one place in grids"),
+        ({"grids": perfect().grids[:, :, :0]}, "expected at least one slot in grids"),
         ({"grids": perfect().grids.astype(float)}, "expected whole numbers in grids, got float64"),
         ({"grids": perfect().grids + 8}, "expected tile codes 0 to 15 in grids"),
         ({"fitness": perfect().fitness[..., :1]}, "expected fitness [10, 2, 2], got [10, 2, 1]"),

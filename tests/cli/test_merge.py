@@ -131,7 +131,7 @@ WRONG = {
     ),
     "one is cut off": (
         lambda place: cut(place / "part-2"),
-        "archive.npz: expected NumPy's .npz, got one that does not",
+        "archive.npz: expected NumPy's .npz, got a damaged file",
     ),
     "one has the archive of another": (
         lambda place: swap(place / "part-2"),
