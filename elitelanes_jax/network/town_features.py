@@ -34,8 +34,8 @@ class TownFeatures(NamedTuple):
       box_fill: part of the smallest box around the town that has tiles.
       box_share: part of the grid that the smallest box around the town covers.
       box_length: longer side / shorter side of the smallest box around the town, a ratio.
-      symmetry: part of the cells of the smallest box around the town that agree (both tiles or both empty) with its most
-        similar image: mirrored either way, or rotated by half a turn.
+      symmetry: part of the cells of the smallest box around the town that agree (both tiles or both empty) with its
+        most similar image: mirrored either way, or rotated by half a turn.
       repetition: part of the tiles whose neighbourhood of 3 x 3 codes equals that of another tile.
       adjacent_turns_per_tile: pairs of turns that share a side / tiles, a ratio.
       mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked tiles, a ratio.
