@@ -153,7 +153,7 @@ def add_scheduler(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="run on the workers of a Dask cluster, which share the disk; its scheduler, such as tcp://HOST:8786",
+        help="run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the disk",
     )
 
 

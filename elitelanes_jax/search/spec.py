@@ -137,8 +137,8 @@ class SearchSpec(Record):
     """A search: the method, its budget, and the constraints and niches of its maps.
 
     Attributes:
-      style: options under a name: town, paper, or a file .toml; options that you give override them
-      like: example maps, map.json or Duckietown's .yaml; the maps have features in the same ranges, and none is a copy
+      style: named options: town, paper, or a .toml file; your options override them
+      like: example maps, map.json or Duckietown's .yaml; maps have features in the same ranges, and none is a copy
       method: the method: map-elites, ea, pso or gwo
       preset: configuration of the method: tuned, paper, or for map-elites standard or irregular
       evaluations: grids that each run evaluates, rounded up to whole generations
@@ -147,7 +147,7 @@ class SearchSpec(Record):
       axes: axes of the niches, such as straight_share:10; by default the preset's
       where: ranges that every map meets, such as crossings=6..10, bridges=0 or straight_share=0.3..
       weights: weights of the fitness that differ from the usual ones, such as dead_ends=480
-      targets: features of example maps, by name; those of the chosen maps are spread over the same values
+      targets: features of example maps, by name; the chosen maps' features have the same distribution
       fix: JSON rows of tile codes that every map keeps, null for free cells
       rules: rules that every map keeps: duckietown
       fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
