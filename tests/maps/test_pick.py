@@ -114,7 +114,7 @@ def test_what_cannot_be_picked_from_is_one_line(searched, tmp_path, capsys):
         ([tmp_path], ": is a directory"),
         ([tmp_path / "text.npz"], "text.npz: expected NumPy's .npz, got a damaged file: no archive of arrays"),
         ([tmp_path / "half.npz"], "half.npz: expected NumPy's .npz, got a damaged file: "),
-        ([tmp_path / "other.npz"], "other.npz: expected a result, of generate or Result.save, got a file without options"),
+        ([tmp_path / "other.npz"], "other.npz: expected a result, of generate or Result.save, got a file without"),
         ([good, "--where", "dead_ends=3"], "where 'dead_ends=3': expected a range with 0"),
         ([good, "--unlike", tmp_path / "text.npz"], "text.npz: "),
     ):
