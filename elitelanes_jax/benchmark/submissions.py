@@ -1,8 +1,6 @@
 """Raw archives of runs on a task: their files, and their scores from grids that are measured again."""
 
 import io
-import zipfile
-import zlib
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -12,8 +10,9 @@ import numpy as np
 from jaxtyping import Int, Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.files import read_bytes, write_atomic
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax._util.npz import unpack
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.scores import Scores, compute_scores
 from elitelanes_jax.benchmark.tasks import BUDGETS, VERSION, Task, find_task
@@ -22,7 +21,7 @@ LEAST_RUNS = 10
 """The smallest number of runs, each from another seed."""
 
 _BATCH = 4096
-_MOST_BYTES, _REST = 2**30, 2**12  # limits of an unpacked file, and of what is in it beside the three arrays
+_MOST_BYTES = 2**29 - 2**12  # of the three arrays; `unpack` reads 2**29 bytes on any machine
 
 
 class Submission(NamedTuple):
@@ -62,20 +61,8 @@ def read_submission(file: str | Path) -> Submission:
       InputError: for another file, version or task, or if the arrays do not fit the task or each other.
     """
     names = ("version", "task", "grids", "fitness", "cyclomatic")
-    try:
-        content = io.BytesIO(read_bytes(file, _MOST_BYTES))
-        with zipfile.ZipFile(content) as members:
-            size = sum(member.file_size for member in members.infolist())
-        if size > _MOST_BYTES:
-            raise InputError(f"{file}: expected arrays of at most {_MOST_BYTES:,} bytes, got {size:,}")
-        with np.load(content, allow_pickle=False) as stored:
-            arrays = {name: stored[name] for name in names if name in stored}
-    except InputError:
-        raise
-    except OSError as error:
-        raise InputError(f"{file}: expected a raw archive, got: {reason(error)}") from None
-    except (ValueError, TypeError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error):
-        raise InputError(f"{file}: expected a raw archive, an .npz, got another file") from None
+    _, stored = unpack(file)
+    arrays = {name: stored[name] for name in names if name in stored}
     if len(arrays) < len(names):
         raise InputError(f"{file}: expected arrays {', '.join(names)}, got {', '.join(arrays) or 'none of them'}")
     version, task = arrays.pop("version"), arrays.pop("task")
@@ -91,8 +78,8 @@ def read_submission(file: str | Path) -> Submission:
 
 def _check(source: str, task: Task, arrays: dict[str, np.ndarray]) -> None:
     size = sum(array.nbytes for array in arrays.values())
-    if size > _MOST_BYTES - _REST:
-        raise InputError(f"{source}: expected arrays of at most {_MOST_BYTES - _REST:,} bytes, got {size:,}")
+    if size > _MOST_BYTES:
+        raise InputError(f"{source}: expected arrays of at most {_MOST_BYTES:,} bytes, got {size:,}")
     grids = arrays["grids"]
     budgets = sum(budget <= task.evaluations for budget in BUDGETS)
     shape = f"[R, {budgets}, N, {task.shape[0]}, {task.shape[1]}]"
