@@ -4,8 +4,7 @@ import json
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError, reason, shorten
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.memory import free_memory
-from elitelanes_jax._util.types import Plain, Untyped
+from elitelanes_jax._util.types import Plain
 
 _SETTINGS = "settings"
 # The limit of unpacked bytes is the largest of 512 MiB, 64 times the file's size and a quarter of the free memory.
@@ -38,7 +37,16 @@ def pack(arrays: Mapping[str, np.ndarray], settings: Plain) -> bytes:
 def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     """Returns the JSON values of a file, or None, and its arrays by name; raises `InputError` if it cannot be read."""
     try:
-        with _open_arrays(path) as archive:
+        with Path(path).open("rb") as stream:
+            if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle
+                raise zipfile.BadZipFile("no archive of arrays")
+            with zipfile.ZipFile(stream) as members:
+                size = sum(member.file_size for member in members.infolist())
+            most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
+            if size > most:
+                raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
+            stream.seek(0)
+            archive = np.load(stream, allow_pickle=False)
             settings = json.loads(str(archive[_SETTINGS])) if _SETTINGS in archive.files else None
             return settings, {name: archive[name] for name in archive.files if name != _SETTINGS}
     except OSError as error:
@@ -46,18 +54,3 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
     except _DAMAGES as error:
         words = shorten(str(error).partition("\n")[0] or type(error).__name__)
         raise InputError(f"{path}: expected NumPy's .npz, got a damaged file: {words}") from None
-
-
-@contextmanager
-def _open_arrays(path: str | Path) -> Iterator[Untyped]:
-    """Opens a file of arrays. Raises `InputError` for too many unpacked bytes, `OSError`, and any of `_DAMAGES`."""
-    with Path(path).open("rb") as stream:
-        if stream.read(2) != b"PK":  # NumPy would read a single array, or a pickle
-            raise zipfile.BadZipFile("no archive of arrays")
-        with zipfile.ZipFile(stream) as members:
-            size = sum(member.file_size for member in members.infolist())
-        most = max(_MOST_BYTES, _MOST_RATIO * stream.seek(0, 2), free_memory() // 4)
-        if size > most:
-            raise InputError(f"expected at most {most:,} bytes unpacked, got {size:,}")
-        stream.seek(0)
-        yield np.load(stream, allow_pickle=False)
