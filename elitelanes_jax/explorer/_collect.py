@@ -227,6 +227,10 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
     if not valid.any():
         raise InputError(f"{name}: expected a result with at least one elite, got none")
     seed, _ = np.nonzero(valid)
+    history = result.history
+    if not single:
+        seeded = ("best_fitness", "elite_count", "refused")
+        history = history._replace(**{name: getattr(history, name)[:seeds] for name in seeded})
     alphabet, usual = result.spec.alphabet, has_usual_fitness(result)
     return _Finds(
         name,
@@ -240,16 +244,10 @@ def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Find
         niche=np.asarray(niche_index(descriptor[valid], result.axes), np.int32),
         feature_weights={name: weight for name, weight in result.spec.weights if name not in Weights._fields},
         extras={name: np.asarray(values)[some].reshape(valid.shape)[valid] for name, values in elites.features.items()},
-        history=result.history if single or seeds is None else _of_seeds(result.history, seeds),
+        history=history,
         usual_fitness=usual,
         floors=_floors(result, (grids.shape[2], grids.shape[3])) if usual else None,
         record={"settings": {"search": result.spec.to_plain()}},
-    )
-
-
-def _of_seeds(history: "History", seeds: int) -> "History":
-    return history._replace(
-        **{name: getattr(history, name)[:seeds] for name in ("best_fitness", "elite_count", "refused")}
     )
 
 

@@ -134,7 +134,9 @@ class Programs:
             self._contents = kept.programs
         else:
             self.states = tuple(jax.tree.leaves(self._tree))
-            self.evaluations_per_step = _evaluations_per_step(static, traced)
+            found: list[int] = []
+            jax.eval_shape(lambda traced: found.append(int(static.optimizer(traced).evaluations_per_step)), traced)
+            self.evaluations_per_step = found[0]
 
     @property
     def memory(self) -> int:
@@ -272,12 +274,6 @@ def _find(
 ) -> Programs:
     traced, keys = jax.tree.unflatten(structure, shapes)
     return Programs(static, traced, keys, single, devices)
-
-
-def _evaluations_per_step(static: Static, traced: Pytree) -> int:
-    found: list[int] = []
-    jax.eval_shape(lambda traced: found.append(int(static.optimizer(traced).evaluations_per_step)), traced)
-    return found[0]
 
 
 @partial(jax.jit, static_argnames="static", keep_unused=True)
