@@ -216,7 +216,7 @@ def _read_archive(file: Path, name: str) -> _Finds:
 
 
 def _from_result(result: "Result", name: str, seeds: int | None = None) -> _Finds:
-    """Takes the elites of all seeds, or of the first ones, and the history."""
+    """Returns the elites and the history of a result, of all seeds or of the first `seeds`."""
     elites = result.elites
     single = elites.valid.ndim == 1
     some = slice(None if single else seeds)

@@ -287,7 +287,10 @@ def _draw_mates(
     archives: Population,
     otherwise: Int8[Array, "C H W"],
 ) -> Int8[Array, "C H W"]:
-    """Draws a mate for each chain: among a few random niches the elite nearest to its goal, or the grid `otherwise`."""
+    """Draws a mate for each chain: with a probability the elite nearest to its goal among a few random niches.
+
+    Other chains get the mate in `otherwise`.
+    """
     rivals = randint(bits.rivals, len(groups.niches.bins))
     fitness, bins = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.bins)[rivals]
     nearest = nearest_elite(fitness, bins, cycle.goal, config.bin_penalty)

@@ -93,7 +93,8 @@ def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid:
     """Blends the tiles of a picture where their roads meet.
 
     Within 2 % of a tile of a seam, but at least two pixels, each pixel is mixed with its mirror image on the other side
-    if both have the same label: half and half at the seam, less away from it, by a cosine.
+    if both have the same label. The mirror image's share is one half at the seam and falls with the distance by a
+    cosine.
     """
     codes = np.asarray(grid)
     size = image.shape[0] // codes.shape[0]

@@ -57,7 +57,7 @@ def parse_colour(text: str) -> Colour:
     """Reads a range of colours from text such as ``165..10,100..255,90..255``: hue, saturation, value.
 
     Raises:
-      InputError: if it is anything else.
+      InputError: for anything else.
     """
     match = re.fullmatch(r"\s*,\s*".join([r"(\d{1,3})\.\.(\d{1,3})"] * 3), text.strip(), re.ASCII)
     limits = [int(number) for number in match.groups()] if match else []
