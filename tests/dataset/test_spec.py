@@ -7,7 +7,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.arguments import read_options
-from elitelanes_jax.cli.main import main, make_parser
+from elitelanes_jax.cli.main import make_parser
 from elitelanes_jax.dataset._transforms import STANDARD, Transforms
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.search.spec import SearchSpec
@@ -88,34 +88,6 @@ def test_sizes_on_the_command_line(arguments, size):
 def test_bad_fields_are_named(fields, message):
     with pytest.raises(InputError, match=f"^{message}"):
         DatasetSpec(**fields)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--size", "5..4"], "--size: expected the smallest and the largest side, such as 8..14, got '5..4'"),
-        (["--size", "3", "4", "5"], "--size: expected a range of sides such as 8..14, or two, of rows and columns"),
-        (["--maps", "0"], "--maps: expected a whole number, 1 or more, got '0'"),
-        (["--transform", "spin"], "--transform: expected some of none"),
-        (["--transform", "crop=600"], "--transform: expected a crop within the smallest maps"),
-        (["--split", "a", "b", "c"], "--split: expected a number, 0 to 1, got 'a'"),
-        (["--format", "tar"], "--format: expected one of imagefolder"),
-        (["--where", "turns="], "--where"),
-        (["--rules", "london"], "--rules: expected"),
-        (["--tiles", "nowhere"], "nowhere: expected a folder of tile pictures, got none"),
-        (["--cores", "0"], "argument --cores: expected a whole number, 1 to 1024, got '0'"),
-    ],
-)
-def test_bad_arguments_are_one_line(tmp_path, capsys, arguments, message):
-    try:
-        code = main(["dataset", *arguments, "--out", str(tmp_path / "out")])
-    except SystemExit as stop:
-        code = stop.code
-    lines = capsys.readouterr().err.splitlines()
-    assert code == 2
-    assert len(lines) == 1
-    assert message in lines[0]
-    assert not (tmp_path / "out").exists()
 
 
 def test_plain_values_are_json(tmp_path):
