@@ -265,19 +265,6 @@ def test_pycocotools_loads_it(given):
             np.testing.assert_array_equal(found, labels)
 
 
-def test_mmsegmentation_loads_it(given):
-    mmseg = pytest.importorskip("mmseg.datasets")  # needs all of PyTorch, so it is not among the tests' packages
-    for split, count in (("train", 6), ("val", 3), ("test", 3)):
-        prefix = {"img_path": f"img_dir/{split}", "seg_map_path": f"ann_dir/{split}"}
-        loaded = mmseg.BaseSegDataset(
-            data_root=str(given / "mmseg"), img_suffix=".png", data_prefix=prefix, metainfo={"classes": LABELS}
-        )
-        assert len(loaded) == count
-        for sample in loaded:
-            annotated = mmseg.transforms.LoadAnnotations()(dict(sample))
-            np.testing.assert_array_equal(annotated["gt_seg_map"], read_picture(sample["seg_map_path"]))
-
-
 def test_mmsegmentation_finds_pairs(given):
     """Finds an annotation of the same name for every image, as its BaseSegDataset does."""
     out = given / "mmseg"
