@@ -320,9 +320,6 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"axes": [Axis("crossings", 3, target=3)]}, "axes 'crossings': expected target to be a bin, 0 to 2"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
         ({"fill": "no"}, "fill: expected True or False, got 'no'"),
-        ({"initial": [np.zeros((4, 4), int)]}, "initial: expected maps of 5 x 6, got one of 4 x 4"),
-        ({"initial": [np.zeros(SHAPE, int)], "method": "pso"}, "initial: expected none with the paper's PSO"),
-        ({"initial": [np.zeros(SHAPE, int)] * 21}, "initial: expected at most 20 grids, the number a run starts from"),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
     ],
 )
