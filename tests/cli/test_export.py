@@ -80,23 +80,6 @@ def test_a_file_for_each_map(maps, tmp_path, capsys):
     assert nx.read_graphml(again / "0001.graphml").number_of_nodes() == 2
 
 
-@pytest.mark.parametrize("target", ["graphml", "csv", "json", "duckietown"])
-def test_one_file(maps, target, tmp_path):
-    out = tmp_path / "new" / f"out.{'YAML' if target == 'duckietown' else target}"
-    command = ["export", maps[0], "--to", target, "--out", str(out)]
-    assert main(command) == 0
-    text = out.read_text()
-    if target == "graphml":
-        assert nx.read_graphml(out).number_of_edges() == 4
-    if target in ("csv", "json"):
-        assert maps[0] in text
-        assert main(["export", *maps, "--to", target, "--out", str(tmp_path / "both")]) == 0
-        assert maps[1] in (tmp_path / "both").read_text()
-    assert main(command) == 2
-    assert out.read_text() == text
-    assert [file.name for file in out.parent.iterdir()] == [out.name]
-
-
 def test_plain_xml_is_three_files_for_each_map(maps, tmp_path):
     out = tmp_path / "out"
     options = ["--tile-size", "0.585", "--lane", "0.222", "--speed", "0.3", "--right-of-way", "right_before_left"]

@@ -19,7 +19,6 @@ from folders import files, read_picture
 from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._formats import FORMATS
 from elitelanes_jax.dataset._plan import given_maps, split_maps
@@ -388,26 +387,6 @@ def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
     found = int(message.split("elitelanes: found ")[1].split()[0])
     assert 10 <= found < 44
     assert f"{found} different ones of 44 maps of 3 x 4 tiles; larger sizes, more evaluations or fewer maps" in message
-
-
-def test_a_second_run_is_refused(tmp_path):
-    out = tmp_path / "out"
-    with output_folder(out, {}), pytest.raises(InputError, match="out: expected no other run at work in it, got one"):
-        make_dataset(small(), out, maps=random_maps())
-
-
-def test_folders_with_other_files_are_left_alone(tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.txt").write_text("mine")
-    (tmp_path / "file").write_text("mine")
-    for out, message in (
-        ("out", "got one with files in it"),
-        ("file", "got a file"),
-        ("file/deeper", "not a directory"),
-    ):
-        with pytest.raises(InputError, match=message):
-            make_dataset(small(), tmp_path / out, maps=random_maps())
-    assert files(tmp_path) == {"out/thesis.txt": b"mine", "file": b"mine"}
 
 
 def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):

@@ -1,0 +1,2 @@
+import numpy
+NET = numpy.load("driver.npz")
