@@ -18,6 +18,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import jax
+from folders import files
 
 from elitelanes_jax.maps import generation as module
 from elitelanes_jax.maps.spec import GenerateSpec
@@ -37,11 +38,11 @@ SPEC = GenerateSpec(
 
 def digest(folder):
     """A digest of all files and their names, but for the times in ``run.json``."""
-    files = {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
-    record = json.loads(files["run.json"])
+    found = files(folder)
+    record = json.loads(found["run.json"])
     del record["times"]
-    files["run.json"] = json.dumps(record).encode()
-    return sha256(b"".join(name.encode() + content for name, content in files.items())).hexdigest()
+    found["run.json"] = json.dumps(record).encode()
+    return sha256(b"".join(name.encode() + content for name, content in sorted(found.items()))).hexdigest()
 
 
 def _fork(out):

@@ -29,7 +29,7 @@ def count_of(function, *arguments):
     }
 
 
-def count_all():
+def count_all(presets=PRESETS):
     grids = jax.ShapeDtypeStruct((64, *SHAPE), jnp.int8)
     kernels = {
         "measure": measure,
@@ -39,8 +39,8 @@ def count_all():
     }
     counts = {name: count_of(jax.vmap(kernel), grids) for name, kernel in kernels.items()}
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.key(0), SEEDS))
-    for (method, preset), config in PRESETS.items():
-        optimizer = make_optimizer(road_problem(SHAPE), config)
+    for method, preset in presets:
+        optimizer = make_optimizer(road_problem(SHAPE), PRESETS[method, preset])
         states = jax.eval_shape(lambda keys, optimizer=optimizer: start(optimizer, keys), keys)
 
         def run(keys, states, optimizer=optimizer):

@@ -1,6 +1,6 @@
 """What users add: a fitness, moves and problems of their own, in every method."""
 
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -15,8 +15,19 @@ from elitelanes_jax.optimizers._moves import KNOWN_MOVES
 from elitelanes_jax.problem import Axis, Evaluation
 
 SHAPE = (4, 4)
-METHODS = [*PRESETS]
 PAPER = {"method": "map-elites", "preset": "paper"}
+# Those that differ from another in little: slow proofs.
+SLOW = {("map-elites", "standard"), ("map-elites", "irregular"), ("pso", "tuned"), ("gwo", "tuned")}
+
+
+def methods(names=PRESETS, slow=SLOW):
+    """Parametrizes a test by the methods and their presets."""
+    marked = [pytest.param(one, marks=[pytest.mark.slow] if one in slow else [], id=", ".join(one)) for one in names]
+    return pytest.mark.parametrize("which", marked)
+
+
+def search(which, **options):
+    return evolve(jax.random.key(0), SHAPE, method=which[0], preset=which[1], **options)
 
 
 def roughness(metrics, grid):
@@ -34,36 +45,32 @@ def elites(result):
     return [np.asarray(array)[np.asarray(result.elites.valid)] for array in result.elites[:2]]
 
 
-@pytest.fixture(scope="module")
-def rough():
-    """A search by each method, with a range and alphabets in which NaN occurs."""
-    return {
-        which: evolve(jax.random.key(0), SHAPE, fitness=roughness, generations=30, method=which[0], preset=which[1])
-        for which in METHODS
-    }
+@cache
+def rough(which):
+    """A search in which NaN occurs."""
+    return search(which, fitness=roughness, generations=30)
 
 
-@pytest.mark.parametrize("which", METHODS)
-def test_a_float_fitness_is_that_of_the_kernel_in_every_method(rough, which):
-    result = rough[which]
+@methods()
+def test_a_float_fitness_is_that_of_the_kernel_in_every_method(which):
+    result = rough(which)
     grids, fitness = elites(result)
     assert fitness.dtype == np.float32 and len(grids)
     np.testing.assert_allclose(fitness, [slow_roughness(grid) for grid in grids], rtol=1e-6)
     assert (grids[:, 1, 1] != 14).all(), "NaN wins nothing"
     assert np.isposinf(np.asarray(result.elites.fitness)[~np.asarray(result.elites.valid)]).all()
     assert result.history.best_fitness[-1] == fitness.min()
-    assert result.history.best_fitness.dtype == np.float32
+    assert result.history.best_fitness.dtype == np.float32 and result.history.refused.dtype == np.int32
+    if which == ("map-elites", "tuned"):
+        assert result.history.refused.sum() > 10
 
 
-def test_refused_grids_are_counted(rough):
-    assert all(result.history.refused.dtype == np.int32 for result in rough.values())
-    assert sum(int(result.history.refused.sum()) for result in rough.values()) > 100
-
-
-@pytest.mark.parametrize("which", [which for which in METHODS if which[1] in ("paper", "standard")])
+@methods(
+    [which for which in PRESETS if which[1] in ("paper", "standard")], slow=SLOW | {("ea", "paper"), ("gwo", "paper")}
+)
 def test_whole_numbers_give_the_same_search_as_floats(which):
     plain, whole, real = (
-        evolve(jax.random.key(1), SHAPE, fitness=fitness, generations=10, method=which[0], preset=which[1])
+        search(which, fitness=fitness, generations=10)
         for fitness in (None, lambda usual: usual, lambda usual: usual / 1)
     )
     for one in (whole, real):
@@ -97,48 +104,44 @@ def test_it_may_add_to_the_usual_fitness_and_take_all_that_is_measured():
 
 
 def test_values_out_of_range_are_refused():
-    large = {"large": lambda grid: jnp.where(grid[1, 1] == 6, 2**30, 7)}
-    weighed = {"weighed": lambda grid: jnp.where(grid[1, 1] == 6, -(10**6), 3)}
-    unsigned = {"unsigned": lambda grid: jnp.where(grid[1, 1] == 6, jnp.uint32(2**32 - 1), jnp.uint32(1))}
-    for options in (
-        {"features": large},
-        {"features": unsigned},
-        {"features": weighed, "weights": {"weighed": -1000}},
-        {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)},
-        {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)},
+    features = {
+        "large": lambda grid: jnp.where(grid[1, 1] == 6, 2**30, 7),
+        "unsigned": lambda grid: jnp.where(grid[1, 1] == 12, jnp.uint32(2**32 - 1), jnp.uint32(1)),
+        "weighed": lambda grid: jnp.where(grid[1, 1] == 3, -(10**6), 3),
+    }
+    for refused, options in (
+        ((3, 6, 12), {"features": features, "weights": {"weighed": -1000}}),
+        ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -(2**29) - 1, metrics.turns)}),
+        ((6,), {"fitness": lambda metrics, grid: jnp.where(grid[1, 1] == 6, -jnp.inf, 1.0 * metrics.turns)}),
     ):
         result = evolve(jax.random.key(3), SHAPE, generations=5, **options, **PAPER)
         grids, _ = elites(result)
-        assert len(grids) and (grids[:, 1, 1] != 6).all()
+        assert len(grids) and not np.isin(grids[:, 1, 1], refused).any()
         assert result.history.refused.sum() > 0
 
 
-def test_a_search_may_refuse_all_grids():
-    for which in METHODS:
-        result = evolve(
-            jax.random.key(4), SHAPE, fitness=lambda grid: jnp.nan, generations=3, method=which[0], preset=which[1]
-        )
-        assert not result.elites.valid.any() and result.maps() == []
-        assert (result.history.refused > 0).all() and (result.history.elite_count == 0).all() == (
-            which[0] == "map-elites"
-        )
+@methods(slow=SLOW | {("ea", "tuned"), ("map-elites", "paper")})
+def test_a_search_may_refuse_all_grids(which):
+    result = search(which, fitness=lambda grid: jnp.nan, generations=3)
+    assert not result.elites.valid.any() and result.maps() == []
+    assert (result.history.refused > 0).all()
+    assert (result.history.elite_count == 0).all() == (which[0] == "map-elites")
 
 
-def test_a_run_in_parts_is_one_run_and_is_saved(rough, tmp_path):
-    for which in (("map-elites", "tuned"), ("ea", "tuned")):
-        options = {"fitness": roughness, "method": which[0], "preset": which[1]}
-        half = evolve(jax.random.key(0), SHAPE, generations=12, **options)
-        half.save(tmp_path / "half.npz")
-        read = Result.load(tmp_path / "half.npz")
-        jax.tree.map(np.testing.assert_array_equal, half.elites, read.elites)
-        np.testing.assert_array_equal(half.history.refused, read.history.refused)
-        whole = evolve(jax.random.key(0), SHAPE, generations=18, state=read.state, **options)
-        jax.tree.map(np.testing.assert_array_equal, whole.elites, rough[which].elites)
-        begun = evolve(jax.random.key(0), SHAPE, generations=12, checkpoint=tmp_path / which[0], every=0, **options)
-        ended = evolve(jax.random.key(0), SHAPE, generations=30, checkpoint=tmp_path / which[0], every=0, **options)
-        np.testing.assert_array_equal(begun.elites.fitness, half.elites.fitness)
-        np.testing.assert_array_equal(ended.elites.fitness, rough[which].elites.fitness)
-        assert ended.history.best_fitness.dtype == np.float32
+@methods([("map-elites", "tuned"), ("ea", "tuned")], slow={("ea", "tuned")})
+def test_a_run_in_parts_is_one_run_and_is_saved(which, tmp_path):
+    run = partial(search, which, fitness=roughness)
+    half = run(generations=12)
+    half.save(tmp_path / "half.npz")
+    read = Result.load(tmp_path / "half.npz")
+    jax.tree.map(np.testing.assert_array_equal, half.elites, read.elites)
+    np.testing.assert_array_equal(half.history.refused, read.history.refused)
+    whole = run(generations=18, state=read.state)
+    jax.tree.map(np.testing.assert_array_equal, whole.elites, rough(which).elites)
+    begun, ended = (run(generations=count, checkpoint=tmp_path / "kept", every=0) for count in (12, 30))
+    np.testing.assert_array_equal(begun.elites.fitness, half.elites.fitness)
+    np.testing.assert_array_equal(ended.elites.fitness, rough(which).elites.fitness)
+    assert ended.history.best_fitness.dtype == np.float32
 
 
 def test_another_function_of_the_same_name_does_not_continue_a_run(tmp_path):
@@ -150,7 +153,10 @@ def test_another_function_of_the_same_name_does_not_continue_a_run(tmp_path):
         }
 
     for name in ("fitness", "features", "moves"):
-        one, same, other = ({name: made(factor)[name], "generations": 1} for factor in (2, 2, 3))
+        paper = {} if name == "moves" else {"preset": "paper"}  # is compiled sooner
+        one, same, other = (
+            {name: made(factor)[name], "generations": 1, "method": "ea", **paper} for factor in (2, 2, 3)
+        )
         state = evolve(jax.random.key(0), SHAPE, checkpoint=tmp_path / name, **one).state
         assert evolve(jax.random.key(0), SHAPE, state=state, **same).state.generation == 2
         for options in ({"state": state}, {"checkpoint": tmp_path / name}):
@@ -158,8 +164,8 @@ def test_another_function_of_the_same_name_does_not_continue_a_run(tmp_path):
                 evolve(jax.random.key(0), SHAPE, **other, **options)
 
 
-def test_chosen_maps_have_a_float_fitness(rough):
-    maps = rough["map-elites", "tuned"].maps(5)
+def test_chosen_maps_have_a_float_fitness():
+    maps = rough(("map-elites", "tuned")).maps(5)
     assert maps and all(isinstance(road_map.fitness, float) for road_map in maps)
 
 
@@ -235,22 +241,14 @@ def test_a_move_of_weight_0_and_the_order_of_names_change_nothing():
     np.testing.assert_array_equal(made({"a": (0, mark(1))}), made({}))
 
 
-def test_a_search_makes_the_moves_of_the_user():
+@methods([(method, "tuned") for method in ("map-elites", "ea", "pso", "gwo")], slow=SLOW | {("ea", "tuned")})
+def test_a_search_makes_the_moves_of_the_user(which):
     """Only a move that writes crossings into corners: these are the only crossings that a search without others has."""
     moves = dict.fromkeys(KNOWN_MOVES, 0) | {"mine": (1, mark(3))}
-    for which in (("map-elites", "tuned"), ("ea", "tuned"), ("pso", "tuned"), ("gwo", "tuned")):
-        result = evolve(
-            jax.random.key(0),
-            SHAPE,
-            fitness=lambda grid: -(grid[1, 1] == 3).astype(jnp.int32),
-            moves=moves,
-            alphabet=[15],
-            fill=False,
-            generations=20,
-            method=which[0],
-        )
-        assert result.history.best_fitness[-1] in (0, -1)
-        assert result.spec.method == which[0]
+    more = {"moves": moves, "alphabet": [15], "fill": False, "generations": 20}
+    result = search(which, fitness=lambda grid: -(grid[1, 1] == 3).astype(jnp.int32), **more)
+    assert result.history.best_fitness[-1] in (0, -1)
+    assert result.spec.method == which[0]
 
 
 def evaluate(grids):
@@ -268,9 +266,17 @@ def real(grids):
 COLOURS = (0, 1, 2, 3)
 
 
-@pytest.mark.parametrize("which", METHODS)
-@pytest.mark.parametrize("score", [evaluate, real])
-def test_a_problem_of_ones_own_runs_with_every_optimizer(which, score):
+@methods()
+def test_a_problem_of_ones_own_runs_with_every_optimizer(which):
+    check_search(which, evaluate)
+
+
+@methods(slow=set(PRESETS) - {("map-elites", "tuned"), ("pso", "paper")})
+def test_one_of_floats_does_so_too(which):
+    check_search(which, real)
+
+
+def check_search(which, score):
     problem = Problem((5, 4), score, ("alike", "ones"), (Axis("ones", 6, 3),), COLOURS)
     optimizer = make_optimizer(problem, PRESETS[which])
     states, info = jax.jit(partial(run, optimizer), static_argnums=1)(seed_keys(0, 2), 40)

@@ -1,5 +1,7 @@
 """Records: each is checked when it is made, whatever it is of; those of JAX are pytrees."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -25,8 +27,16 @@ from elitelanes_jax.optimizers import (
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES
 from elitelanes_jax.search import SearchSpec
 
-LEVELS = make_levels(jax.random.key(0), np.array([[[6, 3], [12, 9]]], np.int8))
 NO_MOVES = dict.fromkeys((*KNOWN_MOVES, "fill_probability"), 0)
+
+
+@cache
+def levels():
+    return make_levels(jax.random.key(0), np.array([[[6, 3], [12, 9]]], np.int8))
+
+
+def level():
+    return jax.tree.map(lambda part: part[0], levels())
 
 
 @pytest.mark.usefixtures("any_types")
@@ -72,20 +82,21 @@ NO_MOVES = dict.fromkeys((*KNOWN_MOVES, "fill_probability"), 0)
         (RoadNavParams, {"levels": np.zeros((2, 2))}, "levels: expected a batch of levels .* got ndarray"),
         (
             RoadNavParams,
-            {"levels": jax.tree.map(lambda part: part[0], LEVELS)},
+            {"levels": level},
             "levels: expected a batch of levels .* got one of shape",
         ),
-        (RoadNavParams, {"levels": LEVELS, "window": 4}, "window: expected an odd number of tiles, or 0 .* got 4"),
-        (RoadNavParams, {"levels": LEVELS, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),
-        (RoadNavParams, {"levels": LEVELS, "limit": 0}, "limit: expected a whole number, 1 or more, got 0"),
-        (RoadNavParams, {"levels": LEVELS, "tile_cost": float("nan")}, "tile_cost: expected a number"),
-        (LaneDriveParams, {"levels": LEVELS, "ahead": (2,)}, "ahead: expected a number, 0 to 1, got 2"),
-        (LaneDriveParams, {"levels": LEVELS, "task": "park"}, "task: expected one of route, lane, got 'park'"),
-        (LaneDriveParams, {"levels": LEVELS, "observe": "camera"}, "sight: expected a result of make_sight, .* None"),
+        (RoadNavParams, {"levels": levels, "window": 4}, "window: expected an odd number of tiles, or 0 .* got 4"),
+        (RoadNavParams, {"levels": levels, "goal": "smell"}, "goal: expected one of compass, mark, both, none, got"),
+        (RoadNavParams, {"levels": levels, "limit": 0}, "limit: expected a whole number, 1 or more, got 0"),
+        (RoadNavParams, {"levels": levels, "tile_cost": float("nan")}, "tile_cost: expected a number"),
+        (LaneDriveParams, {"levels": levels, "ahead": (2,)}, "ahead: expected a number, 0 to 1, got 2"),
+        (LaneDriveParams, {"levels": levels, "task": "park"}, "task: expected one of route, lane, got 'park'"),
+        (LaneDriveParams, {"levels": levels, "observe": "camera"}, "sight: expected what make_sight returns, .* None"),
         (Streets, {"tile": 6}, "tile: expected more than two lanes, 6.4 m, got 6 m"),
     ],
 )
 def test_a_record_is_checked_when_it_is_made(kind, wrong, message):
+    wrong = {name: value() if callable(value) else value for name, value in wrong.items()}
     with pytest.raises(InputError, match=f"^{message}"):
         kind(**wrong)
     if "levels" not in wrong:
@@ -114,9 +125,10 @@ def test_numbers_become_plain_and_arrays_pass():
     assert EvolutionConfig(tile_rate=rates).tile_rate is rates
 
 
-@pytest.mark.parametrize("made", [AnnealedMapElitesConfig(), MapElitesConfig(), Camera(), RoadNavParams(LEVELS)])
+@pytest.mark.parametrize("made", [AnnealedMapElitesConfig(), MapElitesConfig(), Camera(), RoadNavParams])
 def test_a_pytree_goes_through_transformations(made):
     """Whatever stands in its fields meanwhile: it is not checked again."""
+    made = made(levels()) if made is RoadNavParams else made
     leaves, structure = jax.tree.flatten(made)
     back = jax.tree.unflatten(structure, leaves)
     assert type(back) is type(made) and jax.tree.structure(back) == structure

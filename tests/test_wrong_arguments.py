@@ -1,6 +1,7 @@
 """Wrong arguments from Python: each is named in one line, before any search."""
 
 import sys
+from functools import cache
 
 import jax
 import numpy as np
@@ -25,15 +26,19 @@ from elitelanes_jax.tiles.tileset import load_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])
-LEVELS = make_levels(jax.random.key(0), RING)
+
+
+@cache
+def levels():
+    return make_levels(jax.random.key(0), RING)
 
 
 def begin(environment, params):
-    return jax.random.key(0), environment.reset(jax.random.key(0), params(LEVELS))[1]
+    return jax.random.key(0), environment.reset(jax.random.key(0), params(levels()))[1]
 
 
 def drive_by(action):
-    return LaneDrive.step(*begin(LaneDrive, LaneDriveParams), np.array(action), LaneDriveParams(LEVELS))
+    return LaneDrive.step(*begin(LaneDrive, LaneDriveParams), np.array(action), LaneDriveParams(levels()))
 
 
 WRONG = {
@@ -72,7 +77,7 @@ WRONG = {
     "transforms: luck: expected one of": lambda: DatasetSpec(transforms={"luck": 1}),
     "action: expected two numbers, shape (2,), got shape (3,)": lambda: drive_by([0, 0, 0]),
     "action: expected one whole number, got shape (2,)": lambda: RoadNav.step(
-        *begin(RoadNav, RoadNavParams), np.array([0, 0]), RoadNavParams(LEVELS)
+        *begin(RoadNav, RoadNavParams), np.array([0, 0]), RoadNavParams(levels())
     ),
     "policy: expected two numbers": lambda: make_rides(RING, policy=lambda seen: [0, 0, 0], seconds=0.1),
     "folder: expected a name, got 3": lambda: load_tiles(3),

@@ -29,6 +29,7 @@ from typing import NamedTuple
 
 import cv2
 import pytest
+from folders import files
 
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.tiles.tileset import default_tiles
@@ -90,10 +91,6 @@ def things(tmp_path_factory):
     line = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --out"
     assert main([*line.split(), str(folder / "maps")]) == 0
     return folder
-
-
-def files(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def run(line, capfd, things):

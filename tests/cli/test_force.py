@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from folders import files
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
@@ -29,10 +30,6 @@ def written(tmp_path_factory):
 @pytest.fixture
 def folder(written, tmp_path):
     return Path(shutil.copytree(written, tmp_path / "out"))
-
-
-def files(folder):
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_a_folder_of_ours_is_replaced_if_that_is_asked_for(folder, capsys):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from folders import files
 from killed_runs import digest
 
 from elitelanes_jax.cli.main import main
@@ -63,21 +64,6 @@ def test_every_seed_is_in_one_part():
             assert all(numbers)
 
 
-@pytest.mark.parametrize(
-    ("part", "message"),
-    [
-        ("4/4", "--part: expected at most 3 parts, one for each seed, got 4"),
-        ("4/3", "--part: expected a part such as 3/10, from 1/10 on, got '4/3'"),
-        ("0/3", "--part: expected a part such as 3/10, from 1/10 on, got '0/3'"),
-        ("three", "--part: expected a part such as 3/10, from 1/10 on, got 'three'"),
-    ],
-)
-def test_parts_that_there_are_not(part, message, tmp_path, capsys):
-    assert main(["generate", *SMALL, "--part", part, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err == f"elitelanes: {message}\n"
-    assert not list(tmp_path.iterdir())
-
-
 def settings(folder, **changes):
     record = json.loads((folder / "run.json").read_text())
     for name, value in changes.items():
@@ -102,54 +88,25 @@ def unfinished(part):
     shutil.rmtree(part)
 
 
+# What is done to the second part, or what else is in its record, and what is said.
 WRONG = {
-    "one is missing": (lambda place: shutil.rmtree(place / "part-2"), "part-2: expected a part of a run, made by"),
-    "one is a whole run": (lambda place: settings(place / "part-2", part=None), "generate --part, got a whole run"),
-    "one is not done": (
-        lambda place: unfinished(place / "part-2"),
-        "part-2: expected a complete part, got unfinished work; the same command completes it",
-    ),
-    "one is of other settings": (
-        lambda place: settings(place / "part-2", seed=7),
-        "part-2: expected a part of a run with seed 0, got 7",
-    ),
-    "one has another search": (
-        lambda place: settings(place / "part-2", generations=7),
-        "part-2: expected a part of a run with generations 5, got 7",
-    ),
-    "one is of other versions": (
-        lambda place: settings(place / "part-2", versions={"jax": "0.1"}),
-        "part-2: expected a part of a run with elitelanes_jax '",
-    ),
-    "one is of more parts": (
-        lambda place: settings(place / "part-2", part=[2, 3]),
-        "part-2: expected one of 2 parts, as ",
-    ),
-    "one comes twice": (
-        lambda place: settings(place / "part-2", part=[1, 2]),
-        "part-2: expected each part once, got 1/2 again, after ",
-    ),
-    "one is cut off": (
-        lambda place: cut(place / "part-2"),
-        "archive.npz: expected NumPy's .npz, got a damaged file",
-    ),
-    "one has the archive of another": (
-        lambda place: swap(place / "part-2"),
-        "part-2/archive.npz: expected 2 seeds of 5 x 6, got (1, 20, 5, 6)",
-    ),
-    "one is no record": (lambda place: (place / "part-2" / "run.json").write_text("{}"), "got another folder"),
-    "one is of a broken record": (
-        lambda place: settings(place / "part-2", part="all"),
-        "part-2: expected a part of a run, made by",
-    ),
+    "one is missing": (shutil.rmtree, "part-2: expected a part of a run, made by"),
+    "one is a whole run": ({"part": None}, "generate --part, got a whole run"),
+    "one is not done": (unfinished, "got unfinished work; the same command completes it"),
+    "one is of other settings": ({"seed": 7}, "part-2: expected a part of a run with seed 0, got 7"),
+    "one has another search": ({"generations": 7}, "part-2: expected a part of a run with generations 5, got 7"),
+    "one is of other versions": ({"versions": {"jax": "0.1"}}, "part-2: expected a part of a run with elitelanes_jax"),
+    "one is of more parts": ({"part": [2, 3]}, "part-2: expected one of 2 parts, as "),
+    "one comes twice": ({"part": [1, 2]}, "part-2: expected each part once, got 1/2 again, after "),
+    "one is cut off": (cut, "archive.npz: expected NumPy's .npz, got one that does not"),
+    "one has the archive of another": (swap, "part-2/archive.npz: expected 2 seeds of 5 x 6, got (1, 20, 5, 6)"),
+    "one is no record": (lambda part: (part / "run.json").write_text("{}"), "got another folder"),
+    "one is of a broken record": ({"part": "all"}, "part-2: expected a part of a run, made by"),
     "all have settings that are none": (
-        lambda place: [settings(place / f"part-{number}", seeds=-1) for number in (1, 2)],
+        lambda part: [settings(one, seeds=-1) for one in (part, part.with_name("part-1"))],
         "run.json: expected settings of a run, got: seeds: expected a whole number",
     ),
-    "the folder is there": (
-        lambda place: (place / "out").mkdir() or (place / "out" / "mine").touch(),
-        "got one with files",
-    ),
+    "the folder is there": (lambda part: shutil.copytree(part, part.with_name("out")), "got one with files"),
 }
 
 
@@ -157,18 +114,17 @@ WRONG = {
 def test_what_is_not_all_parts_of_one_run_is_one_line_and_exit_code_2(wrong, runs, tmp_path, capsys):
     spoil, message = WRONG[wrong]
     place = shutil.copytree(runs, tmp_path / "runs", ignore=shutil.ignore_patterns("whole"))
-    spoil(place)
-    before = digests(place)
+    if isinstance(spoil, dict):
+        settings(place / "part-2", **spoil)
+    else:
+        spoil(place / "part-2")
+    before = files(place)
     assert main(["merge", *parts(place), "--out", str(place / "out")]) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
     assert message in captured.err
-    assert digests(place) == before
-
-
-def digests(place):
-    return {file: file.read_bytes() for file in place.rglob("*") if file.is_file()}
+    assert files(place) == before
 
 
 def test_missing_parts_are_named(runs, tmp_path, capsys):

@@ -6,7 +6,7 @@ from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.wfc import generate_batch
 
-__all__ = ["files", "random_maps", "small"]
+__all__ = ["random_maps", "small"]
 
 
 def random_maps(count=12, side=5, seed=0):
@@ -18,8 +18,3 @@ def random_maps(count=12, side=5, seed=0):
 def small(**others):
     """Returns the specification of a dataset of 12 maps, with other values in some fields."""
     return DatasetSpec(**{"maps": 12, "size": 5, "tile_px": 16, "split": (0.5, 0.25, 0.25)} | others)
-
-
-def files(folder):
-    """Returns the bytes of all files within a folder, by path."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}

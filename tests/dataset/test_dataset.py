@@ -15,10 +15,10 @@ import cv2
 import numpy as np
 import pytest
 from ended_runs import MAPS, SPEC
-from given_maps import files, random_maps, small
+from folders import files, read_picture
+from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._formats import FORMATS
 from elitelanes_jax.dataset._plan import given_maps, split_maps
@@ -38,10 +38,6 @@ from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
 SEARCH = ["--preset", "paper", "--evaluations", "2000", "--tile-px", "16"]
 EVOLVED = [*SEARCH, "--maps", "20", "--size", "3..4", "4", "--split", "0.6", "0.2", "0.2"]
 NAMES = ("imagefolder", "mmseg", "coco", "plain")
-
-
-def read(file):
-    return cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
 
 
 def rows_of(folder, split):
@@ -92,7 +88,7 @@ def test_an_evolved_dataset_has_these_files(evolved):
         rows = rows_of(evolved, split)
         assert len(rows) == about["pictures"][split]
         for row in rows:
-            image, labels = (read(evolved / split / row[f"{name}_file_name"]) for name in ("image", "labels"))
+            image, labels = (read_picture(evolved / split / row[f"{name}_file_name"]) for name in ("image", "labels"))
             # The sides of a view change places when it is rotated by a quarter turn.
             assert sorted(labels.shape) == [16 * len(row["codes"]), 16 * 4]
             assert image.shape == (*labels.shape, 3)
@@ -120,7 +116,9 @@ def test_labels_are_those_of_the_tiles_in_the_record(evolved):
             plain = render(row["codes"], tiles, tile_px=16, chosen=chosen)
             matrix, size = np.array(row["transform"]["matrix"]), tuple(row["pixels"])
             view = View(**row["transform"] | {"matrix": matrix, "size": size})
-            np.testing.assert_array_equal(warp(plain.labels, view), read(evolved / split / row["labels_file_name"]))
+            np.testing.assert_array_equal(
+                warp(plain.labels, view), read_picture(evolved / split / row["labels_file_name"])
+            )
 
 
 def test_a_complete_dataset_stays_and_other_settings_are_refused(evolved, capsys):
@@ -141,7 +139,7 @@ def test_the_card_describes_the_dataset(evolved):
         "lane separator",
     ):
         assert words in card
-    assert read(evolved / "contact-sheet.png").shape[1] > 800
+    assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
 
 
 @pytest.mark.parametrize("name", NAMES[:3])
@@ -200,10 +198,10 @@ def test_hugging_face_datasets_loads_it(evolved, tmp_path, monkeypatch):
     assert {split: len(part) for split, part in loaded.items()} == {"train": 12, "validation": 4, "test": 4}
     for split, part in loaded.items():
         for sample, row in zip(part, rows_of(evolved, split), strict=True):
-            labels = read(evolved / split / row["labels_file_name"])
+            labels = read_picture(evolved / split / row["labels_file_name"])
             np.testing.assert_array_equal(np.array(sample["labels"]), labels)
             np.testing.assert_array_equal(
-                np.array(sample["image"])[..., ::-1], read(evolved / split / row["image_file_name"])
+                np.array(sample["image"])[..., ::-1], read_picture(evolved / split / row["image_file_name"])
             )
             assert sample["codes"] == row["codes"]
             assert sample["transform"]["matrix"] == row["transform"]["matrix"]
@@ -253,27 +251,17 @@ def test_pycocotools_loads_it(given):
         loaded = coco.COCO(str(out / "annotations" / f"{split}.json"))
         assert len(loaded.getImgIds()) == count
         for image in loaded.loadImgs(loaded.getImgIds()):
-            labels = read(out / "labels" / split / image["file_name"])
-            assert read(out / "images" / split / image["file_name"]).shape[:2] == (image["height"], image["width"])
+            labels = read_picture(out / "labels" / split / image["file_name"])
+            assert read_picture(out / "images" / split / image["file_name"]).shape[:2] == (
+                image["height"],
+                image["width"],
+            )
             found = np.zeros_like(labels)
             for one in loaded.loadAnns(loaded.getAnnIds(image["id"])):
                 mask = loaded.annToMask(one)
                 assert mask.sum() == one["area"]
                 found[mask > 0] = one["category_id"]
             np.testing.assert_array_equal(found, labels)
-
-
-def test_mmsegmentation_loads_it(given):
-    mmseg = pytest.importorskip("mmseg.datasets")  # needs all of PyTorch, so it is not among the tests' packages
-    for split, count in (("train", 6), ("val", 3), ("test", 3)):
-        prefix = {"img_path": f"img_dir/{split}", "seg_map_path": f"ann_dir/{split}"}
-        loaded = mmseg.BaseSegDataset(
-            data_root=str(given / "mmseg"), img_suffix=".png", data_prefix=prefix, metainfo={"classes": LABELS}
-        )
-        assert len(loaded) == count
-        for sample in loaded:
-            annotated = mmseg.transforms.LoadAnnotations()(dict(sample))
-            np.testing.assert_array_equal(annotated["gt_seg_map"], read(sample["seg_map_path"]))
 
 
 def test_mmsegmentation_finds_pairs(given):
@@ -284,10 +272,10 @@ def test_mmsegmentation_finds_pairs(given):
         assert len(images) == count
         assert images == sorted(file.name for file in (out / "ann_dir" / split).iterdir())
         for name in images:
-            annotation = read(out / "ann_dir" / split / name)
+            annotation = read_picture(out / "ann_dir" / split / name)
             assert annotation.dtype == np.uint8
             assert annotation.ndim == 2
-            assert annotation.shape == read(out / "img_dir" / split / name).shape[:2]
+            assert annotation.shape == read_picture(out / "img_dir" / split / name).shape[:2]
 
 
 def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
@@ -295,7 +283,7 @@ def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
     shutil.copytree(default_tiles(), tmp_path / "tiles")
     for place in (tmp_path / "tiles").iterdir():
         if place.is_dir():
-            size = read(place / "image.png").shape[0]
+            size = read_picture(place / "image.png").shape[0]
             disc = cv2.circle(np.zeros((size, size), np.uint8), (size // 4, size // 3), size // 10, 255, -1)
             cv2.imwrite(str(place / "cones.png"), disc)
             (place / "points.json").write_text(json.dumps({"cone": [[size // 4 + 0.5, size // 3 + 0.5]]}))
@@ -304,7 +292,7 @@ def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
     rows = rows_of(tmp_path / "out", "train")
     assert len(rows) == 3
     for row in rows:
-        mask = read(tmp_path / "out" / "train" / row["folder"] / "cones.png")
+        mask = read_picture(tmp_path / "out" / "train" / row["folder"] / "cones.png")
         assert set(np.unique(mask)) == {0, 255}
         _, _, boxes, centres = cv2.connectedComponentsWithStats(mask)
         height, width = mask.shape
@@ -399,26 +387,6 @@ def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
     found = int(message.split("elitelanes: found ")[1].split()[0])
     assert 10 <= found < 44
     assert f"{found} different ones of 44 maps of 3 x 4 tiles; larger sizes, more evaluations or fewer maps" in message
-
-
-def test_a_second_run_is_refused(tmp_path):
-    out = tmp_path / "out"
-    with output_folder(out, {}), pytest.raises(InputError, match="out: expected no other run at work in it, got one"):
-        make_dataset(small(), out, maps=random_maps())
-
-
-def test_folders_with_other_files_are_left_alone(tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.txt").write_text("mine")
-    (tmp_path / "file").write_text("mine")
-    for out, message in (
-        ("out", "got one with files in it"),
-        ("file", "got a file"),
-        ("file/deeper", "not a directory"),
-    ):
-        with pytest.raises(InputError, match=message):
-            make_dataset(small(), tmp_path / out, maps=random_maps())
-    assert files(tmp_path) == {"out/thesis.txt": b"mine", "file": b"mine"}
 
 
 def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):

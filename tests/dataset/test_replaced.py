@@ -5,7 +5,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-from given_maps import files, random_maps, small
+from folders import files
+from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.folders import output_folder

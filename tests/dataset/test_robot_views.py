@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from folders import files
 from pages import blocks
 
 from elitelanes_jax._util.errors import InputError
@@ -115,10 +116,6 @@ def make(out, workers=1, **more):
     return make_dataset(spec, out, workers=workers, maps=[RoadMap(TOWN)] * 4)
 
 
-def contents(folder):
-    return {str(file.relative_to(folder)): file.read_bytes() for file in sorted(folder.rglob("*")) if file.is_file()}
-
-
 @pytest.mark.parametrize("layout", ["imagefolder", "coco", "mmseg", "plain"])
 def test_datasets_of_all_layouts_have_poses_in_their_metadata(layout, tmp_path):
     about = make(tmp_path / "one", format=layout)
@@ -177,7 +174,7 @@ def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, monkeypatch)
         with pytest.raises(OSError, match="No space"):
             make(tmp_path / "parts")
     make(tmp_path / "parts", 2)
-    assert contents(tmp_path / "whole") == contents(tmp_path / "parts")
+    assert files(tmp_path / "whole") == files(tmp_path / "parts")
 
 
 def test_what_is_wrong_with_a_camera_is_named(tmp_path):

@@ -139,23 +139,6 @@ def test_reading():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("turn=3", "expected some of none, standard"),
-        ("rotation", "expected some of none, standard"),
-        ("rotation=fast", "rotation: expected a number, 0 to 180, got 'fast'"),
-        ("rotation=200", "rotation: expected a number, 0 to 180, got '200'"),
-        ("scale=2..1", "scale: expected a factor, or the smallest and the largest such as 0.5..1.5, got '2..1'"),
-        ("noise=nan", "noise: expected a number, 0 to 64, got 'nan'"),
-        ("crop=8", "crop: expected a whole number, 16 to 32767, got '8'"),
-    ],
-)
-def test_bad_words_are_named(text, said):
-    with pytest.raises(InputError, match=said):
-        parse_transforms([text])
-
-
-@pytest.mark.parametrize(
     ("change", "said"),
     [
         ({"scale": (0.0, 0.0)}, "scale: expected a number, 0.25 to 4, got 0.0"),

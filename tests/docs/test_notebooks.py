@@ -20,10 +20,6 @@ def text_of(output):
     return "".join([output.get("text", ""), *map(str, data.values())])
 
 
-def test_there_are_some():
-    assert [file.stem[:3] for file in NOTEBOOKS] == ["01_", "02_", "03_", "04_", "05_", "06_", "07_"]
-
-
 @each_notebook
 def test_kept_outputs_are_of_a_full_run_of_these_sources(file):
     notebook = nbformat.read(file, as_version=4)

@@ -77,11 +77,6 @@ def test_the_page_on_driving_leads_from_maps_to_a_film(tmp_path, monkeypatch, ca
     assert Path("trained.mp4").stat().st_size > 10_000
 
 
-def test_the_first_program_is_short():
-    (_, program), *_ = blocks(PAGES["README.md"], "python")
-    assert len(program.splitlines()) <= 10
-
-
 @pytest.mark.parametrize("page", [page for page in PAGES if commands(PAGES[page])])
 def test_commands_are_accepted(page, tmp_path, monkeypatch):
     """Values of options are checked too, with files of the names that pages use."""

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from folders import files
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
@@ -50,10 +51,6 @@ def unfinished(compared, tmp_path):
 def rows_of(folder):
     with (folder / "results.csv").open() as file:
         return list(csv.DictReader(file))
-
-
-def contents(folder):
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
 def test_holm_is_the_rule_one_after_another():
@@ -110,7 +107,7 @@ def test_every_reading_has_valid_settings_and_differs():
 
 
 def test_a_study_writes_tables_plots_and_its_runs(compared):
-    assert set(contents(compared)) == {
+    assert set(files(compared)) == {
         "settings.json", SEARCHED, SEARCHED.replace("json", "npz"), COLLAPSED,
         "results.csv", "tables.md", "timing.md", "comparison.png", "comparison.pdf", "explore.html",
     }  # fmt: skip
@@ -181,7 +178,7 @@ def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, 
         patch.setattr(runs, "generate", interrupt)
         assert compare([*SMALL, "--out", str(out)]) == 130
     assert capsys.readouterr().err == "compare: interrupted; finished parts are kept; the same command continues\n"
-    assert set(contents(out)) == {"settings.json", SEARCHED, SEARCHED.replace("json", "npz")}
+    assert set(files(out)) == {"settings.json", SEARCHED, SEARCHED.replace("json", "npz")}
     # The kept run is used as it is: no search could take so long.
     rows, *rest = json.loads((out / SEARCHED).read_text())
     rows = [[*row[:-1], row[-1] | {"seconds": 12345.0}] for row in rows]
@@ -206,8 +203,8 @@ def test_maps_are_drawn_and_the_papers_figures_stand_beside_its_size(tmp_path):
     out = tmp_path / "out"
     assert compare(["--methods", "wfc", "--sizes", "12", "14", "--paper", "--out", str(out)]) == 0
     place = out / "maps_14x14" / "wfc"
-    assert set(contents(place)) == {"image.png", "road.png", "red.png", "yellow.png", "labels.png", "map.json"}
-    assert {"comparison_12x12.png", "comparison_14x14.pdf"} < set(contents(out))
+    assert set(files(place)) == {"image.png", "road.png", "red.png", "yellow.png", "labels.png", "map.json"}
+    assert {"comparison_12x12.png", "comparison_14x14.pdf"} < set(files(out))
     assert json.loads((out / "settings.json").read_text())["seeds"] == 4
     of_12, of_14 = (out / "tables.md").read_text().split("# 14 x 14 tiles")
     assert "| *paper* | 4.75" in of_12
@@ -260,7 +257,7 @@ def test_a_users_mistake_is_one_line_and_exit_code_2(command, arguments, message
 
 
 def test_results_of_other_settings_are_left_alone(compared, tmp_path, capsys):
-    before = contents(compared)
+    before = files(compared)
     with_maps = [argument for argument in SMALL if argument != "--no-maps"]
     for arguments, message in (
         ([*SMALL, "--seeds", "4"], "expected results of seeds 4, got some of 3; choose another folder for these"),
@@ -269,7 +266,7 @@ def test_results_of_other_settings_are_left_alone(compared, tmp_path, capsys):
     ):
         assert compare([*arguments, "--out", str(compared)]) == 2
         assert message in capsys.readouterr().err
-    assert contents(compared) == before
+    assert files(compared) == before
     (tmp_path / "mine.txt").write_text("mine")
     assert compare([*SMALL, "--out", str(tmp_path)]) == 2
     assert "expected a folder that is new, or of the same settings, got another" in capsys.readouterr().err

@@ -180,10 +180,6 @@ def usual(usual):
     return usual
 
 
-def whole(usual):
-    return usual + 1
-
-
 def fractional(metrics, usual):
     return usual / 7 + metrics.tiles
 
@@ -195,7 +191,6 @@ def fractional(metrics, usual):
         ({"fitness": usual}, "int32", True, True),
         ({"where": ["crossings=6", "bridges=2"]}, "int32", True, True),
         ({"weights": {"symmetry": -1}}, "int32", True, False),
-        ({"fitness": whole}, "int32", False, False),
         ({"fitness": fractional}, "float32", False, False),
     ],
 )

@@ -11,6 +11,7 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+from folders import files
 from killed_runs import digest
 
 from elitelanes_jax._util.errors import InputError
@@ -85,10 +86,6 @@ def test_bad_requests_are_refused_before_anything_runs(tmp_path):
     assert [entry.name for entry in out.iterdir()] == ["mine.txt"]
 
 
-def contents(folder):
-    return {file.relative_to(folder): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
-
-
 class Pickling(Executor):
     """A worker that is given pickled calls, as one on another machine is, and dies at the call of a number."""
 
@@ -118,7 +115,7 @@ def test_workers_search_and_draw_the_dataset_of_one_machine(tmp_path, monkeypatc
     drawn = Pickling()
     make_dataset(spec, out, executor=drawn)
     assert drawn.calls.count("_evolve_on_worker") == 2
-    assert contents(out) == contents(tmp_path / "one")
+    assert files(out) == files(tmp_path / "one")
     make_dataset(spec, out, executor=(again := Pickling()))
     assert again.calls == []
 
@@ -197,4 +194,4 @@ def test_a_dataset_on_a_dask_cluster_whose_worker_is_killed(tmp_path):
             killed = killer.submit(kill_one)
             make_dataset(spec, out, executor=executor)
             killed.result()
-    assert contents(out) == contents(tmp_path / "one")
+    assert files(out) == files(tmp_path / "one")

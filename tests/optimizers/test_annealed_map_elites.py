@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from oracle import CERTIFICATES
 
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.metrics import measure
@@ -19,7 +18,6 @@ from elitelanes_jax.problem.descriptor import Axis, tuned_axes
 from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES
 from elitelanes_jax.search.evolution import evolve
-from experiments.search.check_archive import check, read_certificate
 
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 
@@ -51,13 +49,6 @@ def test_the_last_archive_holds_the_best_of_all_and_is_the_result():
     np.testing.assert_array_equal(elites.fitness, archives[-1])
     evaluation = problem.evaluate(elites.grids)
     np.testing.assert_array_equal(evaluation.fitness[elites.valid], elites.fitness[elites.valid])
-
-
-def test_no_elite_is_better_than_its_certificate():
-    archives = usual()[2][-1].archives
-    certified = read_certificate(CERTIFICATES, list(SHAPE), True)
-    found, faults = check(certified, archives.grids[-400:][archives.fitness[-400:] < VACANT], fill=True)
-    assert found and not faults
 
 
 def test_each_group_keeps_what_its_own_chains_found_and_nothing_else():

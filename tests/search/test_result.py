@@ -206,7 +206,7 @@ def saved(tmp_path_factory):
 
 @pytest.mark.usefixtures("any_types")
 @given(st.data())
-@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_whatever_a_file_says_it_is_read_or_refused(saved, data):
     about, arrays = unpack(saved)
     wrong = data.draw(spoilt(about))

@@ -49,24 +49,21 @@ every_method = pytest.mark.parametrize(
 )
 
 
-@every_method
-def test_shapes_and_types(method):
+def check_shapes_and_types(method, alone, many):
     places = {"ea": 20, "map-elites": 400, "pso": 40, "gwo": 42}[method]
-    alone = search(KEY, SHAPE, method=method, generations=7)
-    many = search(jax.random.split(KEY, 3), SHAPE, method=method, generations=7)
     for result, seeds in ((alone, ()), (many, (3,))):
         elites, history = result.elites, result.history
         chex.assert_shape(elites.grids, (*seeds, places, *SHAPE))
         chex.assert_shape([elites.fitness, elites.valid, *elites.metrics], (*seeds, places))
         chex.assert_shape(elites.descriptor, (*seeds, places, 5))
         chex.assert_type([elites.grids, elites.fitness, elites.valid], [jnp.int8, int, bool])
-        assert history.generation.tolist() == list(range(1, 8))
-        assert history.evaluations.tolist() == [40 * generation for generation in range(1, 8)]
-        assert history.best_fitness.shape == history.elite_count.shape == (*seeds, 7)
+        assert history.generation.tolist() == list(range(1, 51))
+        assert history.evaluations.tolist() == [40 * generation for generation in range(1, 51)]
+        assert history.best_fitness.shape == history.elite_count.shape == (*seeds, 50)
         assert (history.evaluations_per_second > 0).all()
         assert (history.best_fitness[..., -1] == elites.fitness.min(axis=-1)).all()
         assert result.best().shape == (*seeds, *SHAPE)
-        assert result.state.generation == 7
+        assert result.state.generation == 50
 
 
 @every_method
@@ -85,12 +82,13 @@ def test_stopped_and_continued_is_the_whole_run_and_a_seed_is_the_same_alone(met
     chex.assert_trees_all_equal(jax.tree.map(lambda array: array[2], whole.elites), alone.elites)
     np.testing.assert_array_equal(whole.history.best_fitness[2], alone.history.best_fitness)
     np.testing.assert_array_equal(whole.best()[2], alone.best())
+    check_shapes_and_types(method, alone, whole)
 
 
 def test_old_style_keys_are_keys():
     same(search(jax.random.PRNGKey(3), SHAPE, generations=3), search(KEY, SHAPE, generations=3))
-    many = search(jax.random.key_data(jax.random.split(KEY, 2)), SHAPE, generations=3)
-    same(many, search(jax.random.split(KEY, 2), SHAPE, generations=3))
+    keys = jax.random.split(KEY, 3)
+    same(search(jax.random.key_data(keys), SHAPE, generations=3), search(keys, SHAPE, generations=3))
 
 
 def test_metrics_are_those_of_the_grids():
@@ -307,32 +305,21 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"seeds": 2}, "seeds: expected none with keys, .*, got 2"),
         ({"key": jnp.zeros(3)}, "key: expected a whole number, a jax.random.key"),
         ({"key": jax.random.split(KEY, (2, 2))}, r"key: expected one key or keys \[S\]"),
-        ({"shape": (1, 5)}, "shape: expected sides from 2 to 1024 for new maps, got 1 x 5"),
-        ({"method": "annealing"}, "method: expected one of map-elites, ea, pso, gwo, got 'annealing'"),
-        ({"preset": "best"}, "preset: expected one of tuned, paper, standard, irregular for map-elites, got 'best'"),
         ({"presets": "paper"}, "presets: expected one of .*method, .*, got 'presets'; is it preset?"),
         (
             {"method": "map-elites", "config": EvolutionConfig()},
             "config: expected one of map-elites, got Evolution",
         ),
         ({"config": 3}, "config: expected one of AnnealedMapElitesConfig, .*, got int"),
-        ({"generations": -1}, "generations: expected a whole number, 0 or more, got -1"),
         ({"generations": 2.5}, "generations: expected a whole number, 0 or more, got 2.5"),
         ({"generations": None, "evaluations": 1.5}, "evaluations: expected a whole number, 0 or more, got 1.5"),
-        ({"evaluations": 5}, "generations: expected it or evaluations, got both, 1 and 5"),
         ({"alphabet": [3, 99]}, "alphabet: expected tile codes, whole numbers 0 to 15, got 99"),
         ({"weights": Weights(bridges=0.1)}, "weights: expected NAME=N with a whole number, .* got 'bridges=0.1'"),
         ({"weights": {"speed": 1}}, "weights: expected a metric such as dead_ends, or constant, got 'speed'"),
         ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
-        ({"axes": [Axis("luck", 2)]}, "axes 'luck': expected a metric, or a share"),
         ({"axes": [Axis("crossings", 3, target=3)]}, "axes 'crossings': expected target to be a bin, 0 to 2"),
-        ({"rules": "luck"}, "rules: expected one of duckietown, got 'luck'"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
         ({"fill": "no"}, "fill: expected True or False, got 'no'"),
-        ({"fix": [[None] * 6] * 4}, "fix: expected cells of a map of 5 x 6, got 4 x 6"),
-        ({"initial": [np.zeros((4, 4), int)]}, "initial: expected maps of 5 x 6, got one of 4 x 4"),
-        ({"initial": [np.zeros(SHAPE, int)], "method": "pso"}, "initial: expected none with the paper's PSO"),
-        ({"initial": [np.zeros(SHAPE, int)] * 21}, "initial: expected at most 20 grids, the number a run starts from"),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
     ],
 )

@@ -153,7 +153,7 @@ def resolved(spec, **changed):
 
 
 @given(options())
-@settings(max_examples=400)
+@settings(max_examples=150)
 def test_all_ways_in_agree(drawn):
     given, names = drawn
     expected, replaced = (outcome(lambda make=make: make(**given)) for make in (SearchSpec, SearchSpec().replace))

@@ -1,5 +1,6 @@
 """Tile sets: the drawn one, the photographed one, and all that can be wrong with a folder."""
 
+import os
 import shutil
 import struct
 import zlib
@@ -111,10 +112,40 @@ def clear(folder, part):
     write(folder, "straight_1/road.png", mask)
 
 
-def sparse(file):
-    """Makes a file of 20 GB without a single block on the disk."""
-    with file.open("wb") as stream:
-        stream.truncate(20 * 2**30)
+def sparse(name):
+    """A file of 20 GB without a single block on the disk."""
+
+    def spoil(folder):
+        (folder / name).touch()
+        os.truncate(folder / name, 20 * 2**30)
+
+    return spoil
+
+
+def toml(text):
+    return lambda folder: (folder / "tileset.toml").write_text(text)
+
+
+def points(text):
+    return lambda folder: (folder / "turn_1" / "points.json").write_text(text)
+
+
+def drawn(name, picture):
+    return lambda folder: write(folder, name, picture)
+
+
+def image(content):
+    """Bytes, or a function from those that were there, in place of a tile's picture."""
+
+    def spoil(folder):
+        file = folder / "turn_1" / "image.png"
+        file.write_bytes(content if isinstance(content, bytes) else content(file.read_bytes()))
+
+    return spoil
+
+
+def without(pattern):
+    return lambda folder: [shutil.rmtree(place) for place in folder.glob(pattern)]
 
 
 def png(width, height, rows, cut=False):
@@ -132,220 +163,132 @@ def png(width, height, rows, cut=False):
     )
 
 
-SPOILS = {
-    "missing mask": (
+UNREADABLE = "turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read"
+SPOILS = [
+    (
         lambda folder: (folder / "turn_2" / "red.png").unlink(),
         r"turn_2: expected image.png, road.png, red.png and yellow.png, got no red.png",
     ),
-    "mask of another size": (
-        lambda folder: write(folder, "straight_1/road.png", np.zeros((100, 90), np.uint8)),
+    (
+        drawn("straight_1/road.png", np.zeros((100, 90), np.uint8)),
         r"straight_1/road.png: expected 384 x 384 pixels like image.png, got 90 x 100",
     ),
-    "mask with more values": (
-        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[0, 7, 9] * 128], np.uint8)),
+    (
+        drawn("turn_1/yellow.png", np.full((384, 384), [[0, 7, 9] * 128], np.uint8)),
         r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 3: 0, 7, 9",
     ),
-    "mask without zero": (
-        lambda folder: write(folder, "turn_1/yellow.png", np.full((384, 384), [[1, 255] * 192], np.uint8)),
+    (
+        drawn("turn_1/yellow.png", np.full((384, 384), [[1, 255] * 192], np.uint8)),
         r"turn_1/yellow.png: expected a mask of two values, 0 and one other, got 2: 1, 255",
     ),
-    "mask in colours": (
-        lambda folder: write(folder, "turn_1/red.png", np.full((384, 384, 3), [0, 0, 255], np.uint8)),
+    (
+        drawn("turn_1/red.png", np.full((384, 384, 3), [0, 0, 255], np.uint8)),
         r"turn_1/red.png: expected a grey mask, got one in colours",
     ),
-    "unreadable picture": (
+    (
         lambda folder: (folder / "crossing4_1" / "image.png").write_bytes(b"no picture"),
         r"crossing4_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
     ),
-    "truncated picture": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
-            (folder / "turn_1" / "image.png").read_bytes()[:9000]
-        ),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    "damaged picture": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(
-            (folder / "turn_1" / "image.png").read_bytes().replace(b"\x55", b"\x56")
-        ),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    "empty file": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(b""),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    "sixteen bits": (
-        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 384, 3), np.uint16)),
+    (image(lambda before: before[:9000]), UNREADABLE),
+    (image(lambda before: before.replace(b"\x55", b"\x56")), UNREADABLE),
+    (image(b""), UNREADABLE),
+    (
+        drawn("turn_1/image.png", np.zeros((384, 384, 3), np.uint16)),
         r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got uint16",
     ),
-    "oblong picture": (
-        lambda folder: write(folder, "turn_1/image.png", np.zeros((384, 300, 3), np.uint8)),
+    (
+        drawn("turn_1/image.png", np.zeros((384, 300, 3), np.uint8)),
         r"turn_1/image.png: expected a square picture, got 300 x 384 pixels",
     ),
-    "no crossings": (
-        lambda folder: [shutil.rmtree(place) for place in folder.glob("crossing*")],
-        r"expected tiles of every kind a map needs .*, got no crossing",
-    ),
-    "no straights": (
-        lambda folder: [shutil.rmtree(place) for place in folder.glob("straight*")],
-        r"expected tiles of every kind a map needs .*, got no straight",
-    ),
-    "no tiles": (
-        lambda folder: [shutil.rmtree(place) for place in folder.glob("*_*")],
-        r"got no straight and no turn and no crossing",
-    ),
-    "misspelt folder": (
+    (without("crossing*"), r"expected tiles of every kind a map needs .*, got no crossing"),
+    (without("straight*"), r"expected tiles of every kind a map needs .*, got no straight"),
+    (without("*_*"), r"got no straight and no turn and no crossing"),
+    (
         lambda folder: (folder / "turn_1").rename(folder / "trun_1"),
         r"trun_1: expected a folder <kind>_<number>, the kind one of turn, straight, crossing3, crossing4, end",
     ),
-    "bad toml": (
-        lambda folder: (folder / "tileset.toml").write_text("name ="),
-        r"tileset.toml: expected a readable TOML file, got: ",
-    ),
-    "nested toml": (
-        lambda folder: (folder / "tileset.toml").write_text("name = " + "[" * 10_000),
-        r"tileset.toml: expected a readable TOML file, got: ",
-    ),
-    "toml with a number of 10,000 digits": (
-        lambda folder: (folder / "tileset.toml").write_text("name = " + "9" * 10_000),
-        r"tileset.toml: expected a readable TOML file, got: Exceeds the limit",
-    ),
-    "toml with a table in a table in a table": (
-        lambda folder: (folder / "tileset.toml").write_text("name" + ".a" * 5_000 + " = 1"),
-        r"tileset.toml: expected name to be text, got {'a': {'a': .{0,80}$",
-    ),
-    "large toml": (
-        lambda folder: sparse(folder / "tileset.toml"),
-        r"tileset.toml: expected a file of at most 64 KiB, got a larger one",
-    ),
-    "large picture": (
-        lambda folder: sparse(folder / "turn_1" / "image.png"),
-        r"turn_1/image.png: expected a file of at most 72 MiB, got a larger one",
-    ),
-    "large points": (
-        lambda folder: sparse(folder / "turn_1" / "points.json"),
-        r"turn_1/points.json: expected a file of at most 8 MiB, got a larger one",
-    ),
-    "name no text": (
-        lambda folder: (folder / "tileset.toml").write_text("name = 3"),
-        r"tileset.toml: expected name to be text, got 3",
-    ),
-    "opens no table": (
-        lambda folder: (folder / "tileset.toml").write_text("opens = 3"),
-        r"tileset.toml: expected a table \[opens\], got 3",
-    ),
-    "opens a tile that is not there": (
-        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn_9 = "SW"'),
-        r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'",
-    ),
-    "sides no text": (
-        lambda folder: (folder / "tileset.toml").write_text("[opens]\nturn_1 = true\nturn = 5"),
+    (toml("name ="), r"tileset.toml: expected a readable TOML file, got: "),
+    (toml("name = " + "[" * 10_000), r"tileset.toml: expected a readable TOML file, got: "),
+    (toml("name = " + "9" * 10_000), r"tileset.toml: expected a readable TOML file, got: Exceeds the limit"),
+    (toml("name" + ".a" * 5_000 + " = 1"), r"tileset.toml: expected name to be text, got {'a': {'a': .{0,80}$"),
+    (sparse("tileset.toml"), r"tileset.toml: expected a file of at most 64 KiB, got a larger one"),
+    (sparse("turn_1/image.png"), r"turn_1/image.png: expected a file of at most 72 MiB, got a larger one"),
+    (sparse("turn_1/points.json"), r"turn_1/points.json: expected a file of at most 8 MiB, got a larger one"),
+    (toml("name = 3"), r"tileset.toml: expected name to be text, got 3"),
+    (toml("opens = 3"), r"tileset.toml: expected a table \[opens\], got 3"),
+    (toml('[opens]\nturn_9 = "SW"'), r"tileset.toml: \[opens\]: expected a tile of the set, got 'turn_9'"),
+    (
+        toml("[opens]\nturn_1 = true\nturn = 5"),
         r"tileset.toml: expected turn_1 to open 2 sides that meet, as letters of NESW, got True",
     ),
-    "misspelt key": (
-        lambda folder: (folder / "tileset.toml").write_text('license = "MIT"'),
-        r"tileset.toml: expected the keys name, licence, blend, opens, got 'license'",
-    ),
-    "a word for blend": (
-        lambda folder: (folder / "tileset.toml").write_text('blend = "off"'),
-        "tileset.toml: expected blend to be true or false, got 'off'",
-    ),
-    "masks without a picture in a misspelt folder": (
+    (toml('license = "MIT"'), r"tileset.toml: expected the keys name, licence, blend, opens, got 'license'"),
+    (toml('blend = "off"'), "tileset.toml: expected blend to be true or false, got 'off'"),
+    (
         lambda folder: (
             [(folder / "turn_1" / f"{name}.png").unlink() for name in ("image", "red")],
             (folder / "turn_1").rename(folder / "Turn_1"),
         ),
         r"Turn_1: expected a folder <kind>_<number>",
     ),
-    "no pixels": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(0, 0, b"")),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    "pixels without end": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(60_000, 60_000, b"\0" * 99)),
-        r"turn_1/image.png: .* got one that cannot be read: it has 60000 x 60000 pixels, not 1 to 4096 a side",
-    ),
-    "fewer pixels than announced": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 71)),
-        r"turn_1/image.png: .* got one that cannot be read: it is damaged or unfinished",
-    ),
-    "more pixels than announced": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 10**6)),
-        r"turn_1/image.png: .* got one that cannot be read: it is damaged or unfinished",
-    ),
-    "pixels that stop short": (
-        lambda folder: (folder / "turn_1" / "image.png").write_bytes(png(8, 8, b"\0" * 99, cut=True)),
-        r"turn_1/image.png: expected a PNG picture of 8 bits a channel, got one that cannot be read",
-    ),
-    "a mask of one's own of another size": (
-        lambda folder: write(folder, "turn_1/cones.png", np.zeros((100, 90), np.uint8)),
+    (image(png(0, 0, b"")), UNREADABLE),
+    (image(png(60_000, 60_000, b"\0" * 99)), UNREADABLE + ": it has 60000 x 60000 pixels, not 1 to 4096 a side"),
+    (image(png(8, 8, b"\0" * 71)), UNREADABLE + ": it is damaged or unfinished"),
+    (image(png(8, 8, b"\0" * 10**6)), UNREADABLE + ": it is damaged or unfinished"),
+    (image(png(8, 8, b"\0" * 99, cut=True)), UNREADABLE),
+    (
+        drawn("turn_1/cones.png", np.zeros((100, 90), np.uint8)),
         r"turn_1/cones.png: expected 384 x 384 pixels like image.png, got 90 x 100",
     ),
-    "a mask named as a map's labels": (
-        lambda folder: write(folder, "turn_1/labels.png", np.zeros((384, 384), np.uint8)),
+    (
+        drawn("turn_1/labels.png", np.zeros((384, 384), np.uint8)),
         r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, got 'labels'",
     ),
-    "a mask named as another in capitals": (
-        lambda folder: write(folder, "turn_1/Road.png", np.zeros((384, 384), np.uint8)),
+    (
+        drawn("turn_1/Road.png", np.zeros((384, 384), np.uint8)),
         r"turn_1/Road.png: expected a mask's name in small letters, .*, got 'Road'",
     ),
-    "points that are no JSON": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text("{"),
-        r"turn_1/points.json: expected a readable JSON file, got: ",
-    ),
-    "points without names": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text("[[1, 2]]"),
-        r'turn_1/points.json: expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]',
-    ),
-    "points that are none": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 2], [true, 4]]}'),
+    (points("{"), r"turn_1/points.json: expected a readable JSON file, got: "),
+    (points("[[1, 2]]"), r'turn_1/points.json: expected points by name, {"name": \[\[x, y\], ...\]}, got \[\[1, 2\]\]'),
+    (
+        points('{"cones": [[1, 2], [true, 4]]}'),
         r"turn_1/points.json: 'cones': expected points \[x, y\], got \[true, 4\]",
     ),
-    "points that are not listed": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": 3}'),
-        r"turn_1/points.json: 'cones': expected points \[x, y\], got 3",
-    ),
-    "points without end": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, NaN]]}'),
-        r"turn_1/points.json: 'cones': expected points \[x, y\], got \[1, NaN\]",
-    ),
-    "points outside": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 384.5]]}'),
+    (points('{"cones": 3}'), r"turn_1/points.json: 'cones': expected points \[x, y\], got 3"),
+    (points('{"cones": [[1, NaN]]}'), r"turn_1/points.json: 'cones': expected points \[x, y\], got \[1, NaN\]"),
+    (
+        points('{"cones": [[1, 384.5]]}'),
         r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 384.5\]",
     ),
-    "points far outside": (
-        lambda folder: (folder / "turn_1" / "points.json").write_text('{"cones": [[1, 1%s]]}' % ("0" * 400)),
+    (
+        points('{"cones": [[1, 1%s]]}' % ("0" * 400)),
         r"turn_1/points.json: 'cones': expected points within 384 x 384 pixels, got \[1, 10000",
     ),
-    "a road that ends short of a side": (
+    (
         lambda folder: clear(folder, np.s_[:3]),
         r"straight_1/road.png: expected the road to reach the side N, which the tile opens \(see \[opens\] in "
         r"tileset.toml\), got road on 0 of its 384 pixels; it ends 3 pixels short of it",
     ),
-    "a road to a closed side": (
+    (
         lambda folder: (folder / "crossing3_1" / "road.png").write_bytes(
             (folder / "crossing4_1" / "road.png").read_bytes()
         ),
         r"crossing3_1/road.png: expected the road to end before the side E \(see .*\), got road on 284 of its 384",
     ),
-    "opens unknown": (
-        lambda folder: (folder / "tileset.toml").write_text('[opens]\nbridge = "NS"'),
-        r"tileset.toml: expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'",
-    ),
-    "a turn that is straight": (
-        lambda folder: (folder / "tileset.toml").write_text('[opens]\nturn = "NS"'),
+    (toml('[opens]\nbridge = "NS"'), r"tileset.toml: expected in \[opens\] kinds \(turn, .*\) or tiles, got 'bridge'"),
+    (
+        toml('[opens]\nturn = "NS"'),
         r"tileset.toml: expected turn to open 2 sides that meet, as letters of NESW, got 'NS'",
     ),
-    "sides that are none": (
-        lambda folder: (folder / "tileset.toml").write_text('[opens]\nstraight_2 = "NX"'),
+    (
+        toml('[opens]\nstraight_2 = "NX"'),
         r"tileset.toml: expected straight_2 to open 2 sides that face each other, as letters of NESW, got 'NX'",
     ),
-}
+]
 
 
-@pytest.mark.parametrize("spoil", SPOILS)
-def test_what_is_wrong_is_named(spoil, folder, capfd):
-    damage, message = SPOILS[spoil]
-    damage(folder)
+@pytest.mark.parametrize(("spoil", "message"), SPOILS)
+def test_what_is_wrong_is_named(spoil, message, folder, capfd):
+    spoil(folder)
     with pytest.raises(ValueError, match=message):
         load_tiles(folder)
     assert not "".join(capfd.readouterr()), "libraries keep silent"

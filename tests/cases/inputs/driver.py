@@ -1,0 +1,3 @@
+import numpy
+
+NET = numpy.load("driver.npz")
