@@ -18,6 +18,7 @@ from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.roads import linked_codes
 
 # As gym-duckietown draws them: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
@@ -149,17 +150,7 @@ def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDA
 
 def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
     """Lists the movements of a map: row, column, heading and turn."""
-    return np.argwhere(MOVEMENTS[_linked(codes)])
-
-
-def _linked(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:
-    """Removes the connections that the neighbour does not return."""
-    height, width = codes.shape
-    padded, kept = np.pad(codes, 1), np.zeros_like(codes)
-    for bit, _, _, down, right, opposite in SIDES:
-        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-        kept |= np.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
-    return kept
+    return np.argwhere(MOVEMENTS[linked_codes(codes)])
 
 
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:

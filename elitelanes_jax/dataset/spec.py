@@ -10,9 +10,9 @@ from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, r
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.dataset._given import GivenMaps, parse_given
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.maps.given import GivenMaps, parse_given
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.spec import SearchSpec
 

@@ -18,14 +18,10 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
 from numpy.typing import NDArray
 
+from elitelanes_jax.network import roads
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
-
-LANE_OFFSET = 0.2
-"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
-
-HALF_ROAD = 0.222 / 0.585
-"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
+from elitelanes_jax.network.roads import LANE_OFFSET
 
 TURNS = ("right", "straight", "left")
 """The turns of a movement by their indices."""
@@ -209,27 +205,14 @@ def on_road(
 ) -> Bool[Array, "..."]:
     """Tells whether a point lies on the road of its tile, between the inner edges of the white tape.
 
-    The road keeps away from closed sides and from the corners between open ones. On a turn it is a ring about the
-    corner between its sides. A stub's road ends as far from the closed sides.
+    See `network.roads.on_road`.
 
     Args:
       code: of the tile.
       east: tiles from its western side, 0 to 1.
       south: tiles from its northern side, 0 to 1.
     """
-    code, east, south = jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)
-    edge = 0.5 - HALF_ROAD
-    depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north
-    opens = [(code & side.bit) > 0 for side in SIDES]
-    road = (code > 0) & (code < 16)
-    for depth, is_open in zip(depths, opens, strict=True):
-        road &= is_open | (depth >= edge)
-    for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        square = depths[one] * depths[one] + depths[other] * depths[other]
-        only_these = code == SIDES[one].bit | SIDES[other].bit
-        road &= ~(opens[one] & opens[other]) | (square >= edge * edge)
-        road &= ~only_these | (square <= (1 - edge) * (1 - edge))
-    return road
+    return jnp.asarray(roads.on_road(jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)))
 
 
 def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:
