@@ -17,11 +17,6 @@ from elitelanes_jax.cli.program import say
 
 _CONTINUES = "what is complete stays, and the same command continues from there"
 
-_EXAMPLE = """example:
-  elitelanes generate --size 9 9 --maps 40 --out maps
-  elitelanes pack maps --to duckietown nav2 movingai --out packed
-"""
-
 
 def add_pack(commands: Commands) -> None:
     """Adds the command to a parser's."""
@@ -32,8 +27,6 @@ def add_pack(commands: Commands) -> None:
         help="maps for other programs, with splits, trips and checksums",
         description="Writes a folder with maps for other programs, splits that share no niche, and trips with their "
         "exact lengths. Interrupted or killed, it continues when it is started again.",
-        epilog=_EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
         "sources",

@@ -1,9 +1,13 @@
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
+from .gltf import to_gltf as to_gltf
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .movingai import to_movingai as to_movingai
+from .mujoco import to_mjcf as to_mjcf
+from .nav2 import to_nav2 as to_nav2
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
