@@ -17,7 +17,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop mujoco pack-town pack-paper pack-city pack-hard rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -68,7 +68,7 @@ rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
 # The simulators that read our maps.
-simulators: mujoco
+simulators: mujoco pogema
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
 # it ended. Maps that are hard for drivers have long detours and few loops (experiments/navigation).
@@ -91,6 +91,16 @@ results/packs/%: $(PROGRAM)
 # MuJoCo and trimesh; MuJoCo draws by EGL, without a display (Debian's libegl1).
 mujoco: .venv-mujoco/.ready
 	.venv-mujoco/bin/python -m pytest -m slow tests/formats/test_floor.py
+
+# POGEMA, called from ours as a program.
+pogema: $(READY) .venv-pogema/.ready
+	$(BIN)/python -m pytest -m slow tests/formats/test_robots_maps.py
+
+.venv-pogema/.ready:
+	rm -rf .venv-pogema
+	$(PYTHON) -m venv .venv-pogema
+	.venv-pogema/bin/python -m pip install --quiet --disable-pip-version-check pogema==1.4.0
+	touch $@
 
 EXTRAS-mujoco := dev,mujoco
 EXTRAS-sumo := dev,plots,sumo

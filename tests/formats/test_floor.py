@@ -101,9 +101,10 @@ def city(number, largest=24):
 @pytest.mark.slow
 def test_trimesh_reads_the_floor_as_it_was_written():
     trimesh = pytest.importorskip("trimesh")
-    for number in range(100):
+    for number in range(1000):
         codes = city(number)
-        scene = trimesh.load(io.BytesIO(FORMATS["gltf"].files(RoadMap(codes), "city").contents[0]), file_type="glb")
+        (made,) = FORMATS["gltf"].files(RoadMap(codes), "city", tile_px=16).contents
+        scene = trimesh.load(io.BytesIO(made), file_type="glb")
         (floor,) = scene.geometry.values()
         height, width = codes.shape
         np.testing.assert_allclose(floor.bounds, [[0, 0, -height * TILE], [width * TILE, 0, 0]], atol=1e-5)
@@ -112,7 +113,7 @@ def test_trimesh_reads_the_floor_as_it_was_written():
         np.testing.assert_allclose(floor.vertices[:, 0], east * width * TILE, atol=1e-5)
         np.testing.assert_allclose(-floor.vertices[:, 2], north * height * TILE, atol=1e-5)
         np.testing.assert_array_equal(
-            np.asarray(floor.visual.material.baseColorTexture), render(codes, tile_px=64, seed=0).image
+            np.asarray(floor.visual.material.baseColorTexture), render(codes, tile_px=16, seed=0).image
         )
 
 
@@ -178,6 +179,18 @@ def drive(mujoco, model, data, points, height, taken):
         data.ctrl[:] = (SPEED + np.array([-1, 1]) * turn * WHEEL_DISTANCE / 2) / WHEEL_RADIUS
         mujoco.mj_step(model, data, round(RATE / model.opt.timestep))
     raise AssertionError("the goal was not reached")
+
+
+@pytest.mark.slow
+def test_mujoco_loads_maps_and_the_robot_stands_on_its_wheels(mujoco):
+    for number in range(1000):
+        model, data = load(mujoco, city(number), 16)
+        mujoco.mj_forward(model, data)
+        before = data.body("robot").xpos.copy()
+        mujoco.mj_step(model, data, 100)
+        np.testing.assert_allclose(data.body("robot").xpos, before, atol=1e-3)
+        assert data.body("robot").xmat[8] > 0.999  # upright
+        assert before[2] == WHEEL_RADIUS and not data.warning.number.any()
 
 
 @pytest.mark.slow
