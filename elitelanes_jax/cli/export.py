@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
@@ -15,6 +15,9 @@ from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
+
+if TYPE_CHECKING:
+    from elitelanes_jax.formats.streets import Streets
 
 # Formats import slow modules when they run.
 
@@ -46,14 +49,29 @@ def _graphml(codes: AnyArray, reduced: bool) -> _Files:
     return _Files((to_graphml((reduced_graph if reduced else tile_graph)(codes)),))
 
 
-def _sumo(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
-    from elitelanes_jax.formats.sumo import Streets, network, plain_xml
+def _sumo(codes: AnyArray, **measures: UserValue) -> _Files:
+    from elitelanes_jax.formats.sumo import network
 
-    streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
-    if to == "plain":
-        return _Files(plain_xml(codes, streets))
-    text, warnings = network(codes, to, streets)
+    text, warnings = network(codes, _streets(measures))
     return _Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
+
+
+def _sumo_plain(codes: AnyArray, **measures: UserValue) -> _Files:
+    from elitelanes_jax.formats.sumo import plain_xml
+
+    return _Files(plain_xml(codes, _streets(measures)))
+
+
+def _network(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
+    from elitelanes_jax import formats
+
+    return _Files((getattr(formats, f"to_{to}")(codes, _streets(measures)),))
+
+
+def _streets(measures: dict[str, UserValue]) -> "Streets":
+    from elitelanes_jax.formats.streets import Streets
+
+    return Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
 
 
 _STREETS = ("tile_size", "lane", "speed", "right_of_way")
@@ -64,9 +82,9 @@ FORMATS = {
     "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
     "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": _Format((".graphml",), partial(_graphml, reduced=True)),
-    "sumo": _Format((".net.xml",), partial(_sumo, to="net"), _STREETS),
-    "sumo-plain": _Format(_PLAIN, partial(_sumo, to="plain"), _STREETS),
-    "opendrive": _Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
+    "sumo": _Format((".net.xml",), _sumo, _STREETS),
+    "sumo-plain": _Format(_PLAIN, _sumo_plain, _STREETS),
+    "opendrive": _Format((".xodr",), partial(_network, to="opendrive"), _STREETS),
 }
 TABLES = ("json", "csv")
 

@@ -4,12 +4,13 @@ from .duckietown import without_dead_ends as without_dead_ends
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .opendrive import to_opendrive as to_opendrive
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
 from .road_map import read_map as read_map
 from .road_map import read_maps as read_maps
-from .sumo import Streets as Streets
+from .streets import Streets as Streets
 from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
 from .svg import draw_svg as draw_svg
