@@ -2,42 +2,25 @@
 
 Roads lead from crossing to crossing along the middle of straights and turns, with a lane on each side. A crossing is a
 junction as large as its tile, with a connecting road for each movement. Cars turn back at dead ends, in junctions with
-one connecting road. A ring is two roads.
+one connecting road. A road back to its own crossing has a junction halfway, a ring has two.
 
 OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of twice `_INSET`.
 """
 
 import math
-import xml.etree.ElementTree as ET
-from itertools import pairwise
 from typing import NamedTuple
 
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.streets import AHEAD, BACK, GEO_REFERENCE, Streets, Way, lanes, middle_of_side
-from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
+from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
+from elitelanes_jax.network.codes import SIDE_TOWARDS
 
-_INSET = 2.0**-11
-"""From the border of a crossing to its junction, in tiles, if the next tile is a crossing too.
-
-Where its lanes turn they are 0.0002 tiles out of place, 6 mm on tiles of 30 m.
-"""
-
-_SIGNS = {  # by right of way: country, type, dynamic
-    "allway_stop": ("DE", "206", "no"),
-    "traffic_light": ("OpenDRIVE", "1000001", "yes"),
+_SIGNS = {  # by right of way
+    "allway_stop": 'country="DE" type="206" dynamic="no"',
+    "traffic_light": 'country="OpenDRIVE" type="1000001" dynamic="yes"',
 }
-
-
-class _Piece(NamedTuple):
-    """A line or an arc of a road's middle: where it starts, its heading, its length and its curvature, in tiles."""
-
-    start: complex
-    heading: int
-    length: float
-    curvature: float = 0.0
 
 
 class _End(NamedTuple):
@@ -47,9 +30,9 @@ class _End(NamedTuple):
     starts: bool
 
     @property
-    def link(self) -> dict[str, UserValue]:
+    def link(self) -> str:
         """The attributes of a link to it."""
-        return {"elementType": "road", "elementId": self.road, "contactPoint": "start" if self.starts else "end"}
+        return f'elementType="road" elementId="{self.road}" contactPoint="{"start" if self.starts else "end"}"'
 
     @property
     def lane_in(self) -> int:
@@ -75,216 +58,122 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
     network = lanes(codes)
     links = linked_tiles(codes)
     height, width = network.links.shape
-    junctions = {tile: number for number, tile in enumerate((tile for tile in links if len(links[tile]) != 2), 1)}
-    root = ET.Element("OpenDRIVE")
-    bounds = {"north": height * streets.tile, "south": 0, "east": width * streets.tile, "west": 0}
-    header = _add(root, "header", revMajor=1, revMinor=7, name="", version="1", **bounds)
-    _add(header, "geoReference").text = GEO_REFERENCE
-
-    roads = 0
+    nodes = {tile for tile in links if len(links[tile]) != 2}
+    for path in walk_roads(links, nodes):
+        if path[0] == path[-1]:
+            nodes |= {path[0], path[len(path) // 2]}
+    junctions = {tile: number for number, tile in enumerate(sorted(nodes), 1) if links[tile]}
+    roads: list[str] = []
     ends: dict[tuple[Cell, Cell], _End] = {}  # by the tile of a junction and the next tile of the road
-    for path in walk_roads(links, set(junctions)):
-        if path[0] in junctions:
-            roads += 1
-            ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(roads, True), _End(roads, False)
-            around = [{"elementType": "junction", "elementId": junctions[tile]} for tile in (path[0], path[-1])]
-            road = _add_road(root, roads, _name(path), _middle(path, links, height), around, streets)
-            _add_lanes(road, streets, {})
-            _add_signals(road, roads, [len(links[tile]) > 2 for tile in (path[0], path[-1])], streets)
-            continue
-        half = len(path) // 2
-        for part, step in ((path[-2:-1] + path[: half + 1], 1), (path[half - 1 :], -1)):
-            roads += 1
-            around = [_End(roads + step, False).link, _End(roads + step, True).link]
-            road = _add_road(root, roads, _name(part[1:]), _middle(part, links, height), around, streets)
-            _add_lanes(road, streets, {lane: (lane, lane) for lane in (1, -1)})
+    for number, path in enumerate(walk_roads(links, set(junctions)), 1):
+        ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
+        (row, column), (next_row, next_column) = path[:2]
+        name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
+        both = [junctions[path[end]] for end in (0, -1)]
+        signs = [len(links[path[end]]) > 2 for end in (0, -1)]
+        roads.append(_road(number, name, middle(path, links, height), both, signs, streets))
 
-    built = {tile: ET.Element("junction", id=str(junctions[tile]), name=f"{tile[0]}_{tile[1]}") for tile in junctions}
-    for way in network.ways:
-        if way.tile not in junctions:
-            continue
-        roads += 1
-        incoming, outgoing = ends[way.tile, way.before], ends[way.tile, way.after]
-        crossings = [len(links[way.tile]) > 2 and len(links[tile]) > 2 for tile in (way.before, way.after)]
-        pieces = _back(way, streets, height) if way.turn == BACK else _across(way, *crossings, height=height)
-        around = [incoming.link, outgoing.link]
-        road = _add_road(root, roads, way.name, pieces, around, streets, junctions[way.tile])
-        _add_lanes(road, streets, {-1: (incoming.lane_in, -outgoing.lane_in)}, way)
-        junction = built[way.tile]
-        connection = _add(
-            junction,
-            "connection",
-            id=len(junction),
-            incomingRoad=incoming.road,
-            connectingRoad=roads,
-            contactPoint="start",
-        )
-        _add(connection, "laneLink", **{"from": incoming.lane_in, "to": -1})
-    controllers = 0
-    for tile, junction in built.items():
-        roads_by_axis = [
-            [ends[tile, other] for other in links[tile] if (other[0] != tile[0]) == upright]
-            for upright in (True, False)
-        ]
+    built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
+    for way in (way for way in network.ways if way.tile in junctions):
+        number, connections = len(roads) + 1, built[way.tile]
+        start, end = ends[way.tile, way.before], ends[way.tile, way.after]
+        gaps = [len(links[way.tile]) > 2 and len(links[tile]) > 2 for tile in (way.before, way.after)]
+        pieces = back(way, streets, height) if way.turn == BACK else across(way, *gaps, height=height)
+        roads.append(_connecting_road(number, junctions[way.tile], way, pieces, start, end, streets))
+        place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
+        connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
+    controllers: list[str] = []
+    for tile, element in built.items():
         if len(links[tile]) > 2:
-            controllers = _add_rights(root, junction, roads_by_axis, controllers, streets)
-    root.extend(built.values())
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ET.tostring(root, encoding="unicode")}\n'
+            approaches = [
+                [ends[tile, other] for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)
+            ]
+            element += _rights(approaches, controllers, streets)
+    return "\n".join(
+        [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            "<OpenDRIVE>",
+            f'<header revMajor="1" revMinor="7" name="" version="1" north="{height * streets.tile:.9g}" south="0" '
+            f'east="{width * streets.tile:.9g}" west="0"><geoReference>{GEO_REFERENCE}</geoReference></header>',
+            *roads,
+            *controllers,
+            *(
+                f'<junction id="{junctions[row, column]}" name="{row}_{column}">{"".join(element)}</junction>'
+                for (row, column), element in built.items()
+            ),
+            "</OpenDRIVE>\n",
+        ]
+    )
 
 
-def _middle(path: list[Cell], links: dict[Cell, list[Cell]], height: int) -> list[_Piece]:
-    """Returns the middle of a road, across all tiles of a path but the first and the last.
-
-    It also leads to the middle of a dead end at an end of the path, and between adjacent crossings into both.
-    """
-    headings = [SIDES.index(SIDE_TOWARDS[b[0] - a[0], b[1] - a[1]]) for a, b in pairwise(path)]
-    leads = [0.5 if len(links[tile]) == 1 else 0.0 for tile in (path[0], path[-1])]
-    if len(path) == 2 and not any(leads):
-        leads = [_INSET, _INSET]
-    first = middle_of_side(path[0], headings[0], height) - leads[0] * AHEAD[headings[0]]
-    pieces = [_Piece(first, headings[0], leads[0])]
-    for tile, into, out in zip(path[1:-1], headings[:-1], headings[1:], strict=True):
-        pieces += _across(Way(*tile, into, (into - out + 1) % 4), height=height)
-    pieces.append(_Piece(middle_of_side(path[-1], headings[-1] - 2, height), headings[-1], leads[1]))
-    merged: list[_Piece] = []
-    for piece in pieces:
-        if not piece.length:
-            continue
-        if merged and not piece.curvature and not merged[-1].curvature:
-            merged[-1] = merged[-1]._replace(length=merged[-1].length + piece.length)
-        else:
-            merged.append(piece)
-    return merged
-
-
-def _across(way: Way, from_crossing: bool = False, to_crossing: bool = False, *, height: int) -> list[_Piece]:
-    """Returns the middle of a way across its tile, between points as far from the borders as junctions begin."""
-    inset, outset = _INSET * from_crossing, _INSET * to_crossing
-    start = middle_of_side(way.tile, way.heading - 2, height) + inset * AHEAD[way.heading]
-    bend = way.turn - 1
-    if not bend:
-        return [_Piece(start, way.heading, 1 - inset - outset)]
-    deepest = max(inset, outset)
-    radius = 0.5 - deepest
-    end = middle_of_side(way.tile, way.exit, height) - deepest * AHEAD[way.exit]
-    return [
-        _Piece(start, way.heading, deepest - inset),
-        _Piece(start + (deepest - inset) * AHEAD[way.heading], way.heading, radius * math.pi / 2, bend / radius),
-        _Piece(end, way.exit, deepest - outset),
-    ]
-
-
-def _back(way: Way, streets: Streets, height: int) -> list[_Piece]:
-    """Returns the half circle that is the centre of the lane around a dead end."""
-    radius = streets.lane / streets.tile / 2
-    middle = middle_of_side(way.tile, way.heading - 2, height) + AHEAD[way.heading] / 2
-    return [_Piece(middle - radius * 1j * AHEAD[way.heading], way.heading, radius * math.pi, 1 / radius)]
-
-
-def _add_road(
-    root: ET.Element,
-    number: int,
-    name: str,
-    pieces: list[_Piece],
-    around: list[dict[str, UserValue]],
-    streets: Streets,
-    junction: int = -1,
-) -> ET.Element:
-    pieces = [piece for piece in pieces if piece.length]
-    length = sum(piece.length for piece in pieces) * streets.tile
-    road = _add(root, "road", name=name, length=length, id=number, junction=junction)
-    link = _add(road, "link")
-    _add(link, "predecessor", **around[0])
-    _add(link, "successor", **around[1])
-    _add(_add(road, "type", s=0, type="town"), "speed", max=streets.speed, unit="m/s")
-    plan, s = _add(road, "planView"), 0.0
-    for start, heading, steps, curvature in pieces:
-        x, y = start.real * streets.tile, start.imag * streets.tile
-        geometry = _add(plan, "geometry", s=s, x=x, y=y, hdg=(1 - heading) * math.pi / 2, length=steps * streets.tile)
-        if curvature:
-            _add(geometry, "arc", curvature=curvature / streets.tile)
-        else:
-            _add(geometry, "line")
-        s += steps * streets.tile
-    return road
-
-
-def _add_lanes(road: ET.Element, streets: Streets, links: dict[int, tuple[int, int]], way: Way | None = None) -> None:
-    """Adds the lanes of a road, with their links; of a connecting road only the right one, without marks."""
-    lanes = _add(road, "lanes")
-    if way and way.turn == BACK:
-        _add(lanes, "laneOffset", s=0, a=streets.lane / 2, b=0, c=0, d=0)
-    section = _add(lanes, "laneSection", s=0)
-    for side, number in (("left", 1), ("center", 0), ("right", -1)):
-        if way and number == 1:
-            continue
-        lane = _add(_add(section, side), "lane", id=number, type="driving" if number else "none", level="false")
-        if number in links:
-            link = _add(lane, "link")
-            _add(link, "predecessor", id=links[number][0])
-            _add(link, "successor", id=links[number][1])
-        if number:
-            _add(lane, "width", sOffset=0, a=streets.lane, b=0, c=0, d=0)
-        kind = "none" if way else "solid" if number else "broken"
-        _add(lane, "roadMark", sOffset=0, type=kind, weight="standard", color="standard" if number else "yellow")
-
-
-def _add_signals(road: ET.Element, number: int, at_crossings: list[bool], streets: Streets) -> None:
-    """Adds a stop sign or a traffic light to the right of each end of a road at a crossing."""
-    if streets.right_of_way not in _SIGNS or not any(at_crossings):
-        return
-    country, kind, dynamic = _SIGNS[streets.right_of_way]
-    signals = _add(road, "signals")
-    for end, at_crossing in enumerate(at_crossings):
-        if at_crossing:
-            signal = _add(
-                signals,
-                "signal",
-                s=float(road.attrib["length"]) * end,
-                t=1.25 * streets.lane * (1 - 2 * end),
-                id=2 * number + end,
-                name="",
-                dynamic=dynamic,
-                orientation="+" if end else "-",
-                zOffset=0.7 * streets.lane,
-                country=country,
-                type=kind,
-                subtype=-1,
-                value=-1,
-                height=0.25 * streets.lane,
-                width=0.25 * streets.lane,
-            )
-            _add(signal, "validity", fromLane=1 - 2 * end, toLane=1 - 2 * end)
-
-
-def _add_rights(
-    root: ET.Element, junction: ET.Element, axes: list[list[_End]], controllers: int, streets: Streets
-) -> int:
-    """Adds who goes first: the road that goes straight on over the third one, or lights in turn."""
-    if streets.right_of_way == "priority" and sorted(map(len, axes)) == [1, 2]:
+def _rights(axes: list[list[_End]], controllers: list[str], streets: Streets) -> list[str]:
+    """Returns elements of a crossing that say who goes first, by its roads along each axis; adds their controllers."""
+    if streets.right_of_way == "priority" and sum(map(len, axes)) == 3:  # the road that goes straight on
         (low,), high = sorted(axes, key=len)
-        for end in high:
-            _add(junction, "priority", high=end.road, low=low.road)
-    if streets.right_of_way == "traffic_light":
-        for sequence, axis in enumerate(axes):
-            controllers += 1
-            controller = _add(
-                root, "controller", id=controllers, name=f"{junction.attrib['name']}_{sequence}", sequence=sequence
-            )
-            for end in axis:
-                _add(controller, "control", signalId=2 * end.road + (not end.starts), type=0)
-            _add(junction, "controller", id=controllers, type=0, sequence=sequence)
-    return controllers
+        return [f'<priority high="{end.road}" low="{low.road}"/>' for end in high]
+    rights = []
+    for sequence, axis in enumerate(axes if streets.right_of_way == "traffic_light" else ()):
+        lights = "".join(f'<control signalId="{_signal_id(*end)}" type="0"/>' for end in axis)
+        place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
+        controllers.append(f"<controller {place}>{lights}</controller>")
+        rights.append(f'<controller {place} type="0"/>')
+    return rights
 
 
-def _name(path: list[Cell]) -> str:
-    row, column = path[0]
-    return f"{row}_{column}_{SIDE_TOWARDS[path[1][0] - row, path[1][1] - column].name}"
+def _road(number: int, name: str, pieces: list[Piece], nodes: list[int], signs: list[bool], streets: Streets) -> str:
+    """Returns the element of a road between junctions, with a lane on each side and signs at its ends."""
+    sides = (("left", 1, "solid"), ("center", 0, "broken"), ("right", -1, "solid"))
+    lanes = "".join(f"<{side}>{_lane(lane, mark, streets)}</{side}>" for side, lane, mark in sides)
+    signals = "".join(
+        f'<signal s="{0 if starts else sum(piece.length for piece in pieces) * streets.tile:.9g}" '
+        f't="{1.25 * lane * streets.lane:.9g}" id="{_signal_id(number, starts)}" name="" '
+        f'orientation="{"-" if starts else "+"}" {_SIGNS[streets.right_of_way]} subtype="-1" value="-1" '
+        f'zOffset="{0.7 * streets.lane:.9g}" height="{streets.lane / 4:.9g}" width="{streets.lane / 4:.9g}">'
+        f'<validity fromLane="{lane}" toLane="{lane}"/></signal>'
+        for starts, lane, sign in ((True, 1, signs[0]), (False, -1, signs[1]))
+        if sign and streets.right_of_way in _SIGNS
+    )
+    section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signals}</signals>'
+    links = [f'elementType="junction" elementId="{node}"' for node in nodes]
+    return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets)
 
 
-def _add(parent: ET.Element, tag: str, **attributes: UserValue) -> ET.Element:
-    return ET.SubElement(parent, tag, {key: _text(value) for key, value in attributes.items()})
+def _connecting_road(
+    number: int, junction: int, way: Way, pieces: list[Piece], start: _End, end: _End, streets: Streets
+) -> str:
+    """Returns the element of a road across a junction, with the right lane alone and no marks."""
+    link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
+    offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>' if way.turn == BACK else ""
+    centre, right = _lane(0, "none", streets), _lane(-1, "none", streets, link)
+    section = f'<lanes>{offset}<laneSection s="0"><center>{centre}</center><right>{right}</right></laneSection></lanes>'
+    attributes = f'name="{way.name}" id="{number}" junction="{junction}"'
+    return _element(attributes, [start.link, end.link], pieces, section, streets)
 
 
-def _text(value: UserValue) -> str:
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
+    width = f'<width sOffset="0" a="{streets.lane:.9g}" b="0" c="0" d="0"/>' if number else ""
+    return (
+        f'<lane id="{number}" type="{"driving" if number else "none"}" level="false">{link}{width}'
+        f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{"standard" if number else "yellow"}"/></lane>'
+    )
+
+
+def _element(attributes: str, links: list[str], pieces: list[Piece], lanes: str, streets: Streets) -> str:
+    geometries, s = [], 0.0
+    for start, heading, length, curvature in pieces:
+        x, y, metres = (value * streets.tile for value in (start.real, start.imag, length))
+        place = (
+            f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{(1 - heading) * math.pi / 2:.12g}" length="{metres:.12g}"'
+        )
+        shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>' if curvature else "<line/>"
+        geometries.append(f"<geometry {place}>{shape}</geometry>")
+        s += metres
+    return (
+        f'<road {attributes} length="{s:.12g}"><link><predecessor {links[0]}/><successor {links[1]}/></link>'
+        f'<type s="0" type="town"><speed max="{streets.speed:.9g}" unit="m/s"/></type>'
+        f"<planView>{''.join(geometries)}</planView>{lanes}</road>"
+    )
+
+
+def _signal_id(road: int, starts: bool) -> int:
+    return 2 * road + starts
