@@ -63,9 +63,10 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
         if path[0] == path[-1]:
             nodes |= {path[0], path[len(path) // 2]}
     junctions = {tile: number for number, tile in enumerate(sorted(nodes), 1) if links[tile]}
+    first = max(junctions.values()) + 1  # CARLA takes a number for a road if there is one
     roads: list[str] = []
     ends: dict[tuple[Cell, Cell], _End] = {}  # by the tile of a junction and the next tile of the road
-    for number, path in enumerate(walk_roads(links, set(junctions)), 1):
+    for number, path in enumerate(walk_roads(links, set(junctions)), first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
         (row, column), (next_row, next_column) = path[:2]
         name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
@@ -75,7 +76,7 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
 
     built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
     for way in (way for way in network.ways if way.tile in junctions):
-        number, connections = len(roads) + 1, built[way.tile]
+        number, connections = first + len(roads), built[way.tile]
         start, end = ends[way.tile, way.before], ends[way.tile, way.after]
         gaps = [len(links[way.tile]) > 2 and len(links[tile]) > 2 for tile in (way.before, way.after)]
         pieces = back(way, streets, height) if way.turn == BACK else across(way, *gaps, height=height)

@@ -113,19 +113,6 @@ def distances(points, lane, grid, streets):
     return abs(abs(local - (-1 + left * 1j) * tile / 2) - (tile + left * streets.lane) / 2)
 
 
-def middle_of(lane, grid, streets):
-    """The point halfway along a lane's centre, x + y·i; at a dead end, where the lane enters."""
-    row, column, into, out = lane
-    turn = TURNS[(out - into) % 4]
-    local = {
-        "straight": -1j * streets.lane / 2,
-        "right": (-1 - 1j) * streets.tile / 2 + (streets.tile - streets.lane) / 2 * np.exp(0.25j * np.pi),
-        "left": (-1 + 1j) * streets.tile / 2 + (streets.tile + streets.lane) / 2 * np.exp(-0.25j * np.pi),
-        "back": -streets.tile / 2 - 1j * streets.lane / 2,
-    }[turn]
-    return (column + 0.5 + (len(grid) - row - 0.5) * 1j) * streets.tile + local * AHEAD[into]
-
-
 def all_reach_all(graph, grid):
     """Whether each lane is reached from each other one on its roads; on a ring, from those of its direction."""
     tiles = road_graph(grid)
