@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._viewpoints import Viewpoints
-from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
+from elitelanes_jax.drive.lanes import LANE_OFFSET
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.roads import linked_codes
+from elitelanes_jax.network.movements import list_movements
 
 # As gym-duckietown draws them: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
@@ -59,7 +59,7 @@ def draw_viewpoint(
     Raises:
       InputError: for a map without a lane.
     """
-    lanes = list_lanes(codes)
+    lanes = list_movements(codes)
     if not len(lanes):
         raise InputError("maps: expected lanes to look from, got a map without any")
     row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
@@ -146,11 +146,6 @@ def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDA
     seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
     seen[~near] = 0
     return seen
-
-
-def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
-    """Lists the movements of a map: row, column, heading and turn."""
-    return np.argwhere(MOVEMENTS[linked_codes(codes)])
 
 
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:

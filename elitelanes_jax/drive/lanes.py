@@ -21,25 +21,11 @@ from numpy.typing import NDArray
 from elitelanes_jax.network import roads
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import MOVEMENTS
 from elitelanes_jax.network.roads import LANE_OFFSET
 
-TURNS = ("right", "straight", "left")
-"""The turns of a movement by their indices."""
-
-EXIT = np.array([[(heading + turn) % 4 for turn in (1, 0, -1)] for heading in range(4)], np.int8)
-"""int8 ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
-
-_BITS = np.array([side.bit for side in SIDES], np.int8)
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
-
-MOVEMENTS = np.array(
-    [
-        [[bool(code & SIDES[heading].opposite and code & _BITS[out]) for out in EXIT[heading]] for heading in range(4)]
-        for code in range(16)
-    ]
-)
-"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
 
 # A point lies at (forward, left) of the middle of the side that a movement enters by.
 _EAST_PART, _SOUTH_PART = np.array([0, 1, 0, -1], np.float32), np.array([-1, 0, 1, 0], np.float32)

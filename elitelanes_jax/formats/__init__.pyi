@@ -8,12 +8,13 @@ from .graph import tile_graph as tile_graph
 from .movingai import to_movingai as to_movingai
 from .mujoco import to_mjcf as to_mjcf
 from .nav2 import to_nav2 as to_nav2
+from .opendrive import to_opendrive as to_opendrive
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json
 from .road_map import read_map as read_map
 from .road_map import read_maps as read_maps
-from .sumo import Streets as Streets
+from .streets import Streets as Streets
 from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
 from .svg import draw_svg as draw_svg

@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
-from elitelanes_jax.network.roads import LANE_OFFSET, linked_codes
+from elitelanes_jax.network.movements import EXIT, list_movements
+from elitelanes_jax.network.roads import LANE_OFFSET
 
 LENGTHS = np.array([(0.5 - LANE_OFFSET) * np.pi / 2, 1, (0.5 + LANE_OFFSET) * np.pi / 2])
 """float64 ``[3]``: the length of a movement in tiles, to the right, straight on and to the left."""
 
 _AHEAD = np.array([1j, 1, -1j, -1])  # of a heading, east + north·i
-_STEP = np.array([(side.down, side.right) for side in SIDES])
-_BITS = np.array([side.bit for side in SIDES])
+_DOWN, _RIGHT = (np.array([getattr(side, name) for side in SIDES]) for name in ("down", "right"))
 
 
 class LaneGraph(NamedTuple):
@@ -41,18 +41,14 @@ def lane_graph(codes: ArrayLike) -> LaneGraph:
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without a lane.
     """
-    links = linked_codes(np.asarray(check_grid(codes)))
-    entered = np.stack([links & side.opposite > 0 for side in SIDES], axis=-1)
-    nodes = np.argwhere(entered)
-    number = np.full(entered.shape, -1)
-    number[entered] = np.arange(len(nodes))
-    out = (nodes[:, 2:] + (1, 0, -1)) % 4
-    start, turn = np.nonzero(links[nodes[:, 0], nodes[:, 1]][:, None] & _BITS[out])
-    if not len(start):
+    moves = list_movements(np.asarray(check_grid(codes)))
+    if not len(moves):
         raise InputError("grid: expected a lane, a tile that connects to two others, got none")
-    out = out[start, turn]
-    row, column = (nodes[start, :2] + _STEP[out]).T
-    return LaneGraph(nodes, np.stack([start, number[row, column, out]], axis=-1), turn)
+    row, column, heading, turn = moves.T
+    out = EXIT[heading, turn]
+    ends = np.concatenate([moves[:, :3], np.stack([row + _DOWN[out], column + _RIGHT[out], out], axis=-1)])
+    nodes, number = np.unique(ends, axis=0, return_inverse=True)
+    return LaneGraph(nodes, number.reshape(2, -1).T, turn)
 
 
 def lane_points(graph: LaneGraph, height: int, shares: ArrayLike) -> NDArray[np.complex128]:

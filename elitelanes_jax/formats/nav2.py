@@ -16,7 +16,8 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.roads import linked_codes, on_road
+from elitelanes_jax.network.movements import linked_codes
+from elitelanes_jax.network.roads import on_road
 
 _PIECES = 4  # of an arc: its chords stay within 0.014 tile of it
 _FREE, _OCCUPIED = 254, 0

@@ -15,6 +15,7 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
+    from elitelanes_jax.formats.streets import Streets
     from elitelanes_jax.tiles.tileset import TileSet
 
 # Formats import slow modules when they run.
@@ -63,14 +64,29 @@ def _graphml(road_map: RoadMap, name: str, reduced: bool) -> Files:
     return Files((to_graphml((reduced_graph if reduced else tile_graph)(road_map.codes)),))
 
 
-def _sumo(road_map: RoadMap, name: str, to: str, **measures: UserValue) -> Files:
-    from elitelanes_jax.formats.sumo import Streets, network, plain_xml
+def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
+    from elitelanes_jax.formats.sumo import network
 
-    streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
-    if to == "plain":
-        return Files(plain_xml(road_map.codes, streets))
-    text, warnings = network(road_map.codes, to, streets)
+    text, warnings = network(road_map.codes, _streets(measures))
     return Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
+
+
+def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
+    from elitelanes_jax.formats.sumo import plain_xml
+
+    return Files(plain_xml(road_map.codes, _streets(measures)))
+
+
+def _network(road_map: RoadMap, name: str, to: str, **measures: UserValue) -> Files:
+    from elitelanes_jax import formats
+
+    return Files((getattr(formats, f"to_{to}")(road_map.codes, _streets(measures)),))
+
+
+def _streets(measures: dict[str, UserValue]) -> "Streets":
+    from elitelanes_jax.formats.streets import Streets
+
+    return Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
 
 
 @cache
@@ -118,9 +134,9 @@ FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
     "graphml": Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": Format((".graphml",), partial(_graphml, reduced=True)),
-    "sumo": Format((".net.xml",), partial(_sumo, to="net"), _STREETS),
-    "sumo-plain": Format(_PLAIN, partial(_sumo, to="plain"), _STREETS),
-    "opendrive": Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
+    "sumo": Format((".net.xml",), _sumo, _STREETS),
+    "sumo-plain": Format(_PLAIN, _sumo_plain, _STREETS),
+    "opendrive": Format((".xodr",), partial(_network, to="opendrive"), _STREETS),
     "gltf": Format((".glb",), _gltf, _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "nav2": Format((".pgm", ".yaml", ".geojson"), _nav2, ("tile_size", "cells")),

@@ -1,8 +1,5 @@
 """The road and the lanes of a tile, in tiles: their measures, and where the road is. For NumPy and JAX alike."""
 
-import numpy as np
-from numpy.typing import NDArray
-
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network.codes import SIDES
 
@@ -39,13 +36,3 @@ def on_road(code: AnyArray, east: AnyArray, south: AnyArray) -> AnyArray:
         road = road & (~(opens[one] & opens[other]) | (square >= edge * edge))
         road = road & (~only_these | (square <= (1 - edge) * (1 - edge)))
     return road
-
-
-def linked_codes(codes: NDArray[np.int8]) -> NDArray[np.int8]:
-    """Removes the connections of a grid ``[H, W]`` that the neighbour does not return, or that leave the grid."""
-    height, width = codes.shape
-    padded, kept = np.pad(codes, 1), np.zeros_like(codes)
-    for bit, _, _, down, right, opposite in SIDES:
-        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-        kept |= np.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
-    return kept
