@@ -72,10 +72,10 @@ simulators: mujoco pogema
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
 # it ended. Maps that are hard for drivers have long detours and few loops (experiments/navigation).
-PACK-town := --style town --size 9 9 --evaluations 100000
-PACK-paper := --style paper --size 12 12
-PACK-city := --style town --size 24 24 --evaluations 50000
-PACK-hard := --size 12 12 --axes mean_detour:8 cyclomatic:8 --where cyclomatic=1..12 --evaluations 50000
+PACK-town := --style town --size 9 9 --evaluations 50000
+PACK-paper := --style paper --size 12 12 --evaluations 50000
+PACK-city := --style town --size 24 24 --evaluations 20000
+PACK-hard := --size 12 12 --axes mean_detour:8 cyclomatic:8 --where cyclomatic=1..12 --evaluations 20000
 PACKED := opendrive duckietown mujoco nav2 movingai
 
 pack-town: results/packs/town
@@ -84,7 +84,7 @@ pack-city: results/packs/city
 pack-hard: results/packs/hard
 
 results/packs/%: $(PROGRAM)
-	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 16 --tile-px 16 \
+	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 8 --tile-px 16 \
 	  --out results/pack-maps/$*
 	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --out $@
 
