@@ -17,7 +17,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop mujoco pack-town pack-paper pack-city pack-hard pogema rl simulators sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -67,12 +67,48 @@ interop: .venv-interop/.ready
 rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
+# The simulators that read our maps.
+simulators: mujoco pogema
+
+# Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
+# it ended. Maps that are hard for drivers have long detours and few loops (experiments/navigation).
+PACK-town := --style town --size 9 9 --evaluations 50000
+PACK-paper := --style paper --size 12 12 --evaluations 50000
+PACK-city := --style town --size 24 24 --evaluations 20000
+PACK-hard := --size 12 12 --axes mean_detour:8 cyclomatic:8 --where cyclomatic=1..12 --evaluations 20000
+PACKED := opendrive duckietown mujoco nav2 movingai
+
+pack-town: results/packs/town
+pack-paper: results/packs/paper
+pack-city: results/packs/city
+pack-hard: results/packs/hard
+
+results/packs/%: $(PROGRAM)
+	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 8 --tile-px 16 \
+	  --out results/pack-maps/$*
+	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --out $@
+
+# MuJoCo and trimesh; MuJoCo draws by EGL, without a display (Debian's libegl1).
+mujoco: .venv-mujoco/.ready
+	.venv-mujoco/bin/python -m pytest -m slow tests/formats/test_floor.py
+
+# POGEMA, called from ours as a program.
+pogema: $(READY) .venv-pogema/.ready
+	$(BIN)/python -m pytest -m slow tests/formats/test_robots_maps.py
+
+.venv-pogema/.ready:
+	rm -rf .venv-pogema
+	$(PYTHON) -m venv .venv-pogema
+	.venv-pogema/bin/python -m pip install --quiet --disable-pip-version-check pogema==1.4.0
+	touch $@
+
+EXTRAS-mujoco := dev,mujoco
 EXTRAS-sumo := dev,plots,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
 
-$(patsubst %,.venv-%/.ready,sumo marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco sumo marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
 	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]'

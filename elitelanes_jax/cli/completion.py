@@ -61,9 +61,10 @@ def _actions(parser: argparse.ArgumentParser, command: str = "") -> Iterator[tup
 
 
 def _words() -> dict[str, list[str]]:
-    """Returns the first words of the values of arguments, by the name of the option or command."""
-    from elitelanes_jax.cli.export import FORMATS, TABLES
+    """Returns the words with which values of arguments begin, by the name of the option or command."""
+    from elitelanes_jax.cli.export import TABLES
     from elitelanes_jax.dataset.spec import LAYOUTS
+    from elitelanes_jax.maps.exporting import FORMATS
     from elitelanes_jax.network.weights import Weights
     from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
     from elitelanes_jax.problem.rules import RULES

@@ -3,101 +3,20 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
+from elitelanes_jax._util.checks import ends_as_file, name, path
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
-from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes
 
-# Formats import slow modules when they run.
-
-
-class _Files(NamedTuple):
-    """The files of a map: a text for each suffix of the format, and the warnings of another program."""
-
-    texts: tuple[str, ...]
-    warnings: tuple[str, ...] = ()
-
-
-class _Format(NamedTuple):
-    """A format that writes files for each map: their suffixes, the function that makes their texts, and its options."""
-
-    suffixes: tuple[str, ...]
-    files: Callable[..., _Files]
-    takes: tuple[str, ...] = ()
-
-
-def _duckietown(codes: AnyArray, **settings: UserValue) -> _Files:
-    from elitelanes_jax.formats.duckietown import to_duckietown
-
-    return _Files((to_duckietown(codes, **settings),))
-
-
-def _graphml(codes: AnyArray, reduced: bool) -> _Files:
-    from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
-
-    return _Files((to_graphml((reduced_graph if reduced else tile_graph)(codes)),))
-
-
-def _sumo(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
-    from elitelanes_jax.formats.sumo import Streets, network, plain_xml
-
-    streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
-    if to == "plain":
-        return _Files(plain_xml(codes, streets))
-    text, warnings = network(codes, to, streets)
-    return _Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
-
-
-_STREETS = ("tile_size", "lane", "speed", "right_of_way")
-_PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
-
-# The values of --to: formats of maps, and of tables.
-FORMATS = {
-    "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
-    "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
-    "graphml-reduced": _Format((".graphml",), partial(_graphml, reduced=True)),
-    "sumo": _Format((".net.xml",), partial(_sumo, to="net"), _STREETS),
-    "sumo-plain": _Format(_PLAIN, partial(_sumo, to="plain"), _STREETS),
-    "opendrive": _Format((".xodr",), partial(_sumo, to="opendrive"), _STREETS),
-}
 TABLES = ("json", "csv")
 
-# Every format can represent this map, so an error with it is due to an option or a missing package.
-_LOOP = [[6, 3], [12, 9]]
-
 _MOST_WARNINGS = 3
-
-_metres = none_or(real(0, unit="metres, a number", exclusive=True))
-_name = none_or(name)
-
-
-@dataclass(frozen=True)
-class _FormatOptions(Record):
-    """Options of some formats.
-
-    Attributes:
-      tile_size: side of a tile; by default 0.585, as in Duckietown, or 30 for networks
-      ground: kind of Duckietown's cells without a road: grass (the default), floor, asphalt, empty
-      dead_ends: grass: remove roads that lead nowhere, for Duckietown; by default they are refused
-      lane: width of a network's lanes; by default 3.2
-      speed: speed limit in a network, in metres a second; by default 8.33
-      right_of_way: at a network's crossings: allway_stop (the default), priority, right_before_left, traffic_light
-    """
-
-    tile_size: float | None = option(None, _metres, "METRES")
-    ground: str | None = option(None, _name, "KIND")
-    dead_ends: str | None = option(None, _name, "HOW")
-    lane: float | None = option(None, _metres, "METRES")
-    speed: float | None = option(None, none_or(real(0)), "M/S")
-    right_of_way: str | None = option(None, _name, "HOW")
 
 
 def add_export(commands: Commands) -> None:
@@ -119,7 +38,7 @@ def add_export(commands: Commands) -> None:
         metavar="PATH",
         help="a new file, if it has the format's suffix or is a table; otherwise a folder, new or empty",
     )
-    add_options(command, _FormatOptions())
+    add_options(command, FormatOptions())
     command.set_defaults(action=_export)
 
 
@@ -128,7 +47,7 @@ def _export(options: argparse.Namespace) -> int:
 
     if options.to not in (*FORMATS, *TABLES):
         raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
-    settings = {key: value for key, value in vars(read_options(options, _FormatOptions())).items() if value is not None}
+    settings = read_options(options, FormatOptions()).given()
     for key in settings:
         able = [to for to, known in FORMATS.items() if key in known.takes]
         if options.to not in able:
@@ -141,11 +60,12 @@ def _export(options: argparse.Namespace) -> int:
         seen.add(os.path.realpath(file))
     target = FORMATS.get(options.to)
     if target:
-        with naming_options(_FormatOptions(), tile="--tile-size"):
-            target.files(_LOOP, **settings)
-    grids = [read_map(file).codes for file in options.maps]
+        with naming_options(FormatOptions(), tile="--tile-size"):
+            target.files(LOOP, "map", **settings)
+    maps = [read_map(file) for file in options.maps]
+    grids = [road_map.codes for road_map in maps]
     if target:
-        _warn(_write_maps(options.maps, grids, target, settings, options.out))
+        _warn(_write_maps(options.maps, maps, target, settings, options.out))
     else:
         _write_new(options.out, _table(options.to, list(map(str, options.maps)), grids))
     lines = [f"{pluralize(len(grids), 'map')} in {options.out}"]
@@ -156,7 +76,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _write_maps(
-    files: Sequence[Path], grids: Sequence[AnyArray], target: _Format, settings: dict[str, UserValue], out: Path
+    files: Sequence[Path], maps: Sequence[RoadMap], target: Format, settings: dict[str, UserValue], out: Path
 ) -> list[str]:
     """Writes the files of maps, to a file or a folder; returns the warnings."""
     from elitelanes_jax._util.files import write_atomic
@@ -164,28 +84,28 @@ def _write_maps(
 
     warnings: list[str] = []
 
-    def texts(file: Path, codes: AnyArray) -> tuple[str, ...]:
+    def contents(file: Path, road_map: RoadMap, name: str) -> tuple[str | bytes, ...]:
         try:
-            made = target.files(codes, **settings)
+            made = target.files(road_map, name, **settings)
         except InputError as error:
             raise InputError(f"{file}: {error}".replace("dead_ends='grass'", "--dead-ends grass")) from None
         warnings.extend(f"{file}: {warning}" for warning in made.warnings)
-        return made.texts
+        return made.contents
 
     only = target.suffixes[0] if len(target.suffixes) == 1 else None
     if only and out.name.lower().endswith(only):
-        if len(grids) > 1:
-            raise InputError(f"--out: expected a folder for {len(grids)} maps, got a file, {out}")
-        _write_new(out, *texts(files[0], grids[0]))
+        if len(maps) > 1:
+            raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
+        _write_new(out, *contents(files[0], maps[0], out.name[: -len(only)]))
     elif ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
         names = _names(files)
         with output_folder(out, {"command": "export"}) as work:
-            for file, codes, stem in zip(files, grids, names, strict=True):
-                for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
-                    write_atomic(work.files / (stem + suffix), text.encode())
+            for file, road_map, place in zip(files, maps, places, strict=True):
+                for suffix, content in zip(target.suffixes, contents(file, road_map, place), strict=True):
+                    write_atomic(work.files / (place + suffix), as_bytes(content))
     return warnings
 
 
@@ -202,11 +122,11 @@ def _names(files: Sequence[Path]) -> list[str]:
     return names
 
 
-def _write_new(file: Path, text: str) -> None:
+def _write_new(file: Path, content: str | bytes) -> None:
     from elitelanes_jax._util.files import check_new, write_atomic
 
     check_new(file)
-    write_atomic(file, text.encode(errors="surrogateescape"))  # names of files in a table may have any bytes
+    write_atomic(file, as_bytes(content))
 
 
 def _warn(warnings: Sequence[str]) -> None:

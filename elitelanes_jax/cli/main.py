@@ -19,6 +19,7 @@ from elitelanes_jax.cli.export import add_export, add_show
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
 from elitelanes_jax.cli.metrics import add_metrics
+from elitelanes_jax.cli.pack import add_pack
 from elitelanes_jax.cli.pick import add_pick
 from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
@@ -56,6 +57,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_dataset,
         add_drive,
         add_export,
+        add_pack,
         add_show,
         add_explore,
         add_metrics,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS
 

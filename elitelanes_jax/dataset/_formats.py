@@ -13,7 +13,7 @@ from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset.spec import SPLITS
+from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS
 from elitelanes_jax.tiles.tileset import MASKS
 

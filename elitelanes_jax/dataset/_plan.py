@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
-from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search.compile_cache import use_compile_cache

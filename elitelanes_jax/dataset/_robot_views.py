@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._viewpoints import Viewpoints
-from elitelanes_jax.drive.lanes import LANE_OFFSET, MOVEMENTS
+from elitelanes_jax.drive.lanes import LANE_OFFSET
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import list_movements
 
 # Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
@@ -59,7 +60,7 @@ def draw_viewpoint(
     Raises:
       InputError: for a map without a lane.
     """
-    lanes = list_lanes(codes)
+    lanes = list_movements(codes)
     if not len(lanes):
         raise InputError("maps: expected lanes for the camera, got a map without any")
     row, column, heading, turn = (int(part) for part in lanes[rng.integers(len(lanes))])
@@ -146,21 +147,6 @@ def see_labels(labels: UInt8[NDArray, "h w"], viewpoint: Viewpoint) -> UInt8[NDA
     seen = _sample(labels, x, y, cv2.INTER_NEAREST, (0, 0, 0))
     seen[~near] = 0
     return seen
-
-
-def list_lanes(codes: Int[NDArray, "H W"]) -> Int[NDArray, "N 4"]:
-    """Returns the movements of a map: row, column, heading and turn."""
-    return np.argwhere(MOVEMENTS[_linked(codes)])
-
-
-def _linked(codes: Int[NDArray, "H W"]) -> Int[NDArray, "H W"]:
-    """Removes the connections that the neighbour does not return."""
-    height, width = codes.shape
-    padded, kept = np.pad(codes, 1), np.zeros_like(codes)
-    for bit, _, _, down, right, opposite in SIDES:
-        other = padded[1 + down : 1 + down + height, 1 + right : 1 + right + width]
-        kept |= np.where(other & opposite > 0, codes & bit, 0).astype(codes.dtype)
-    return kept
 
 
 def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:

@@ -8,11 +8,11 @@ import numpy as np
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.dataset._robot_views import list_lanes
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
+from elitelanes_jax.network.movements import list_movements
 from elitelanes_jax.tiles.tile import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -33,7 +33,7 @@ def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> N
                 f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
                 f"got number {number} of {codes.shape[0]} x {codes.shape[1]}"
             )
-        if spec.camera is not None and not len(list_lanes(codes)):
+        if spec.camera is not None and not len(list_movements(codes)):
             raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {number}")
         if lacking := set(codes.flat) - set(tiles.rotations):
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]

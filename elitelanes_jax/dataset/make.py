@@ -23,14 +23,15 @@ from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
 from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset
-from elitelanes_jax.dataset._given import GivenMaps, given
 from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset._samples import draw_sample, write_sample
 from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
-from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
+from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.given import GivenMaps, given
 from elitelanes_jax.maps.run import drawable
+from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles

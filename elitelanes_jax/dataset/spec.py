@@ -6,18 +6,16 @@ from itertools import product
 from math import floor, prod
 from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, real, switch, whole
+from elitelanes_jax._util.checks import flag, is_whole, none_or, one_of, path, switch, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.dataset._given import GivenMaps, parse_given
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.maps.given import GivenMaps, parse_given
+from elitelanes_jax.maps.spec import SPLITS, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.spec import SearchSpec
-
-SPLITS = ("train", "validation", "test")
-"""The parts of a dataset."""
 
 LAYOUTS = ("imagefolder", "mmseg", "coco", "plain")
 """The layouts of a dataset's folder."""
@@ -51,19 +49,6 @@ def _parse_range(given: UserValue) -> tuple[int, int]:
     if len(sides) not in (1, 2) or sides[0] > sides[-1]:
         raise InputError(f"expected the smallest and the largest side, such as 8..14, got {given!r}")
     return sides[0], sides[-1]
-
-
-def parse_split(split: UserValue) -> tuple[float, float, float]:
-    """Reads the shares of maps for training, validation and test; they sum to 1."""
-    try:
-        train, validation, test = (real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split))
-    except (TypeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
-    if abs(train + validation + test - 1) > 1e-6:
-        raise InputError(f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}")
-    return train, validation, test
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Int, Int32, UInt8
 
-from elitelanes_jax.drive.lanes import EXIT, LaneNode, Movement, linked
+from elitelanes_jax.drive.lanes import LaneNode, Movement, linked
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import EXIT
 
 UNREACHABLE = 2**30
 """The distance if no way leads to the goal."""

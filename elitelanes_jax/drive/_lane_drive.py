@@ -22,7 +22,6 @@ from elitelanes_jax.drive._levels import Level, check_batch
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
-    MOVEMENTS,
     LaneNode,
     Movement,
     Pose,
@@ -36,6 +35,7 @@ from elitelanes_jax.drive.lanes import (
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive, still, to_wheels
 from elitelanes_jax.network.bits import randint, random_bits
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import MOVEMENTS
 
 
 def _check_sight(value: UserValue) -> Sight | None:

@@ -18,34 +18,16 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
 from numpy.typing import NDArray
 
+from elitelanes_jax.network import roads
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import MOVEMENTS
+from elitelanes_jax.network.roads import LANE_OFFSET
 
-LANE_OFFSET = 0.2
-"""From the road's middle to the centre of a lane, in tiles: half of the yellow tape and half of the lane."""
-
-HALF_ROAD = 0.222 / 0.585
-"""From the road's middle to the inner edge of the white tape, in tiles: half of the yellow tape and the lane."""
-
-TURNS = ("right", "straight", "left")
-"""The turns of a movement by their indices."""
-
-EXIT = np.array([[(heading + turn) % 4 for turn in (1, 0, -1)] for heading in range(4)], np.int8)
-"""int8 ``[4, 3]``: the heading with which a movement leaves, by the heading with which it enters and by its turn."""
-
-_BITS = np.array([side.bit for side in SIDES], np.int8)
 _DOWN = np.array([side.down for side in SIDES], np.int32)
 _ACROSS = np.array([side.right for side in SIDES], np.int32)
 
-MOVEMENTS = np.array(
-    [
-        [[bool(code & SIDES[heading].opposite and code & _BITS[out]) for out in EXIT[heading]] for heading in range(4)]
-        for code in range(16)
-    ]
-)
-"""bool ``[16, 4, 3]``: whether a tile has a movement, by its code (of links), the heading and the turn."""
-
-# Points are (forward, left) of the middle of the side by which a movement enters.
+# A point lies at (forward, left) of the middle of the side that a movement enters by.
 _EAST_PART, _SOUTH_PART = np.array([0, 1, 0, -1], np.float32), np.array([-1, 0, 1, 0], np.float32)
 _ANGLE = np.array([np.pi / 2, 0, -np.pi / 2, np.pi], np.float32)
 _BEND = np.array([-1, 0, 1], np.float32)  # to the left
@@ -209,27 +191,14 @@ def on_road(
 ) -> Bool[Array, "..."]:
     """Returns whether a point is on the road of its tile, between the inner edges of the white tape.
 
-    The road keeps a distance from closed sides and from the corners between open ones. On a turn it is a ring around
-    the corner between its sides. A stub's road ends at the same distance from the closed sides.
+    See `network.roads.on_road`.
 
     Args:
       code: of the tile.
       east: tiles from its western side, 0 to 1.
       south: tiles from its northern side, 0 to 1.
     """
-    code, east, south = jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)
-    edge = 0.5 - HALF_ROAD
-    depths = (south, 1 - east, 1 - south, east)  # from each side, clockwise from north
-    opens = [(code & side.bit) > 0 for side in SIDES]
-    road = (code > 0) & (code < 16)
-    for depth, is_open in zip(depths, opens, strict=True):
-        road &= is_open | (depth >= edge)
-    for one, other in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        square = depths[one] * depths[one] + depths[other] * depths[other]
-        only_these = code == SIDES[one].bit | SIDES[other].bit
-        road &= ~(opens[one] & opens[other]) | (square >= edge * edge)
-        road &= ~only_these | (square <= (1 - edge) * (1 - edge))
-    return road
+    return jnp.asarray(roads.on_road(jnp.asarray(code), jnp.asarray(east), jnp.asarray(south)))
 
 
 def lane_pose(grid: Int[ArrayLike, "H W"], pose: Pose, movement: Movement | None = None) -> LanePose:

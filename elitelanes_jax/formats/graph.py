@@ -9,7 +9,6 @@ and total length, without the tiles at which there is no choice of way:
   it is a multigraph with self-loops. A ring is one self-loop.
 """
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,27 +87,47 @@ def reduced_graph(codes: ArrayLike) -> "networkx.MultiGraph":
             graph.add_node(tile, code=int(grid[tile]), kind="crossing")
         elif len(others) < 2:
             graph.add_node(tile, code=int(grid[tile]), kind="end")
-    walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads, reversed: first steps from the other end
-    passed: set[Cell] = set(graph)
-
-    def add_roads(node: Cell) -> None:
-        for other in links[node]:
-            if (node, other) not in walked:
-                path = [node, *_walk(links, graph, node, other)]
-                walked.add((path[-1], path[-2]))
-                passed.update(path)
-                graph.add_edge(node, path[-1], length=len(path) - 1, path=path)
-
-    for node in list(graph):
-        add_roads(node)
-    for tile in links:
-        if tile not in passed:
-            graph.add_node(tile, code=int(grid[tile]), kind="ring")
-            add_roads(tile)
+    for path in walk_roads(links, set(graph)):
+        if path[0] not in graph:
+            graph.add_node(path[0], code=int(grid[path[0]]), kind="ring")
+        graph.add_edge(path[0], path[-1], length=len(path) - 1, path=path)
     ordered = nx.MultiGraph()
     ordered.add_nodes_from(sorted(graph.nodes(data=True)))
     ordered.add_edges_from(graph.edges(keys=True, data=True))
     return ordered
+
+
+def walk_roads(links: dict[Cell, list[Cell]], nodes: set[Cell]) -> list[list[Cell]]:
+    """Lists the tiles of each road from node to node, both among them; each road once.
+
+    Args:
+      links: the neighbours of each tile, see `linked_tiles`.
+      nodes: the tiles where roads end. All others have two links.
+
+    Returns:
+      Roads in the order of their first ends, and those of an end clockwise from north. Rings without a node come last;
+      each starts and ends at its first tile.
+    """
+    paths: list[list[Cell]] = []
+    walked: set[tuple[Cell, Cell]] = set()  # the last steps of roads: they are first steps from the other end
+    passed = set(nodes)
+
+    def walk(node: Cell, ends: set[Cell]) -> None:
+        for other in links[node]:
+            if (node, other) not in walked:
+                path = [node, other]
+                while path[-1] not in ends:
+                    path.append(next(tile for tile in links[path[-1]] if tile != path[-2]))
+                walked.add((path[-1], path[-2]))
+                passed.update(path)
+                paths.append(path)
+
+    for node in sorted(nodes):
+        walk(node, nodes)
+    for tile in links:
+        if tile not in passed:
+            walk(tile, {tile})
+    return paths
 
 
 def to_graphml(graph: Untyped) -> str:
@@ -132,14 +151,6 @@ def to_graphml(graph: Untyped) -> str:
 
 def _name(tile: Cell) -> str:
     return f"{tile[0]},{tile[1]}"
-
-
-def _walk(links: dict[Cell, list[Cell]], ends: Untyped, before: Cell, tile: Cell) -> Iterator[Cell]:
-    """Yields the tiles of a road from the second one up to the next end."""
-    while tile not in ends:
-        yield tile
-        before, tile = tile, next(other for other in links[tile] if other != before)
-    yield tile
 
 
 def _networkx() -> Untyped:

@@ -11,24 +11,20 @@ import re
 import subprocess
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import one_of, real
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.records import Record, option
-from elitelanes_jax.formats.graph import Cell, reduced_graph
+from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
+from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import SIDE_TOWARDS
+from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS
 
-_RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
-_OUTPUTS = {"net": "--output-file", "opendrive": "--opendrive-output"}
 _OPTIONS = (
     "--offset.disable-normalization=true",  # keep the grid's coordinates
     "--precision=4",  # for streets as small as Duckietown's
@@ -36,40 +32,11 @@ _OPTIONS = (
     "--roundabouts.guess=false",
 )
 
-# The date in a comment with netconvert's options, and in OpenDRIVE's header.
-_TIMES = re.compile(r'<!-- generated on .*?-->\s*| date="[^"]*"', re.DOTALL)
+# The comment with the date and netconvert's settings.
+_COMMENT = re.compile(r"<!-- generated on .*?-->\s*", re.DOTALL)
 
 _ARC = np.linspace(0, math.pi / 2, 9)
 _HALF = _ARC.size // 2
-
-
-@dataclass(frozen=True)
-class Streets(Record):
-    """Measures of the streets.
-
-    The defaults suit SUMO's own cars, 5 m long: two of them fit between adjacent crossings. On shorter streets waiting
-    cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown, 58.5 cm a tile and
-    22.2 cm from the middle of the road to its white line; at this scale a Duckiebot is 2.6 m long.
-
-    Attributes:
-      tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
-      lane: width of a lane in metres, 0.001 to 500.
-      speed: speed limit in metres a second, 0.001 to 100.
-      right_of_way: at crossings: "allway_stop", the meaning of stop lines on all sides, "priority",
-        "right_before_left" or "traffic_light".
-    """
-
-    tile: float = option(30.0, real(0.01, 1000))
-    lane: float = option(3.2, real(0.001, 500))
-    speed: float = option(8.33, real(0.001, 100))
-    right_of_way: str = option("allway_stop", one_of(*_RIGHTS_OF_WAY))
-
-    def check_together(self) -> None:
-        """Checks that a tile has room for two lanes."""
-        if self.tile <= 2 * self.lane:
-            if self.tile == Streets.tile:  # the lane was given, not the tile
-                raise InputError(f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m")
-            raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
 
 
 class PlainXml(NamedTuple):
@@ -91,7 +58,7 @@ class Network(NamedTuple):
     """A network that netconvert made.
 
     Attributes:
-      text: of a file of SUMO or OpenDRIVE, without the date.
+      text: of a file ``.net.xml``, without the date.
       warnings: of netconvert, a line each.
     """
 
@@ -110,8 +77,7 @@ def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
       A `PlainXml`; the same grid gives the same texts.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), a grid without roads, measures out of their ranges, or without
-        NetworkX.
+      InputError: for a bad grid (see `check_grid`), one without any road.
     """
     roads = _roads(codes)
     if not roads:
@@ -154,13 +120,12 @@ def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets(
     return nodes, edges, connections
 
 
-def network(codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> Network:
+def network(codes: ArrayLike, streets: Streets = Streets()) -> Network:
     """Makes a network of a grid by SUMO's `netconvert`.
 
     Args:
       codes: integer codes ``[H, W]``, see `plain_xml`.
-      to: "net", a network of SUMO, or "opendrive".
-      streets: the measures.
+      streets: their measures.
 
     Returns:
       A `Network`; the same grid and version of SUMO give the same text.
@@ -168,15 +133,13 @@ def network(codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> 
     Raises:
       InputError: as `plain_xml`; if eclipse-sumo is not installed, or netconvert fails.
     """
-    if to not in _OUTPUTS:
-        raise InputError(f"to: expected one of {', '.join(_OUTPUTS)}, got {to!r}")
     sumo = import_optional("sumo", "netconvert is SUMO's", "eclipse-sumo")
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
         try:
             run = subprocess.run(
-                [program, "-n", nodes, "-e", edges, "-x", connections, _OUTPUTS[to], "converted", *_OPTIONS],
+                [program, "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS],
                 cwd=folder,
                 env={**os.environ, "SUMO_HOME": sumo.SUMO_HOME},
                 capture_output=True,
@@ -189,23 +152,22 @@ def network(codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> 
             why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
             raise InputError(f"netconvert: expected a network of the map, got: {why}")
         text = Path(folder, "converted").read_text(encoding="utf-8")
-    return Network(_TIMES.sub("", text), tuple(line for line in said if line.startswith("Warning")))
+    return Network(_COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning")))
 
 
-def convert(file: str | Path, codes: ArrayLike, to: str = "net", streets: Streets = Streets()) -> tuple[str, ...]:
+def convert(file: str | Path, codes: ArrayLike, streets: Streets = Streets()) -> tuple[str, ...]:
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml`` or ``city.xodr``; missing folders are made. An existing file is replaced; after an
-        error it is unchanged.
+      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept
+        after an error.
       codes: integer codes ``[H, W]``.
-      to: "net" or "opendrive".
-      streets: the measures.
+      streets: their measures.
 
     Raises:
       InputError: as `network`, or if the file cannot be written.
     """
-    text, warnings = network(codes, to, streets)
+    text, warnings = network(codes, streets)
     try:
         write_atomic(Path(file), text.encode())
     except OSError as error:
@@ -214,11 +176,13 @@ def convert(file: str | Path, codes: ArrayLike, to: str = "net", streets: Street
 
 
 def _roads(codes: ArrayLike) -> list[list[Cell]]:
-    """Returns the tiles from node to node, of each road in each direction."""
+    """Lists the tiles from node to node, of each road in each direction."""
+    grid = check_grid(codes)
+    links = linked_tiles(grid)
     roads = []
-    for start, end, path in reduced_graph(codes).edges(data="path"):
+    for path in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
         middle = len(path) // 2
-        for part in (path[: middle + 1], path[middle:]) if start == end else (path,):
+        for part in (path[: middle + 1], path[middle:]) if path[0] == path[-1] else (path,):
             roads += [part, part[::-1]]
     return sorted(roads)
 

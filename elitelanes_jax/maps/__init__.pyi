@@ -1,7 +1,10 @@
 from .cluster import dask_executor as dask_executor
 from .cluster import generate_on as generate_on
+from .exporting import FormatOptions as FormatOptions
 from .generation import generate as generate
 from .generation import merge as merge
+from .packing import pack as pack
 from .picking import pick as pick
 from .spec import GenerateSpec as GenerateSpec
+from .spec import PackSpec as PackSpec
 from .spec import PickSpec as PickSpec

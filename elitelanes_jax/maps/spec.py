@@ -3,15 +3,32 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, none_or, path, switch, whole
+from elitelanes_jax._util.checks import check_unique, flag, none_or, one_of, path, real, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.records import Record, option, record
+from elitelanes_jax._util.records import Record, nested, option, record
 from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.maps.exporting import FORMATS, FormatOptions
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import check_rules
 from elitelanes_jax.search.spec import SEEDS, SearchSpec, check_seeds, parse_initial
+
+SPLITS = ("train", "validation", "test")
+"""The parts of a dataset or a pack."""
+
+
+def parse_split(split: UserValue) -> tuple[float, float, float]:
+    """Reads the shares of maps for training, validation and test; they sum to 1."""
+    try:
+        train, validation, test = (real(0, 1)(share) for share in (split.split() if isinstance(split, str) else split))
+    except (TypeError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"expected three shares that sum to 1, got {split!r}") from None
+    if abs(train + validation + test - 1) > 1e-6:
+        raise InputError(f"expected three shares that sum to 1, got {train:g} {validation:g} {test:g}")
+    return train, validation, test
 
 
 def check_size(size: UserValue) -> tuple[int, int]:
@@ -126,3 +143,39 @@ class PickSpec(Record):
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "tiles": self.tiles and str(self.tiles),
         }
+
+
+def _check_formats(names: UserValue) -> tuple[str, ...]:
+    listed = [names] if isinstance(names, str) else names
+    return tuple(check_unique("to", "format", [one_of(*FORMATS)(name) for name in listed]))
+
+
+@dataclass(frozen=True)
+class PackSpec(Record):
+    """A pack: maps for other programs, in splits, with trips to drive on them.
+
+    Attributes:
+      to: formats of the maps, besides our own
+      split: shares of the maps for training, validation and test. All maps of a niche are in one split
+      trips: number of starts and goals on each map
+      seed: seed of the splits and of the trips
+      formats: settings of the formats
+    """
+
+    to: tuple[str, ...] = option((), _check_formats, "FORMAT", many=True)
+    split: tuple[float, float, float] = option((0.8, 0.1, 0.1), parse_split, ("TRAIN", "VALIDATION", "TEST"))
+    trips: int = option(100, whole(1, 100_000), "N")
+    seed: int = option(0, whole(0, 2**32 - 1), "N")
+    formats: FormatOptions = nested(FormatOptions())
+
+    def check_together(self) -> None:
+        """Checks that each setting is one of a format of the pack."""
+        for name in self.formats.given():
+            able = [to for to, known in FORMATS.items() if name in known.takes]
+            if not set(able) & set(self.to):
+                raise InputError(f"{name}: expected it with {', '.join(able)} alone, got it with {', '.join(self.to)}")
+
+    def to_plain(self) -> dict[str, Plain]:
+        """Returns plain values for JSON."""
+        formats = {name: str(value) if name == "tiles" else value for name, value in self.formats.given().items()}
+        return vars(self) | {"formats": formats}

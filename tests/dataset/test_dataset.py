@@ -27,8 +27,9 @@ from elitelanes_jax.dataset._tile_splits import tiles_by_split
 from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec
+from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.tiles.rendering import LABELS, render

@@ -51,8 +51,7 @@ def test_a_search_begins_with_the_town_that_is_written(repository):
 
 
 @pytest.mark.parametrize("program", [text for _, text in blocks(PAGE, "python")])
-def test_programs_print_what_they_say(program, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_programs_print_what_they_say(program, repository, capsys):
     run_program(program, "exports.md", capsys)
 
 
@@ -64,7 +63,9 @@ def test_the_table_has_all_formats(capsys):
     assert sorted(name.strip(",") for name in formats) == sorted(re.findall(r"`([\w-]+)`", " ".join(listed)))
 
 
-@pytest.mark.parametrize("name", ["duckietown", "graphml", "graphml-reduced", "sumo-plain"])
+@pytest.mark.parametrize(
+    "name", ["duckietown", "graphml", "graphml-reduced", "sumo-plain", "gltf", "mujoco", "nav2", "movingai"]
+)
 def test_files_end_as_the_table_says(name, repository, capsys):
     assert main(["export", "docs/examples/town.json", "--to", name, "--out", "out"]) == 0
     said = re.findall(r"`(\S+)`", TABLES[name].partition(" |")[0])

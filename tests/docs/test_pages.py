@@ -140,6 +140,7 @@ def test_links_targets_and_scripts_are_there():
     [
         ("generate", ["generate"]),
         ("pick", ["pick"]),
+        ("pack", ["pack"]),
         ("render", ["render"]),
         ("dataset", ["dataset"]),
         ("exports", ["export", "show"]),

@@ -13,7 +13,6 @@ from oracle import OPPOSITE
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
-    MOVEMENTS,
     Movement,
     Pose,
     lane_errors,
@@ -25,6 +24,7 @@ from elitelanes_jax.drive.lanes import (
     on_road,
 )
 from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.movements import MOVEMENTS
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.tiles.rendering import render
 

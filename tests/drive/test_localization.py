@@ -9,8 +9,8 @@ from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive._localization import NEVER, ambiguity, localization_steps, turns_asked_for
-from elitelanes_jax.drive.lanes import EXIT
 from elitelanes_jax.network.codes import SIDES
+from elitelanes_jax.network.movements import EXIT
 
 grids = hnp.arrays(np.int8, (4, 5), elements=st.integers(0, 15))
 asked = st.lists(st.integers(0, 2), min_size=9, max_size=9)

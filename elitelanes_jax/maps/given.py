@@ -7,6 +7,7 @@ from pathlib import Path
 
 from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -46,8 +47,8 @@ def parse_given(sources: UserValue) -> GivenMaps:
     same network.
 
     Args:
-      sources: one map or several, as `as_maps` takes them; or folders. The maps of a folder are all files ``map.json``
-        below it, or otherwise the files ``.json``, ``.yaml`` and ``.yml`` directly in it.
+      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset, or all files
+        ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.
@@ -69,11 +70,27 @@ def _files(source: UserValue) -> list[UserValue]:
     source = path(source) if isinstance(source, str) else source
     if not isinstance(source, Path) or not source.is_dir():
         return [source]
+    if (source / "dataset.json").is_file():
+        return _of_dataset(source)
     kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files
+
+
+def _of_dataset(folder: Path) -> list[UserValue]:
+    """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
+    found: dict[int, RoadMap] = {}
+    for file in sorted(folder.rglob("*.jsonl")):
+        for line in read_text(file, 1024 * MIB).splitlines():
+            try:
+                row = parse_json(line)
+                values = {name: row.get(name) for name in ("codes", "metrics", "fitness", "niche")}
+                found[row["number"]] = RoadMap(**values)
+            except (ValueError, TypeError, KeyError, AttributeError) as error:  # an InputError is a ValueError
+                raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
+    return [found[number] for number in sorted(found)]
 
 
 def _measured(road_map: RoadMap) -> RoadMap:

@@ -1,0 +1,86 @@
+"""Maps and tasks in the text formats of MovingAI's benchmarks, for planners of one robot or many.
+
+Sturtevant, "Benchmarks for grid-based pathfinding", IEEE Transactions on Computational Intelligence and AI in Games,
+2012. A step goes to one of eight neighbours; a diagonal one needs both cells beside it free, and is sqrt(2) long.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.nav2 import road_cells
+
+_STARTS = 10  # of each, as many goals
+_BUCKET = 4  # lengths that share a bucket
+
+
+class MovingAI(NamedTuple):
+    """The files of a map.
+
+    Attributes:
+      grid: of the cells: ``.`` is road, ``@`` is not.
+      tasks: 100 starts and goals, or as many as there are, with the lengths of their shortest paths, the short ones
+        first.
+    """
+
+    grid: str
+    tasks: str
+
+
+def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
+    """Writes a map and tasks on it. The tasks are drawn at random, and are the same for the same map.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      name: of the map's file, for the tasks.
+      cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells.
+    """
+    road = road_cells(codes, cells)
+    if not road.any():
+        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+    height, width = road.shape
+    rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
+    lines = [
+        "\t".join(map(str, (int(length // _BUCKET), name, width, height, *start, *goal, f"{length:.8f}"))) + "\n"
+        for length, start, goal in _tasks(road)
+    ]
+    return MovingAI(f"type octile\nheight {height}\nwidth {width}\nmap\n{rows}", "version 1\n" + "".join(lines))
+
+
+def _tasks(road: Bool[NDArray, "H W"]) -> list[tuple[float, list[int], list[int]]]:
+    """Draws starts and goals, (column, row), and computes the lengths of their shortest paths."""
+    rng, places = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
+    starts = rng.choice(len(places), min(_STARTS, len(places)), replace=False)
+    tasks = []
+    for start, lengths in zip(starts, _path_lengths(road, starts), strict=True):
+        goals = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
+        drawn = rng.choice(goals, min(_STARTS, len(goals)), replace=False)
+        tasks += [(float(lengths[goal]), places[start], places[goal]) for goal in drawn]
+    return sorted(tasks)
+
+
+def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float[NDArray, "S N"]:
+    """Returns the lengths of shortest paths from some cells of the road to all, by their places in its list."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+
+    number = np.cumsum(road).reshape(road.shape) - 1
+    free = np.pad(road, 1)
+    height, width = road.shape
+    rows, columns, lengths = [], [], []
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        moved = [free[1 + y : 1 + y + height, 1 + x : 1 + x + width] for y, x in ((down, right), (down, 0), (0, right))]
+        able = road & np.logical_and.reduce(moved)
+        row, column = np.nonzero(able)
+        rows.append(number[row, column])
+        columns.append(number[row + down, column + right])
+        lengths.append(np.full(len(row), np.hypot(down, right)))
+    count = int(road.sum())
+    graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (count, count))
+    return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=starts))

@@ -1,0 +1,103 @@
+"""A model for MuJoCo: the floor with a map's picture, and a robot with two driven wheels and a camera on a lane of it.
+
+The robot has Duckietown's measures, as `drive.Robot` and `drive.Camera` have them, so a policy moves from one to the
+other. All light is ambient: the floor has the colours of its picture.
+"""
+
+from math import atan2, cos, degrees, radians, sin
+from xml.sax.saxutils import quoteattr
+
+from numpy.typing import ArrayLike
+
+from elitelanes_jax._util.checks import is_real
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
+from elitelanes_jax.network.checks import check_grid
+
+WHEEL_RADIUS = 0.0318
+"""Of the robot, in metres."""
+
+WHEEL_DISTANCE = 0.102
+"""Between the middles of the robot's wheels, in metres."""
+
+_TOP_SPEED = 1.2  # of a wheel, metres a second
+_CAMERA_HEIGHT, _CAMERA_FORWARD, _PITCH, _FIELD_OF_VIEW = 0.108, 0.066, radians(19.15), 75
+
+_MODEL = """<mujoco model="elitelanes">
+  <option timestep="0.002" integrator="implicitfast"/>
+  <statistic center="{east:.6g} {north:.6g} 0" extent="1"/>
+  <visual>
+    <headlight ambient="1 1 1" diffuse="0 0 0" specular="0 0 0"/>
+    <map znear="0.01" zfar="200"/>
+    <global offwidth="1280" offheight="960"/>
+  </visual>
+  <asset>
+    <texture name="sky" type="skybox" builtin="flat" rgb1="0.451 0.824 1" rgb2="0.451 0.824 1" width="8" height="8"/>
+    <texture name="floor" type="2d" file={picture}/>
+    <material name="floor" texture="floor" specular="0" shininess="0"/>
+  </asset>
+  <worldbody>
+    <geom name="ground" type="plane" pos="{east:.6g} {north:.6g} -0.001" size="0 0 1" rgba="0.337 0.463 0.282 1" \
+contype="0" conaffinity="0"/>
+    <geom name="floor" type="plane" pos="{east:.6g} {north:.6g} 0" size="{east:.6g} {north:.6g} 1" material="floor" \
+friction="1 0.005 0.0001"/>
+    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
+      <freejoint name="robot"/>
+      <geom name="chassis" type="box" pos="-0.02 0 0.02" size="0.06 0.035 0.03" mass="0.8" rgba="0.9 0.2 0.15 1"/>
+      <geom name="caster" type="sphere" pos="-0.06 0 -0.0218" size="0.01" mass="0.05" condim="1" rgba="0.5 0.5 0.5 1"/>
+      <camera name="camera" pos="{forward} 0 {above:.6g}" xyaxes="0 -1 0 {up_x:.9f} 0 {up_z:.9f}" fovy="{fov}"/>
+      <body name="left" pos="0 {half} 0">
+        <joint name="left" axis="0 1 0" damping="0.0001"/>
+        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1"/>
+      </body>
+      <body name="right" pos="0 -{half} 0">
+        <joint name="right" axis="0 1 0" damping="0.0001"/>
+        <geom type="cylinder" size="{radius} 0.012" zaxis="0 1 0" mass="0.05" rgba="0.1 0.1 0.1 1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <velocity name="left" joint="left" kv="0.05" ctrlrange="-{top:.6g} {top:.6g}"/>
+    <velocity name="right" joint="right" kv="0.05" ctrlrange="-{top:.6g} {top:.6g}"/>
+  </actuator>
+</mujoco>
+"""
+
+
+def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str:
+    """Writes the model of a map as MuJoCo's XML.
+
+    The origin is the map's south-west corner; x is east, y north, z up. The body ``robot`` starts in the middle of the
+    map's first lane, row by row. The actuators ``left`` and ``right`` take the speeds of the wheels in radians a
+    second. ``camera`` is the robot's.
+
+    Args:
+      codes: integer codes ``[H, W]``.
+      picture: the name of the file with the map's picture, next to the model's file.
+      tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), one without a lane, or a bad size.
+    """
+    if not is_real(tile_size) or not 0.1 <= tile_size <= 1000:
+        raise InputError(f"tile_size: expected metres, a number from 0.1 to 1000, got {shorten(repr(tile_size))}")
+    height, width = check_grid(codes).shape
+    before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
+    direction = after - before
+    return _MODEL.format(
+        east=width * tile_size / 2,
+        north=height * tile_size / 2,
+        picture=quoteattr(picture),
+        x=start.real * tile_size,
+        y=start.imag * tile_size,
+        degrees=degrees(atan2(direction.imag, direction.real)),
+        radius=WHEEL_RADIUS,
+        half=WHEEL_DISTANCE / 2,
+        forward=_CAMERA_FORWARD,
+        above=_CAMERA_HEIGHT - WHEEL_RADIUS,
+        up_x=sin(_PITCH),
+        up_z=cos(_PITCH),
+        fov=_FIELD_OF_VIEW,
+        top=_TOP_SPEED / WHEEL_RADIUS,
+    )

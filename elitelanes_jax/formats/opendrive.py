@@ -1,0 +1,180 @@
+"""Road networks as OpenDRIVE 1.7, for CARLA, esmini and others: lines and arcs, exactly where the tiles have them.
+
+Roads lead from crossing to crossing along the middle of straights and turns, with a lane on each side. A crossing is a
+junction as large as its tile, with a connecting road for each movement. Cars turn back at dead ends, in junctions with
+one connecting road. A road back to its own crossing has a junction halfway, a ring has two.
+
+OpenDRIVE allows no junction next to a junction: between adjacent crossings is a road of twice `_INSET`.
+"""
+
+import math
+from typing import NamedTuple
+
+from numpy.typing import ArrayLike
+
+from elitelanes_jax.formats._pieces import Piece, across, back, middle
+from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
+from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
+from elitelanes_jax.network.codes import SIDE_TOWARDS
+
+_SIGNS = {  # by right of way
+    "allway_stop": 'country="DE" type="206" dynamic="no"',
+    "traffic_light": 'country="OpenDRIVE" type="1000001" dynamic="yes"',
+}
+
+
+class _End(NamedTuple):
+    """An end of a road: its number, and whether the road starts there."""
+
+    road: int
+    starts: bool
+
+    @property
+    def link(self) -> str:
+        """The attributes of a link to it."""
+        return f'elementType="road" elementId="{self.road}" contactPoint="{"start" if self.starts else "end"}"'
+
+    @property
+    def lane_in(self) -> int:
+        """The lane that leads to this end; the other one, with the opposite sign, leads away."""
+        return 1 if self.starts else -1
+
+
+def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
+    """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
+
+    Args:
+      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+      streets: their measures.
+
+    Returns:
+      A text; the same grid gives the same text. x is east and y north of the grid's south-west corner, in metres. Roads
+      are named by the tile and the side where they start, such as ``3_4_east``; connecting roads by their tile, the
+      side by which they enter and their turn, such as ``3_4_west_left``.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or one without any road.
+    """
+    network = lanes(codes)
+    links = linked_tiles(codes)
+    height, width = network.links.shape
+    nodes = {tile for tile in links if len(links[tile]) != 2}
+    for path in walk_roads(links, nodes):
+        if path[0] == path[-1]:
+            nodes |= {path[0], path[len(path) // 2]}
+    junctions = {tile: number for number, tile in enumerate(sorted(nodes), 1) if links[tile]}
+    first = max(junctions.values()) + 1  # CARLA takes a number for a road if there is one
+    roads: list[str] = []
+    ends: dict[tuple[Cell, Cell], _End] = {}  # by the tile of a junction and the next tile of the road
+    for number, path in enumerate(walk_roads(links, set(junctions)), first):
+        ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
+        (row, column), (next_row, next_column) = path[:2]
+        name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
+        both = [junctions[path[end]] for end in (0, -1)]
+        signs = [len(links[path[end]]) > 2 for end in (0, -1)]
+        roads.append(_road(number, name, middle(path, links, height), both, signs, streets))
+
+    built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
+    for way in (way for way in network.ways if way.tile in junctions):
+        number, connections = first + len(roads), built[way.tile]
+        start, end = ends[way.tile, way.before], ends[way.tile, way.after]
+        gaps = [len(links[way.tile]) > 2 and len(links[tile]) > 2 for tile in (way.before, way.after)]
+        pieces = back(way, streets, height) if way.turn == BACK else across(way, *gaps, height=height)
+        roads.append(_connecting_road(number, junctions[way.tile], way, pieces, start, end, streets))
+        place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
+        connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
+    controllers: list[str] = []
+    for tile, element in built.items():
+        if len(links[tile]) > 2:
+            approaches = [
+                [ends[tile, other] for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)
+            ]
+            element += _rights(approaches, controllers, streets)
+    return "\n".join(
+        [
+            '<?xml version="1.0" encoding="UTF-8"?>',
+            "<OpenDRIVE>",
+            f'<header revMajor="1" revMinor="7" name="" version="1" north="{height * streets.tile:.9g}" south="0" '
+            f'east="{width * streets.tile:.9g}" west="0"><geoReference>{GEO_REFERENCE}</geoReference></header>',
+            *roads,
+            *controllers,
+            *(
+                f'<junction id="{junctions[row, column]}" name="{row}_{column}">{"".join(element)}</junction>'
+                for (row, column), element in built.items()
+            ),
+            "</OpenDRIVE>\n",
+        ]
+    )
+
+
+def _rights(axes: list[list[_End]], controllers: list[str], streets: Streets) -> list[str]:
+    """Returns elements of a crossing that say who goes first, by its roads along each axis; adds their controllers."""
+    if streets.right_of_way == "priority" and sum(map(len, axes)) == 3:  # the road that goes straight on
+        (low,), high = sorted(axes, key=len)
+        return [f'<priority high="{end.road}" low="{low.road}"/>' for end in high]
+    rights = []
+    for sequence, axis in enumerate(axes if streets.right_of_way == "traffic_light" else ()):
+        lights = "".join(f'<control signalId="{_signal_id(*end)}" type="0"/>' for end in axis)
+        place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
+        controllers.append(f"<controller {place}>{lights}</controller>")
+        rights.append(f'<controller {place} type="0"/>')
+    return rights
+
+
+def _road(number: int, name: str, pieces: list[Piece], nodes: list[int], signs: list[bool], streets: Streets) -> str:
+    """Returns the element of a road between junctions, with a lane on each side and signs at its ends."""
+    sides = (("left", 1, "solid"), ("center", 0, "broken"), ("right", -1, "solid"))
+    lanes = "".join(f"<{side}>{_lane(lane, mark, streets)}</{side}>" for side, lane, mark in sides)
+    signals = "".join(
+        f'<signal s="{0 if starts else sum(piece.length for piece in pieces) * streets.tile:.9g}" '
+        f't="{1.25 * lane * streets.lane:.9g}" id="{_signal_id(number, starts)}" name="" '
+        f'orientation="{"-" if starts else "+"}" {_SIGNS[streets.right_of_way]} subtype="-1" value="-1" '
+        f'zOffset="{0.7 * streets.lane:.9g}" height="{streets.lane / 4:.9g}" width="{streets.lane / 4:.9g}">'
+        f'<validity fromLane="{lane}" toLane="{lane}"/></signal>'
+        for starts, lane, sign in ((True, 1, signs[0]), (False, -1, signs[1]))
+        if sign and streets.right_of_way in _SIGNS
+    )
+    section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signals}</signals>'
+    links = [f'elementType="junction" elementId="{node}"' for node in nodes]
+    return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets)
+
+
+def _connecting_road(
+    number: int, junction: int, way: Way, pieces: list[Piece], start: _End, end: _End, streets: Streets
+) -> str:
+    """Returns the element of a road across a junction, with the right lane alone and no marks."""
+    link = f'<link><predecessor id="{start.lane_in}"/><successor id="{-end.lane_in}"/></link>'
+    offset = f'<laneOffset s="0" a="{streets.lane / 2:.9g}" b="0" c="0" d="0"/>' if way.turn == BACK else ""
+    centre, right = _lane(0, "none", streets), _lane(-1, "none", streets, link)
+    section = f'<lanes>{offset}<laneSection s="0"><center>{centre}</center><right>{right}</right></laneSection></lanes>'
+    attributes = f'name="{way.name}" id="{number}" junction="{junction}"'
+    return _element(attributes, [start.link, end.link], pieces, section, streets)
+
+
+def _lane(number: int, mark: str, streets: Streets, link: str = "") -> str:
+    width = f'<width sOffset="0" a="{streets.lane:.9g}" b="0" c="0" d="0"/>' if number else ""
+    return (
+        f'<lane id="{number}" type="{"driving" if number else "none"}" level="false">{link}{width}'
+        f'<roadMark sOffset="0" type="{mark}" weight="standard" color="{"standard" if number else "yellow"}"/></lane>'
+    )
+
+
+def _element(attributes: str, links: list[str], pieces: list[Piece], lanes: str, streets: Streets) -> str:
+    geometries, s = [], 0.0
+    for start, heading, length, curvature in pieces:
+        x, y, metres = (value * streets.tile for value in (start.real, start.imag, length))
+        place = (
+            f's="{s:.12g}" x="{x:.12g}" y="{y:.12g}" hdg="{(1 - heading) * math.pi / 2:.12g}" length="{metres:.12g}"'
+        )
+        shape = f'<arc curvature="{curvature / streets.tile:.12g}"/>' if curvature else "<line/>"
+        geometries.append(f"<geometry {place}>{shape}</geometry>")
+        s += metres
+    return (
+        f'<road {attributes} length="{s:.12g}"><link><predecessor {links[0]}/><successor {links[1]}/></link>'
+        f'<type s="0" type="town"><speed max="{streets.speed:.9g}" unit="m/s"/></type>'
+        f"<planView>{''.join(geometries)}</planView>{lanes}</road>"
+    )
+
+
+def _signal_id(road: int, starts: bool) -> int:
+    return 2 * road + starts

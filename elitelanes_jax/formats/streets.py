@@ -1,0 +1,182 @@
+"""The streets that tiles become: their measures, and a lane for each movement across a tile.
+
+Places are complex numbers in metres, east + north·i, from the south-west corner of the grid. Traffic keeps right. A
+lane's left bound is the middle of the road; its right bound is one width of a lane beside it.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax._util.checks import one_of, real
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.records import Record, option
+from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES
+from elitelanes_jax.network.movements import EXIT, TURNS, linked_codes, list_movements
+
+_RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
+
+BACK = 3
+"""The turn of a way that leaves a dead end by the side where it came in."""
+
+CHORDS = 8
+"""The number of lines that a quarter circle becomes where a format has no arcs."""
+
+GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+"""Where maps lie on earth, for formats that need it: on the equator, on the central meridian of UTM's zone 32."""
+
+_SIDE_NAMES = (*TURNS, "back")
+
+
+@dataclass(frozen=True)
+class Streets(Record):
+    """Measures of the streets that tiles become.
+
+    The defaults suit SUMO's own cars, 5 m long: between adjacent crossings there is room for two of them. On shorter
+    streets waiting cars block the crossings behind them. ``Streets(tile=8.43)`` has the proportions of Duckietown,
+    58.5 cm a tile and 22.2 cm from the middle of the road to its white line; a Duckiebot has 2.6 m there.
+
+    Attributes:
+      tile: side of a tile in metres, 0.01 to 1000, and more than two lanes.
+      lane: width of a lane in metres, 0.001 to 500.
+      speed: limit in metres a second, 0.001 to 100.
+      right_of_way: at crossings: "allway_stop", the meaning of stop lines on all sides, "priority",
+        "right_before_left" or "traffic_light".
+    """
+
+    tile: float = option(30.0, real(0.01, 1000))
+    lane: float = option(3.2, real(0.001, 500))
+    speed: float = option(8.33, real(0.001, 100))
+    right_of_way: str = option("allway_stop", one_of(*_RIGHTS_OF_WAY))
+
+    def check_together(self) -> None:
+        """Checks that a tile has room for two lanes."""
+        if self.tile <= 2 * self.lane:
+            if self.tile == Streets.tile:  # the lane was given, not the tile
+                raise InputError(f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m")
+            raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
+
+
+class Way(NamedTuple):
+    """A lane across a tile.
+
+    Attributes:
+      row: from the north.
+      column: from the west.
+      heading: when the tile is entered: 0 north, 1 east, 2 south, 3 west.
+      turn: 0 right, 1 straight, 2 left, 3 back, at a dead end.
+    """
+
+    row: int
+    column: int
+    heading: int
+    turn: int
+
+    @property
+    def tile(self) -> Cell:
+        """Its row and column."""
+        return self.row, self.column
+
+    @property
+    def before(self) -> Cell:
+        """The tile that it comes from."""
+        return self.row - SIDES[self.heading].down, self.column - SIDES[self.heading].right
+
+    @property
+    def after(self) -> Cell:
+        """The tile that it leads to."""
+        return self.row + SIDES[self.exit].down, self.column + SIDES[self.exit].right
+
+    @property
+    def exit(self) -> int:
+        """The heading with which the tile is left."""
+        return int(EXIT[self.heading, self.turn]) if self.turn < BACK else (self.heading + 2) % 4
+
+    @property
+    def name(self) -> str:
+        """Row, column, side of entry and turn, such as ``3_4_west_left``."""
+        return f"{self.row}_{self.column}_{SIDES[self.heading - 2].name}_{_SIDE_NAMES[self.turn]}"
+
+
+class Lanes(NamedTuple):
+    """All lanes of a map.
+
+    Attributes:
+      ways: in ascending order.
+      after: indices of the ways that go on where each way ends.
+      links: int8 ``[H, W]``, the number of links of each tile.
+    """
+
+    ways: list[Way]
+    after: list[list[int]]
+    links: NDArray[np.int8]
+
+
+def lanes(codes: ArrayLike) -> Lanes:
+    """Lists the lanes of a map: its movements, and a way back at each dead end.
+
+    Args:
+      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or one without any road.
+    """
+    grid = np.asarray(check_grid(codes))
+    linked = linked_codes(grid)
+    if not linked.any():
+        raise no_road()
+    ends = [
+        (row, column, (side + 2) % 4, BACK)
+        for row, column in np.argwhere(CONNECTIONS[linked] == 1)
+        for side in range(4)
+        if linked[row, column] == SIDES[side].bit
+    ]
+    ways = sorted(Way(*map(int, way)) for way in (*list_movements(grid), *ends))
+    entries: dict[tuple[int, ...], list[int]] = {}
+    for index, way in enumerate(ways):
+        entries.setdefault(way[:3], []).append(index)
+    return Lanes(ways, [entries[*way.after, way.exit] for way in ways], CONNECTIONS[linked])
+
+
+def no_road() -> InputError:
+    """Makes the error for a map without lanes."""
+    return InputError("grid: expected a road, two tiles that connect to each other, got none")
+
+
+def middle_of_side(tile: Cell, side: int, height: int) -> complex:
+    """Returns the middle of a side of a tile, in tiles. Side -1 is 3, and so on."""
+    return tile[1] + 0.5 + (height - tile[0] - 0.5) * 1j + AHEAD[side] / 2
+
+
+AHEAD = (1j, 1, -1j, -1)
+"""The unit vectors of headings."""
+
+
+def curve(way: Way, left: float, height: int) -> NDArray[np.complex128]:
+    """Returns the points of a line along a way: two on a straight, else `CHORDS` more for each quarter circle.
+
+    Args:
+      way: which to follow.
+      left: distance to the left of the road's middle, in tiles.
+      height: rows of the grid.
+    """
+    return middle_of_side(way.tile, (way.heading + 2) % 4, height) + AHEAD[way.heading] * _shape(way.turn, left)
+
+
+@cache
+def _shape(turn: int, left: float) -> NDArray[np.complex128]:
+    """Returns the points of a way from the middle of a southern side, divided by i."""
+    start = 1j * left
+    if turn == 1:
+        return np.array([start, 1 + start])
+    if turn == BACK:  # around the middle of the tile
+        around = 0.5 + start * np.exp(1j * np.linspace(0, np.pi, 2 * CHORDS + 1))
+        return np.concatenate([[start], around, [-start]])
+    bend = turn - 1  # to the left
+    centre = bend * 0.5j
+    return centre + (start - centre) * np.exp(bend * 1j * np.linspace(0, np.pi / 2, CHORDS + 1))

@@ -1,0 +1,228 @@
+"""From maps to a pack: their files for other programs by niche, splits with held-out niches, and trips to drive."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.checks import check_named, path
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.files import write_atomic, write_json
+from elitelanes_jax._util.folders import foreign_file, output_folder
+from elitelanes_jax._util.packages import installed_versions
+from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.records import record
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats.lane_graph import LENGTHS, lane_graph
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.formats.table import table_to_csv
+from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
+from elitelanes_jax.maps.given import parse_given
+from elitelanes_jax.maps.spec import SPLITS, PackSpec
+from elitelanes_jax.network.symmetry import canonical_form
+
+RECORD, SUMS = "pack.json", "SHA256SUMS"
+"""The files with the settings of a pack, and with the checksums of its other files, for ``sha256sum -c``."""
+
+_SHOWN = ("tiles", "crossings", "turns", "cyclomatic", "bridges", "dead_ends", "lanes", "trip")
+
+
+class _Packed(NamedTuple):
+    """A map with its id, which is the same for its rotations and mirror images, its niche's name, and its split."""
+
+    id: str
+    niche: str
+    split: str
+    road_map: RoadMap
+
+
+def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = False) -> dict[str, Plain]:
+    """Writes a pack of maps.
+
+    The same maps and specification give the same files, byte for byte. If a run was killed, the same call resumes it.
+
+    Args:
+      spec: of the pack.
+      sources: a folder of `generate` or `pick`, a dataset, or maps in any form that `as_maps` takes; or several of
+        these. Of maps that are the same when rotated or mirrored the first one is packed.
+      out: the folder, new or empty.
+      force: whether another pack in the folder is replaced, if nothing else is in the folder.
+
+    Returns:
+      The record in ``pack.json``.
+
+    Raises:
+      InputError: for bad maps, one without lanes or that a format cannot hold, a setting that a format refuses, fewer
+        niches than splits, or a folder that may not be replaced.
+      OSError: that names the file, if a file cannot be written. The same call resumes.
+    """
+    spec, out = check_named("spec", record(PackSpec), spec), Path(check_named("out", path, out))
+    for to in spec.to:
+        FORMATS[to].files(LOOP, "map", **_settings(spec, to))
+    maps = parse_given(sources)
+    packed = _split(spec, maps.maps)
+    about: dict[str, Plain] = {
+        "settings": spec.to_plain(),
+        "maps": {"number": len(packed), "digest": maps.digest},
+        "versions": installed_versions(),
+    }
+    identity = {"command": "pack", **about}
+    with output_folder(out, identity, foreign=_foreign, force=force, resume_files=True) as work:
+        write_json(work.kept / "maps.json", [one.id for one in packed])
+        rows = []
+        with Progress("packing", len(packed), "maps") as bar:
+            for number, one in enumerate(packed):
+                try:
+                    rows.append(_write(spec, one, work.files))
+                except InputError as error:
+                    (work.kept / "maps.json").unlink()  # nothing is left to resume
+                    niche = f"niche {one.niche}, map {number} of {len(packed)} from 0"
+                    raise InputError(f"{niche}: {error}") from None
+                bar.count()
+        about["splits"] = {
+            name: {"maps": len(ids), "niches": len({one.niche for one in packed if one.split == name})}
+            for name in SPLITS
+            if (ids := [one.id for one in packed if one.split == name])
+        }
+        for name in SPLITS:
+            listed = "".join(f"{one.id}\n" for one in packed if one.split == name)
+            write_atomic(work.files / "splits" / f"{name}.txt", listed.encode())
+        write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
+        write_json(work.files / RECORD, about)
+        write_atomic(work.files / "README.md", _card(spec, about, rows).encode())
+        write_atomic(work.files / SUMS, "".join(_sums(work.files)).encode())
+    return about
+
+
+def _settings(spec: PackSpec, to: str) -> dict[str, UserValue]:
+    return {name: value for name, value in spec.formats.given().items() if name in FORMATS[to].takes}
+
+
+def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Packed]:
+    """Assigns whole niches to splits, in a random order: each to the split that lacks most maps; none stays empty."""
+    niches = ["x".join(map(str, one.codes.shape)) + "".join(f"-{part:02d}" for part in one.niche or ()) for one in maps]
+    counts = Counter(niches)
+    lacking = {name: share * len(maps) for name, share in zip(SPLITS, spec.split, strict=True) if share}
+    if len(counts) < len(lacking):
+        hint = "; a split of 1 0 0 trains on all"
+        raise InputError(f"split: expected a niche for each of {len(lacking)} splits, got {len(counts)} in all{hint}")
+    held: dict[str, list[str]] = {name: [] for name in lacking}
+    for niche in sorted(counts, key=lambda niche: sha256(f"{spec.seed} {niche}".encode()).digest()):
+        name = max(lacking, key=lambda name: lacking[name])
+        held[name].append(niche)
+        lacking[name] -= counts[niche]
+    for name in held:
+        if not held[name]:
+            held[name].append(max(held.values(), key=len).pop())
+    split_of = {niche: name for name, listed in held.items() for niche in listed}
+    ids = [sha256(canonical_form(one.codes)).hexdigest()[:12] for one in maps]
+    parts = zip(ids, niches, maps, strict=True)
+    return [_Packed(one, niche, split_of[niche], road_map) for one, niche, road_map in parts]
+
+
+def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
+    """Writes the files of a map that are not there yet; returns its row of the table."""
+    trips = _trips(spec, one)
+    for to in spec.to:
+        files = [folder / to / one.niche / f"{one.id}{suffix}" for suffix in FORMATS[to].suffixes]
+        if not all(file.exists() for file in files):
+            made = FORMATS[to].files(one.road_map, one.id, **_settings(spec, to))
+            for file, content in zip(files, made.contents, strict=True):
+                write_atomic(file, as_bytes(content))
+    write_atomic(folder / "maps" / one.niche / f"{one.id}.json", map_to_json(one.road_map).encode())
+    write_atomic(folder / "trips" / one.niche / f"{one.id}.csv", table_to_csv(trips).encode())
+    height, width = one.road_map.codes.shape
+    mean = float(np.mean([trip["length"] for trip in trips]))
+    about = {"id": one.id, "niche": one.niche, "split": one.split, "height": height, "width": width}
+    lanes = len(lane_graph(one.road_map.codes).edges)
+    return {**about, "lanes": lanes, "trip": round(mean, 3), **(one.road_map.metrics or {})}
+
+
+def _trips(spec: PackSpec, one: _Packed) -> list[dict[str, Plain]]:
+    """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.csgraph import dijkstra
+
+    graph = lane_graph(one.road_map.codes)
+    rng = np.random.default_rng([spec.seed, int(one.id, 16)])
+    count = len(graph.nodes)
+    ways = csr_array((LENGTHS[graph.turns], graph.edges.T), shape=(count, count))
+    trips: list[dict[str, Plain]] = []
+    for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips):
+        lengths = dijkstra(ways, indices=start)
+        goal = rng.choice(np.flatnonzero(np.isfinite(lengths) & (lengths > 0)))
+        places = {
+            f"{end}_{name}": int(value)
+            for end, node in (("start", start), ("goal", goal))
+            for name, value in zip(("row", "column", "heading"), graph.nodes[node], strict=True)
+        }
+        trips.append({**places, "length": round(float(lengths[goal]), 6)})
+    return trips
+
+
+def _card(spec: PackSpec, about: Mapping[str, Plain], rows: Sequence[Mapping[str, Plain]]) -> str:
+    """Writes the README of a pack."""
+    parts = {name: [row for row in rows if row["split"] == name] for name in about["splits"]}
+
+    def spread(name: str, part: Sequence[Mapping[str, Plain]]) -> str:
+        low, middle, high = np.quantile([row[name] for row in part], [0, 0.5, 1])
+        return f"{low:g} .. {middle:g} .. {high:g}"
+
+    measured = [name for name in _SHOWN if name in rows[0]]
+    return "\n".join(
+        [
+            "# A pack of road maps",
+            "",
+            f"{len(rows):,} maps of a miniature city, and {spec.trips} trips on each. Made by Elite Lanes JAX "
+            f"{about['versions']['elitelanes_jax']}.",
+            "",
+            "| | " + " | ".join(parts) + " |",
+            "|---|" + "---|" * len(parts),
+            "| maps | " + " | ".join(str(len(part)) for part in parts.values()) + " |",
+            "| niches | " + " | ".join(str(about["splits"][name]["niches"]) for name in parts) + " |",
+            *(f"| {name} | " + " | ".join(spread(name, part) for part in parts.values()) + " |" for name in measured),
+            "",
+            "The numbers are the least, the median and the largest of the split. `lanes` counts ways across a tile. "
+            "`trip` is a map's mean trip, in tiles. No niche is in two splits. A map's id is the same for its "
+            "rotations and mirror images.",
+            "",
+            "| file | content |",
+            "|---|---|",
+            "| `maps.csv` | the maps: id, niche, split and metrics |",
+            "| `splits/train.txt` | the ids of a split |",
+            "| `maps/NICHE/ID.json` | a map: tile codes, 8·N + 4·E + 2·S + 1·W |",
+            "| `trips/NICHE/ID.csv` | starts, goals, and the exact length of the shortest way in tiles |",
+            *(f"| `{to}/NICHE/ID{suffix}` | for `{to}` |" for to in spec.to for suffix in FORMATS[to].suffixes),
+            f"| `{RECORD}` | settings and versions |",
+            f"| `{SUMS}` | checksums: `sha256sum -c {SUMS}` |",
+            "",
+            "A trip starts where a tile is entered and ends where another one is: row, column, and heading, 0 north, "
+            "1 east, 2 south, 3 west. Its length is measured along the lanes' centres, 0.2 tile right of the middle of "
+            "the road. Nobody turns back.",
+            "",
+            f"Settings: `{json.dumps(about['settings'])}`",
+            "",
+        ]
+    )
+
+
+def _sums(folder: Path) -> Iterator[str]:
+    """Yields a line for each file: its checksum, and its path."""
+    files = sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+    for file in files:
+        if file != SUMS:
+            yield f"{sha256((folder / file).read_bytes()).hexdigest()}  {file}\n"
+
+
+def _foreign(folder: Path) -> str | None:
+    """Returns the first file in a folder that no pack lists; None without one."""
+    try:
+        lines = (folder / SUMS).read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return f"no {SUMS}"
+    known = {line[66:] for line in lines} | {SUMS}
+    return f"{RECORD} missing" if RECORD not in known else foreign_file(folder, known.__contains__)

@@ -1,0 +1,121 @@
+"""The maps that simulators are checked with, and what their lanes should be, by the graph of tiles."""
+
+import math
+from functools import cache
+from itertools import permutations
+from pathlib import Path
+
+import jax
+import networkx as nx
+import numpy as np
+from oracle import road_graph
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.growth import grow_town
+from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.network.wfc import generate_batch
+
+STEPS = ((-1, 0), (0, 1), (1, 0), (0, -1))  # rows and columns, by heading
+SIDES = ("north", "east", "south", "west")
+TURNS = {1: "right", 0: "straight", 3: "left", 2: "back"}  # by quarter turns clockwise
+AHEAD = np.array([1j, 1, -1j, -1])  # x east, y north
+
+_SIZES = (6, 9, 12, 16, 20, 24)
+_grow = jax.jit(grow_town, static_argnums=1)
+
+# Those of duckietown-world, where make duckietown has installed it.
+_PEOPLES = Path(__file__).parents[2].glob(".venv-duckietown/**/gd1/maps/*.yaml")
+
+
+@cache
+def maps_of(batch, number=50):
+    """Number ``number`` of maps, of three sources: WFC, dead ends among them; repaired noise; grown towns."""
+    found = []
+    for index in range(number):
+        seed = batch * number + index
+        side = _SIZES[seed // 3 % len(_SIZES)]
+        key = jax.random.fold_in(jax.random.key(36), seed)
+        if seed % 3 == 0:
+            found.append(generate_batch(np.random.default_rng(seed), 1, (side, side), border="closed").grid[0])
+        elif seed % 3 == 1:
+            found.append(np.asarray(repair(random_grids(key, 1, (side, side))[0], fill=True)))
+        else:
+            found.append(np.asarray(_grow(key, (side, side))))
+    return found
+
+
+@cache
+def peoples_maps():
+    """Maps that people made, with their dead ends, of all files that have lanes."""
+    grids = []
+    for file in sorted(_PEOPLES):
+        try:
+            grid = np.asarray(read_map(file).codes)
+        except InputError:
+            continue
+        if road_graph(grid).number_of_edges():
+            grids.append(grid)
+    return grids
+
+
+def lane_graph(grid):
+    """Lanes as nodes (row, column, heading in, heading out), and what follows each; back only at dead ends."""
+    tiles = road_graph(grid)
+    heading = {step: index for index, step in enumerate(STEPS)}
+    lanes = set()
+    for row, column in tiles:
+        sides = [heading[other[0] - row, other[1] - column] for other in tiles[row, column]]
+        pairs = permutations(sides, 2) if len(sides) > 1 else [(side, side) for side in sides]
+        lanes |= {(row, column, (one + 2) % 4, other) for one, other in pairs}
+    entries = {}
+    for lane in lanes:
+        entries.setdefault(lane[:3], []).append(lane)
+    graph = nx.DiGraph()
+    graph.add_nodes_from(sorted(lanes))
+    for row, column, into, out in sorted(lanes):
+        down, right = STEPS[out]
+        graph.add_edges_from(((row, column, into, out), other) for other in entries[row + down, column + right, out])
+    return graph
+
+
+def name(lane):
+    row, column, into, out = lane
+    return f"{row}_{column}_{SIDES[(into + 2) % 4]}_{TURNS[(out - into) % 4]}"
+
+
+def length(lane, streets):
+    """Metres along a lane's centre."""
+    middle = streets.lane / 2
+    return {
+        "straight": streets.tile,
+        "right": (streets.tile / 2 - middle) * math.pi / 2,
+        "left": (streets.tile / 2 + middle) * math.pi / 2,
+        "back": streets.tile + middle * math.pi,
+    }[TURNS[(lane[3] - lane[2]) % 4]]
+
+
+def distances(points, lane, grid, streets):
+    """Metres from points (x + y·i) to a lane's centre, which goes on as the line or the circle that it is."""
+    row, column, into, out = lane
+    tile = streets.tile
+    centre = (column + 0.5 + (len(grid) - row - 0.5) * 1j) * tile
+    ahead = AHEAD[into]
+    turn = TURNS[(out - into) % 4]
+    local = (np.asarray(points) - centre) / ahead  # real: ahead; imaginary: to the left
+    if turn == "straight":
+        return abs(local.imag + streets.lane / 2)
+    if turn == "back":
+        straight = abs(abs(local.imag) - streets.lane / 2)
+        return np.where(local.real < 0, straight, abs(abs(local) - streets.lane / 2))
+    left = 1 if turn == "left" else -1
+    return abs(abs(local - (-1 + left * 1j) * tile / 2) - (tile + left * streets.lane) / 2)
+
+
+def all_reach_all(graph, grid):
+    """Whether each lane is reached from each other one on its roads; on a ring, from those of its direction."""
+    tiles = road_graph(grid)
+    parts = [tiles.subgraph(part) for part in nx.connected_components(tiles) if len(part) > 1]
+    directions = sum(2 if all(part.degree(tile) == 2 for tile in part) else 1 for part in parts)
+    return nx.number_strongly_connected_components(graph) == directions

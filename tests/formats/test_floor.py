@@ -1,0 +1,263 @@
+"""The floor of 3-D simulators: what its files say, and what MuJoCo and trimesh make of them."""
+
+import io
+import json
+import struct
+import xml.etree.ElementTree as ET
+
+import jax
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from elitelanes_jax import RoadMap
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive import Camera, LaneNode, Pose, lane_pose, look, make_atlas, route
+from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
+from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.formats.gltf import to_gltf
+from elitelanes_jax.formats.lane_graph import lane_graph
+from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
+from elitelanes_jax.maps.exporting import FORMATS
+from elitelanes_jax.network import wfc
+from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
+
+TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]
+SPEED, LOOKAHEAD, RATE = 0.3, 0.12, 1 / 30  # metres a second, tiles, seconds between commands
+locate = jax.jit(jax.vmap(lane_pose, in_axes=(None, 0, 0)))
+
+
+def test_the_robot_has_the_measures_of_ours():
+    model = ET.fromstring(to_mjcf(TOWN, "town.png"))
+    robot, camera = Robot(), Camera()
+    found = model.find(".//camera")
+    forward, left, above = map(float, found.get("pos").split())
+    up = [float(part) for part in found.get("xyaxes").split()[3:]]
+    assert (forward, left, above + WHEEL_RADIUS) == pytest.approx((camera.forward, 0, camera.height))
+    assert np.degrees(np.arctan2(up[0], up[2])) == pytest.approx(camera.pitch)
+    assert float(found.get("fovy")) == camera.field_of_view
+    assert robot.wheel_distance == WHEEL_DISTANCE
+    for motor in model.iter("velocity"):
+        assert [float(part) * WHEEL_RADIUS for part in motor.get("ctrlrange").split()] == pytest.approx(
+            [-robot.top_speed, robot.top_speed], rel=1e-5
+        )
+    for geom in model.findall(".//geom[@name='ground']"):
+        assert [255 * float(part) for part in geom.get("rgba").split()[:3]] == pytest.approx(camera.ground, abs=0.2)
+
+
+@pytest.mark.parametrize("number", range(12))
+def test_the_robot_starts_in_the_middle_of_a_lane(number):
+    grid = wfc.generate_batch(np.random.default_rng(number), 1, (3, 4), border="open").grid[0]
+    body = ET.fromstring(to_mjcf(grid, "town.png")).find(".//body[@name='robot']")
+    x, y, _ = (float(part) / TILE for part in body.get("pos").split())
+    theta = np.radians(float(body.get("euler").split()[2]))
+    found = lane_pose(grid, Pose(*np.float32([x, len(grid) - y, theta])))
+    assert found.own_lane and abs(found.d) < 1e-4 and abs(found.phi) < 1e-4
+
+
+@pytest.mark.parametrize("write", [to_mjcf, lambda codes, picture, size: to_gltf(np.shape(codes), b"", size)])
+@pytest.mark.parametrize("size", [0, -1, float("nan"), 1e9, "x"])
+def test_sizes_that_no_floor_has_are_refused(write, size):
+    with pytest.raises(InputError, match=r"tile_size: expected metres"):
+        write(TOWN, "town.png", size)
+
+
+def test_a_map_without_a_lane_has_no_place_for_the_robot():
+    with pytest.raises(InputError, match="expected a lane"):
+        to_mjcf([[4, 1], [0, 0]], "town.png")
+
+
+def test_a_floor_lies_from_corner_to_corner_with_its_picture():
+    """The file read by the rules of the format."""
+    picture = png_of(render(TOWN, tile_px=16).image)
+    text = to_gltf(TOWN.shape, picture, 0.5)
+    magic, version, length = struct.unpack("<4sII", text[:12])
+    assert (magic, version, length) == (b"glTF", 2, len(text))
+    size, kind = struct.unpack("<I4s", text[12:20])
+    content, rest = json.loads(text[20 : 20 + size]), text[20 + size :]
+    assert kind == b"JSON" and struct.unpack("<I4s", rest[:8]) == (len(rest) - 8, b"BIN\0")
+    parts = [
+        rest[8 + view["byteOffset"] : 8 + view["byteOffset"] + view["byteLength"]] for view in content["bufferViews"]
+    ]
+    assert all(view["byteOffset"] % 4 == 0 for view in content["bufferViews"])
+    assert parts[content["images"][0]["bufferView"]] == picture
+    attributes = content["meshes"][0]["primitives"][0]["attributes"]
+    places = np.frombuffer(parts[attributes["POSITION"]], "<f4").reshape(4, 3)
+    spots = np.frombuffer(parts[attributes["TEXCOORD_0"]], "<f4").reshape(4, 2)
+    np.testing.assert_array_equal(places, np.c_[spots[:, 0] * 4, 0 * spots[:, 0], (spots[:, 1] - 1) * 3])
+    accessor = content["accessors"][attributes["POSITION"]]
+    assert (accessor["min"], accessor["max"]) == ([0, 0, -3], [4, 0, 0])
+
+
+def city(number, largest=24):
+    """Maps of 6 x 6 to 24 x 24 tiles in three styles: few crossings or many, and roads that leave the map."""
+    rng = np.random.default_rng(number)
+    height, width = map(int, rng.integers(6, largest + 1, 2))
+    style = [{"border": "closed"}, {"border": "closed", "crossing_ban": False}, {"border": "open"}][number % 3]
+    return wfc.generate_batch(rng, 1, (height, width), **style).grid[0]
+
+
+@pytest.mark.slow
+def test_trimesh_reads_the_floor_as_it_was_written():
+    trimesh = pytest.importorskip("trimesh")
+    for number in range(1000):
+        codes = city(number)
+        (made,) = FORMATS["gltf"].files(RoadMap(codes), "city", tile_px=16).contents
+        scene = trimesh.load(io.BytesIO(made), file_type="glb")
+        (floor,) = scene.geometry.values()
+        height, width = codes.shape
+        np.testing.assert_allclose(floor.bounds, [[0, 0, -height * TILE], [width * TILE, 0, 0]], atol=1e-5)
+        np.testing.assert_allclose(floor.face_normals, [[0, 1, 0]] * 2)
+        east, north = floor.visual.uv.T  # trimesh counts from the south
+        np.testing.assert_allclose(floor.vertices[:, 0], east * width * TILE, atol=1e-5)
+        np.testing.assert_allclose(-floor.vertices[:, 2], north * height * TILE, atol=1e-5)
+        np.testing.assert_array_equal(
+            np.asarray(floor.visual.material.baseColorTexture), render(codes, tile_px=16, seed=0).image
+        )
+
+
+@pytest.fixture
+def mujoco(monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "egl")
+    return pytest.importorskip("mujoco")
+
+
+def load(mujoco, codes, tile_px=64):
+    text, picture = FORMATS["mujoco"].files(RoadMap(codes), "city", tile_px=tile_px).contents
+    model = mujoco.MjModel.from_xml_string(text, assets={"city.png": picture})
+    return model, mujoco.MjData(model)
+
+
+def where(data, height):
+    """The robot's pose in tiles, as ours have it."""
+    x, y, _ = data.body("robot").xpos / TILE
+    turned = data.body("robot").xmat.reshape(3, 3)
+    return np.array([x, height - y, np.arctan2(turned[1, 0], turned[0, 0])], np.float32)
+
+
+def put(mujoco, data, pose, height):
+    """Puts the robot at a pose of ours."""
+    mujoco.mj_resetData(data.model, data)
+    data.qpos[:3] = pose.x * TILE, (height - pose.y) * TILE, WHEEL_RADIUS
+    data.qpos[3:7] = np.cos(pose.theta / 2), 0, 0, np.sin(pose.theta / 2)
+    mujoco.mj_forward(data.model, data)
+
+
+def ways(codes, count, rng):
+    """Random routes of 4 tiles or more: their movements, and points on each, a hundredth of a tile apart."""
+    nodes = lane_graph(codes).nodes
+    while count:
+        start, goal = (LaneNode(*nodes[number]) for number in rng.integers(0, len(nodes), 2))
+        found = route(codes, start, goal)
+        if 4 <= (length := int(found.length)) < 2**30:
+            taken = [Movement(*(int(part[number]) for part in found.movements)) for number in range(length)]
+            points = [
+                np.stack(lane_point(jax.tree.map(np.int32, one), np.arange(0, float(lane_length(one.turn)), 0.01))[:2])
+                for one in taken
+            ]
+            yield taken, points
+            count -= 1
+
+
+def drive(mujoco, model, data, points, height, taken):
+    """Drives along points by pure pursuit until the last few; returns the poses, and the movement at each."""
+    put(mujoco, data, lane_point(jax.tree.map(np.int32, taken[0]), 0.02), height)
+    line, owner = np.concatenate(points, axis=1), np.repeat(np.arange(len(points)), [one.shape[1] for one in points])
+    at, ahead, poses, owners = 0, round(LOOKAHEAD / 0.01), [], []
+    for _ in range(round(len(owner) * 0.01 * TILE / SPEED / RATE * 2)):
+        x, y, theta = where(data, height)
+        window = line[:, at : at + 50]
+        at += int(np.argmin(np.hypot(window[0] - x, window[1] - y)))
+        poses.append((x, y, theta))
+        owners.append(owner[at])
+        if at + ahead >= len(owner):
+            return np.array(poses, np.float32), owners
+        east, north = line[0, at + ahead] - x, y - line[1, at + ahead]
+        left = north * np.cos(theta) - east * np.sin(theta)
+        turn = SPEED * 2 * left / (east**2 + north**2) / TILE
+        data.ctrl[:] = (SPEED + np.array([-1, 1]) * turn * WHEEL_DISTANCE / 2) / WHEEL_RADIUS
+        mujoco.mj_step(model, data, round(RATE / model.opt.timestep))
+    raise AssertionError("the goal was not reached")
+
+
+@pytest.mark.slow
+def test_mujoco_loads_maps_and_the_robot_stands_on_its_wheels(mujoco):
+    for number in range(1000):
+        model, data = load(mujoco, city(number), 16)
+        mujoco.mj_forward(model, data)
+        before = data.body("robot").xpos.copy()
+        mujoco.mj_step(model, data, 100)
+        np.testing.assert_allclose(data.body("robot").xpos, before, atol=1e-3)
+        assert data.body("robot").xmat[8] > 0.999  # upright
+        assert before[2] == WHEEL_RADIUS and not data.warning.number.any()
+
+
+@pytest.mark.slow
+def test_pure_pursuit_drives_through_mujoco_within_its_lane(mujoco, any_types):
+    """100 routes on 20 maps: the robot's middle is never further from the middle of its lane than half of the lane."""
+    worst, driven = 0.0, 0
+    for number in range(20):
+        rng, codes = np.random.default_rng(number), city(number)
+        model, data = load(mujoco, codes, 16)
+        for taken, points in ways(codes, 5, rng):
+            poses, owners = drive(mujoco, model, data, points, len(codes), taken)
+            on = Movement(*np.array([taken[owner] for owner in owners], np.int32).T)
+            found = locate(codes, Pose(*poses.T), on)
+            worst, driven = max(worst, float(np.abs(found.d).max())), driven + 1
+            assert np.asarray(found.found).all() and np.asarray(found.own_lane).all()
+    print(f"{driven} routes, at most {worst:.3f} tile from the lane's middle")
+    assert driven == 100
+
+
+@pytest.mark.slow
+def test_the_camera_of_mujoco_sees_lines_where_ours_does(mujoco, any_types):
+    """Every piece of a line that one camera sees clearly is within 2 pixels of such a line in the other's picture.
+
+    Both see the same picture of the map. MuJoCo blurs thin lines that are far away, so lines are compared up to a tile
+    ahead.
+    """
+    tiles, camera = load_tiles(), Camera(rows=480, columns=640)
+    layers = scale_tiles(tiles, 256)
+    atlas = make_atlas(layers["image"], layers["labels"])
+    furthest = 0.0
+    for number in range(10):
+        rng, codes = np.random.default_rng(number), city(number, 10)
+        model, data = load(mujoco, codes, 256)
+        chosen = choose_tiles(codes, tiles, 0)
+        with mujoco.Renderer(model, 480, 640) as renderer:
+            for _, points in ways(codes, 4, rng):
+                line = np.concatenate(points, axis=1)
+                at = rng.integers(0, line.shape[1] - 2)
+                step = line[:, at + 1] - line[:, at]
+                put(mujoco, data, Pose(*line[:, at], np.arctan2(-step[1], step[0])), len(codes))
+                renderer.update_scene(data, "camera")
+                pose = Pose(*where(data, len(codes)))
+                ours = look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, camera)
+                one, other = renderer.render().astype(int), np.asarray(ours.image).astype(int)
+                for colour in (is_white, is_yellow, is_red):
+                    furthest = max(furthest, apart(colour(one, 1), colour(other, 0.6)))
+                    furthest = max(furthest, apart(colour(other, 1), colour(one, 0.6)))
+    print(f"lines are at most {furthest:.1f} pixels apart")
+    assert furthest <= 2
+
+
+NEAR = 200  # the first row of pixels that is compared, a tile ahead
+
+
+def is_white(picture, clear):
+    return picture.min(axis=-1) > 180 * clear
+
+
+def is_yellow(picture, clear):
+    red, green, blue = picture.transpose(2, 0, 1)
+    return (np.minimum(red, green) - blue > 100 * clear) & (abs(red - green) < 60)
+
+
+def is_red(picture, clear):
+    red, green, blue = picture.transpose(2, 0, 1)
+    return red - np.maximum(green, blue) > 120 * clear
+
+
+def apart(one, other):
+    """The distance in pixels of the furthest pixel of one, below the horizon and within a picture's edge, to other."""
+    return float(distance_transform_edt(~other)[NEAR:, 2:-2][one[NEAR:, 2:-2]].max(initial=0))

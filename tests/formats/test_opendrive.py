@@ -1,0 +1,244 @@
+"""OpenDRIVE: lanes and links by the graph of tiles; then what CARLA, ASAM's checker and SUMO read (make simulators)."""
+
+import json
+import subprocess
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import assume, example, given
+from oracle import road_graph
+from simulator_maps import STEPS, all_reach_all, distances, lane_graph, maps_of, name, peoples_maps
+from sumo_drive import run
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.opendrive import to_opendrive
+from elitelanes_jax.formats.streets import Streets
+
+KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
+RING = np.array([[6, 3], [12, 9]], np.int8)
+BLOCK = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # crossings next to crossings
+DUCKIETOWN = Streets(0.585, 0.234)
+QC = Path(__file__).parents[2] / ".venv-qc" / "bin" / "python"
+
+
+def pose_at(piece, s):
+    x, y, heading = (float(piece.get(key)) for key in ("x", "y", "hdg"))
+    arc = piece.find("arc")
+    if arc is None:
+        return x + 1j * y + s * np.exp(1j * heading), heading
+    bend = float(arc.get("curvature"))
+    turned = heading + s * bend
+    return x + 1j * y + 1j / bend * (np.exp(1j * heading) - np.exp(1j * turned)), turned
+
+
+def ends_of(road):
+    """The poses at a road's start and end; its pieces join."""
+    pieces = road.findall("planView/geometry")
+    start = pose = pose_at(pieces[0], 0)
+    s = 0.0
+    for piece in pieces:
+        here = pose_at(piece, 0)
+        assert abs(here[0] - pose[0]) < 1e-8 and abs(np.exp(1j * here[1]) - np.exp(1j * pose[1])) < 1e-8
+        assert float(piece.get("s")) == pytest.approx(s)
+        s += float(piece.get("length"))
+        pose = pose_at(piece, float(piece.get("length")))
+    assert float(road.get("length")) == pytest.approx(s)
+    return start, pose
+
+
+def lane_links(root, grid):
+    """Lanes (road, lane) that should follow each lane, by the graph of tiles and the names of roads."""
+    graph = lane_graph(grid)
+    after = {}
+    for row, column, into, out in graph:
+        after.setdefault((row, column, into), []).append((row, column, into, out))
+    junctions = {tuple(map(int, one.get("name").split("_"))) for one in root.iter("junction")}
+    roads = {road.get("name"): int(road.get("id")) for road in root.iter("road")}
+    assert len(roads) == len(list(root.iter("road")))
+    turns = {lane: (roads[name(lane)], -1) for lane in graph if lane[:2] in junctions}
+
+    def follow(row, column, out):
+        while True:
+            row, column = row + STEPS[out][0], column + STEPS[out][1]
+            lanes = after[row, column, out]
+            if (row, column) in junctions:
+                return row, column, out, lanes
+            (lane,) = lanes
+            out = lane[3]
+
+    starts, links = {}, {}
+    for lane in graph:
+        row, column, _, out = lane
+        side = ("north", "east", "south", "west")[out]
+        if (row, column) in junctions and f"{row}_{column}_{side}" in roads:
+            road = roads[f"{row}_{column}_{side}"]
+            end = follow(row, column, out)
+            starts[row, column, out] = road, -1
+            starts[end[0], end[1], (end[2] + 2) % 4] = road, 1
+    for (row, column, out), lane in starts.items():
+        links[lane] = {turns[other] for other in follow(row, column, out)[3]}
+    for lane, road in turns.items():
+        links[road] = {starts[lane[0], lane[1], lane[3]]}
+    assert len(roads) == len(turns) + len(starts) / 2
+    return nx.DiGraph(links), turns
+
+
+@given(grids(thin=True))
+@example(KNOT)
+@example(RING)
+@example(BLOCK)
+def test_roads_and_their_links_are_those_of_the_tiles(grid):
+    assume(road_graph(grid).number_of_edges())
+    root = ET.fromstring(to_opendrive(grid))
+    expected, _ = lane_links(root, grid)
+    assert all_reach_all(expected, grid)
+    poses = {road.get("id"): ends_of(road) for road in root.iter("road")}
+    made = set()
+    for junction in root.iter("junction"):
+        for connection in junction.iter("connection"):
+            link = connection.find("laneLink")
+            into = int(connection.get("incomingRoad")), int(link.get("from"))
+            made.add((into, (int(connection.get("connectingRoad")), int(link.get("to")))))
+    for road in root.iter("road"):
+        if road.get("junction") == "-1":
+            continue
+        number = int(road.get("id"))
+        before, after = road.find("link/predecessor"), road.find("link/successor")
+        lane = road.find("lanes/laneSection/right/lane/link")
+        into = int(before.get("elementId")), int(lane.find("predecessor").get("id"))
+        out = int(after.get("elementId")), int(lane.find("successor").get("id"))
+        assert (into, (number, -1)) in made
+        made.add(((number, -1), out))
+        # The lane starts and ends where its neighbours do, with their heading.
+        offset = road.find("lanes/laneOffset")
+        shift = 0 if offset is None else float(offset.get("a")) - 1.6
+        for link, other, (place, heading), leaves in (
+            (before, into, poses[road.get("id")][0], False),
+            (after, out, poses[road.get("id")][1], True),
+        ):
+            there, angle = poses[str(other[0])][link.get("contactPoint") == "end"]
+            angle += np.pi * (other[1] == 1)
+            assert abs(np.exp(1j * angle) - np.exp(1j * heading)) < 1e-8
+            lane_there = there - 1.6j * np.exp(1j * angle)
+            lane_here = place - (1.6j if offset is None else shift) * np.exp(1j * heading)
+            assert abs(lane_there - lane_here) < 1e-8, (link, leaves)
+    assert made == set(expected.edges)
+
+
+def test_signs_are_at_crossings_alone():
+    for how, kind, count in (("allway_stop", "206", 4), ("traffic_light", "1000001", 4), ("priority", None, 0)):
+        root = ET.fromstring(to_opendrive(KNOT, Streets(right_of_way=how)))
+        assert [signal.get("type") for signal in root.iter("signal")] == [kind] * count
+        lights = sorted(control.get("signalId") for control in root.iter("control"))
+        assert lights == sorted(signal.get("id") for signal in root.iter("signal")) * (how == "traffic_light")
+    three = ET.fromstring(to_opendrive(BLOCK, Streets(right_of_way="priority")))
+    by_name = {road.get("id"): road.get("name") for road in three.iter("road")}
+    rights = {(by_name[one.get("high")], by_name[one.get("low")]) for one in three.find("junction").iter("priority")}
+    assert len(list(three.iter("priority"))) == 8
+    assert rights == {("0_1_west", "0_1_south"), ("0_1_east", "0_1_south")}
+
+
+def test_texts_are_the_same_for_the_same_map():
+    assert to_opendrive(KNOT) == to_opendrive(KNOT.tolist()) == to_opendrive(np.asarray(KNOT, np.int64))
+    with pytest.raises(InputError, match="grid: expected a road, two tiles that connect to each other, got none"):
+        to_opendrive([[4, 4], [0, 0]])
+
+
+# From here on by the programs themselves: make simulators.
+
+
+def check_carla(grid, text, streets, places=1e-2):
+    """CARLA's lanes lie where ours do, follow each other as ours do, and each is reached."""
+    carla = pytest.importorskip("carla", reason="CARLA is not here: make simulators")
+    city = carla.Map("city", text)
+    root = ET.fromstring(text)
+    expected, turns = lane_links(root, grid)
+    lengths = {int(road.get("id")): float(road.get("length")) for road in root.iter("road")}
+    links = {
+        (lane, (after.road_id, after.lane_id))
+        for lane in expected
+        for after in city.get_waypoint_xodr(*lane, lengths[lane[0]] - 1e-4 if lane[1] < 0 else 1e-4).next(1e-3)
+    }
+    assert links == set(expected.edges)
+    assert all_reach_all(nx.DiGraph(links), grid) and all(out for _, out in nx.DiGraph(links).out_degree())
+    lanes = {}
+    for point in city.generate_waypoints(streets.tile / 8):
+        place = point.transform.location
+        lanes.setdefault((point.road_id, point.lane_id), []).append(place.x - 1j * place.y)  # its y is south
+    assert set(lanes) == set(expected)
+    ours = {road: lane for lane, road in turns.items()}
+    graph = lane_graph(grid)
+    here = {}
+    for lane in graph:
+        here.setdefault(lane[:2], []).append(lane)
+    passed = set(turns)
+    for lane, points in lanes.items():
+        points = np.array(points)
+        if lane in ours:
+            assert distances(points, ours[lane], grid, streets).max() < places
+            continue
+        for point in points:
+            column, row = int(point.real // streets.tile), int(len(grid) - point.imag / streets.tile)
+            far, nearest = min((float(distances(point, other, grid, streets)), other) for other in here[row, column])
+            assert far < places
+            passed.add(nearest)
+    assert passed == set(graph)
+
+
+def check_qc(files):
+    """ASAM's checker has completed its checks and found nothing."""
+    if not QC.exists():
+        pytest.skip("ASAM's checker is not here: make simulators")
+    done = subprocess.run([QC, Path(__file__).with_name("asam_checker.py"), *files], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [one["issues"] for one in said] == [[]] * len(files)
+    assert all(one["completed"] == 22 for one in said)
+
+
+def check_netconvert(text, folder):
+    """SUMO reads it back, without a warning that matters, with as many connections."""
+    file, back = folder / "city.xodr", folder / "back.net.xml"
+    file.write_text(text)
+    said = [line for line in run("netconvert", "--opendrive-files", file, "-o", back).splitlines() if "Warning" in line]
+    assert [line for line in said if "Intersecting left turns at junction" not in line] == []
+    turns = [road for road in ET.fromstring(text).iter("road") if road.get("junction") != "-1"]
+    made = [one for one in ET.parse(back).iter("connection") if one.get("from")[0] != ":"]
+    assert len(made) == len(turns)
+
+
+CHECKED = [*range(20), "people"]
+
+
+def maps(batch):
+    found = peoples_maps() if batch == "people" else maps_of(batch)
+    return found or pytest.skip("people's maps are not here: make duckietown")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", CHECKED)
+def test_carla_reads_our_lanes(batch):
+    for grid in maps(batch):
+        for streets in (Streets(), Streets(8, 3.2)):
+            check_carla(grid, to_opendrive(grid, streets), streets)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", CHECKED)
+def test_asams_checker_finds_no_error(batch, tmp_path):
+    files = []
+    for number, grid in enumerate(maps(batch)):
+        files.append(tmp_path / f"{number}.xodr")
+        files[-1].write_text(to_opendrive(grid, (Streets(), DUCKIETOWN)[number % 2]))
+    check_qc(files)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", CHECKED)
+def test_netconvert_reads_it_back(batch, tmp_path):
+    for grid in maps(batch):
+        check_netconvert(to_opendrive(grid), tmp_path)

@@ -1,0 +1,156 @@
+"""Packs: every file is listed, splits share no niche, trips are shortest, and a resumed pack has the same bytes."""
+
+import csv
+import json
+from hashlib import sha256
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from elitelanes_jax import DatasetSpec, RoadMap, read_map, rotate
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset import make_dataset
+from elitelanes_jax.drive.lanes import Movement, lane_length, movements
+from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack
+from elitelanes_jax.network import mirror, plain_measure, wfc
+
+GRIDS = wfc.generate_batch(np.random.default_rng(0), 16, (6, 7), border="closed").grid
+MAPS = [
+    RoadMap(grid, metrics=plain_measure(grid), niche=[number % 8, number // 12]) for number, grid in enumerate(GRIDS)
+]
+SPEC = PackSpec(to=("movingai", "duckietown"), trips=5)
+
+
+def contents(folder):
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("packs") / "pack"
+    pack(SPEC, MAPS, folder)
+    return folder
+
+
+def rows(file):
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_checksums_are_those_of_all_files(packed):
+    listed = dict(line.split("  ")[::-1] for line in (packed / "SHA256SUMS").read_text().splitlines())
+    found = {name: sha256(content).hexdigest() for name, content in contents(packed).items()}
+    found.pop("SHA256SUMS")
+    assert listed == found
+
+
+def test_every_map_is_in_its_niche_in_all_formats(packed):
+    table = rows(packed / "maps.csv")
+    assert len({row["id"] for row in table}) == len(MAPS)
+    for row, road_map in zip(table, MAPS, strict=True):
+        assert row["niche"] == "6x7-{:02d}-{:02d}".format(*road_map.niche)
+        place = f"{row['niche']}/{row['id']}"
+        assert read_map(packed / "maps" / f"{place}.json") == road_map
+        assert (read_map(packed / "duckietown" / f"{place}.yaml").codes == road_map.codes).all()
+        scen = (packed / "movingai" / f"{place}.scen").read_text()
+        assert f"\t{row['id']}.map\t" in scen and (packed / "movingai" / f"{place}.map").is_file()
+
+
+@pytest.mark.parametrize("split", [(0.8, 0.1, 0.1), (0.5, 0.5, 0), (1, 0, 0), (0.98, 0.01, 0.01)])
+def test_splits_hold_out_whole_niches(split, tmp_path):
+    about = pack(SPEC.replace(to=(), split=split), MAPS, tmp_path / "pack")
+    table = {row["id"]: row for row in rows(tmp_path / "pack" / "maps.csv")}
+    parts = {
+        name: (tmp_path / "pack" / "splits" / f"{name}.txt").read_text().split()
+        for name in ("train", "validation", "test")
+    }
+    assert sorted(one for ids in parts.values() for one in ids) == sorted(table)
+    niches = {name: {table[one]["niche"] for one in ids} for name, ids in parts.items()}
+    assert sum(map(len, niches.values())) == len(set.union(*niches.values()))
+    for (name, ids), share in zip(parts.items(), split, strict=True):
+        assert all(table[one]["split"] == name for one in ids)
+        assert bool(ids) == bool(share) and abs(len(ids) - share * len(MAPS)) <= 3
+        assert about["splits"].get(name, {"maps": 0})["maps"] == len(ids)
+
+
+def test_trips_are_as_long_as_shortest_ways(packed):
+    for row, grid in list(zip(rows(packed / "maps.csv"), GRIDS, strict=True))[:4]:
+        every = Movement(*np.argwhere(np.asarray(movements(grid))).T.astype(np.int32))
+        graph = nx.DiGraph()
+        nodes, after = (np.stack(node, axis=-1).tolist() for node in (every.node, every.next_node))
+        for start, goal, length in zip(nodes, after, lane_length(every.turn).tolist(), strict=True):
+            graph.add_edge(tuple(start), tuple(goal), length=length)
+        trips = rows(packed / "trips" / row["niche"] / f"{row['id']}.csv")
+        assert len(trips) == 5
+        for trip in trips:
+            start, goal = (
+                tuple(int(trip[f"{end}_{name}"]) for name in ("row", "column", "heading")) for end in ("start", "goal")
+            )
+            expected = nx.dijkstra_path_length(graph, start, goal, weight="length")
+            assert start != goal and float(trip["length"]) == pytest.approx(expected, abs=1e-4)
+
+
+def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp_path, monkeypatch):
+    expected, drawn = contents(packed), []
+    usual = exporting.FORMATS["duckietown"]
+
+    def interrupt(road_map, name, **settings):
+        drawn.append(name)
+        if len(drawn) == 9:
+            raise KeyboardInterrupt
+        return usual.files(road_map, name, **settings)
+
+    monkeypatch.setitem(exporting.FORMATS, "duckietown", usual._replace(files=interrupt))
+    with pytest.raises(KeyboardInterrupt):
+        pack(SPEC, MAPS, tmp_path / "pack")
+    assert not (tmp_path / "pack").exists()
+    pack(SPEC, MAPS, tmp_path / "pack")
+    assert contents(tmp_path / "pack") == expected
+    assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
+
+
+def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):
+    turned = [RoadMap(mirror(rotate(one.codes, number)), niche=one.niche) for number, one in enumerate(MAPS)]
+    pack(SPEC, [*turned, *MAPS], tmp_path / "pack")
+    ids = [[row["id"] for row in rows(folder / "maps.csv")] for folder in (packed, tmp_path / "pack")]
+    assert ids[0] == ids[1]
+
+
+def test_a_dataset_is_packed_as_its_maps_are(tmp_path):
+    spec = DatasetSpec(maps=16, size=((6, 6), (7, 7)), tile_px=16, views=2)
+    make_dataset(spec, tmp_path / "dataset", maps=MAPS)
+    pack(SPEC, tmp_path / "dataset", tmp_path / "pack")
+    packed = rows(tmp_path / "pack" / "maps.csv")
+    assert [row["niche"] for row in packed] == ["6x7-{:02d}-{:02d}".format(*one.niche) for one in MAPS]
+    (tmp_path / "dataset" / "train" / "metadata.jsonl").write_text('{"codes": 3}\n')
+    with pytest.raises(InputError, match=r"metadata\.jsonl: expected the metadata of a dataset"):
+        pack(SPEC, tmp_path / "dataset", tmp_path / "other")
+
+
+def test_a_pack_is_replaced_only_by_force_and_alone(tmp_path):
+    out, spec = tmp_path / "pack", SPEC.replace(to=())
+    pack(spec, MAPS, out)
+    with pytest.raises(InputError, match="expected a folder that is new or empty"):
+        pack(spec, MAPS[:8], out)
+    pack(spec, MAPS[:8], out, force=True)
+    assert json.loads((out / "pack.json").read_text())["maps"]["number"] == 8
+    (out / "mine.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"got one with mine\.txt"):
+        pack(spec, MAPS, out, force=True)
+
+
+def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
+    stub = RoadMap(np.array([[4, 1], [0, 0]]), niche=[0])
+    for spec, maps, message in (
+        (SPEC, MAPS[:2], "split: expected a niche for each of 3 splits, got 2 in all"),
+        (SPEC.replace(split=(1, 0, 0)), [*MAPS, stub], "niche 2x2-00, map 16 of 17 from 0: grid: expected a lane"),
+        (PackSpec(to=("duckietown",), formats=FormatOptions(ground="sea")), MAPS, "ground: expected one of grass"),
+    ):
+        with pytest.raises(InputError, match=message):
+            pack(spec, maps, tmp_path / "pack")
+        assert not (tmp_path / "pack").exists()
+    with pytest.raises(InputError, match="cells: expected it with nav2, movingai alone, got it with duckietown"):
+        PackSpec(to=("duckietown",), formats=FormatOptions(cells=6))
+    with pytest.raises(InputError, match="to: expected one of"):
+        PackSpec(to=("luck",))
