@@ -103,9 +103,9 @@ def _write_maps(
     else:
         names = _names(files)
         with output_folder(out, {"command": "export"}) as work:
-            for file, road_map, place in zip(files, maps, places, strict=True):
-                for suffix, content in zip(target.suffixes, contents(file, road_map, place), strict=True):
-                    write_atomic(work.files / (place + suffix), as_bytes(content))
+            for file, road_map, stem in zip(files, maps, names, strict=True):
+                for suffix, content in zip(target.suffixes, contents(file, road_map, stem), strict=True):
+                    write_atomic(work.files / (stem + suffix), as_bytes(content))
     return warnings
 
 
