@@ -1,5 +1,6 @@
 """What a map is furnished with, without JAX."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from elitelanes_jax._util.checks import flag, one_of, real, split_settings
@@ -86,14 +87,16 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     """Reads what a map is furnished with.
 
     Args:
-      given: a `FurnishSpec`; or one text or several: ``signs`` for signs at every crossing, ``all`` for some of
-        everything, ``unique_tags``, and settings such as ``duckies=6`` or ``trees=0.2``, which override these words.
+      given: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
+        ``all`` for some of everything, ``unique_tags``, and settings such as ``duckies=6`` that override these words.
 
     Raises:
       InputError: for anything else.
     """
     if isinstance(given, FurnishSpec):
         return given
+    if isinstance(given, Mapping):
+        return FurnishSpec().replace(**given)
     words = _split_words(given)
     spec = EVERYTHING if "all" in words else FurnishSpec()
     values: dict[str, UserValue] = {}
