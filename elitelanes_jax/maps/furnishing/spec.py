@@ -18,10 +18,6 @@ def _amount(value: UserValue) -> float:
     return number
 
 
-def _amount_option() -> float:
-    return option(0.0, _amount, "AMOUNT")
-
-
 @dataclass(frozen=True)
 class FurnishSpec(Record):
     """The objects that a map gets.
@@ -52,18 +48,18 @@ class FurnishSpec(Record):
     signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
     lights: float = option(0.0, real(0, 1), "SHARE")
     unique_tags: bool = option(False, flag, "")
-    buildings: float = _amount_option()
-    houses: float = _amount_option()
-    buses: float = _amount_option()
-    trucks: float = _amount_option()
-    trees: float = _amount_option()
-    barriers: float = _amount_option()
-    robots: float = _amount_option()
-    cones: float = _amount_option()
-    duckies: float = _amount_option()
-    crossing_duckies: float = _amount_option()
-    lane_robots: float = _amount_option()
-    lane_duckies: float = _amount_option()
+    buildings: float = option(0.0, _amount, "AMOUNT")
+    houses: float = option(0.0, _amount, "AMOUNT")
+    buses: float = option(0.0, _amount, "AMOUNT")
+    trucks: float = option(0.0, _amount, "AMOUNT")
+    trees: float = option(0.0, _amount, "AMOUNT")
+    barriers: float = option(0.0, _amount, "AMOUNT")
+    robots: float = option(0.0, _amount, "AMOUNT")
+    cones: float = option(0.0, _amount, "AMOUNT")
+    duckies: float = option(0.0, _amount, "AMOUNT")
+    crossing_duckies: float = option(0.0, _amount, "AMOUNT")
+    lane_robots: float = option(0.0, _amount, "AMOUNT")
+    lane_duckies: float = option(0.0, _amount, "AMOUNT")
 
 
 EVERYTHING = FurnishSpec(
