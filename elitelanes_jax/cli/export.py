@@ -105,6 +105,7 @@ def _write_maps(
         with output_folder(out, {"command": "export"}) as work:
             for file, road_map, stem in zip(files, maps, names, strict=True):
                 for suffix, content in zip(target.suffixes, contents(file, road_map, stem), strict=True):
+                    (work.files / (stem + suffix)).parent.mkdir(exist_ok=True)
                     write_atomic(work.files / (stem + suffix), as_bytes(content))
     return warnings
 

@@ -1,3 +1,5 @@
+from .dt_maps import read_dt_maps as read_dt_maps
+from .dt_maps import to_dt_maps as to_dt_maps
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
@@ -8,6 +10,9 @@ from .graph import tile_graph as tile_graph
 from .movingai import to_movingai as to_movingai
 from .mujoco import to_mjcf as to_mjcf
 from .nav2 import to_nav2 as to_nav2
+from .objects import OBJECT_KINDS as OBJECT_KINDS
+from .objects import MapObject as MapObject
+from .objects import ObjectKind as ObjectKind
 from .opendrive import to_opendrive as to_opendrive
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps

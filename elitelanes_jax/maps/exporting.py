@@ -55,7 +55,13 @@ class Format(NamedTuple):
 def _duckietown(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
     from elitelanes_jax.formats.duckietown import to_duckietown
 
-    return Files((to_duckietown(road_map.codes, **settings),))
+    return Files((to_duckietown(road_map.codes, objects=road_map.objects, **settings),))
+
+
+def _dt_maps(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
+    from elitelanes_jax.formats.dt_maps import to_dt_maps
+
+    return Files(tuple(to_dt_maps(road_map, **settings).values()))
 
 
 def _graphml(road_map: RoadMap, name: str, reduced: bool) -> Files:
@@ -127,11 +133,16 @@ def _movingai(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
 
 
 _STREETS = ("tile_size", "lane", "speed", "right_of_way")
+_DT_MAPS = (
+    *("/frames.yaml", "/tile_maps.yaml", "/tiles.yaml", "/traffic_signs.yaml", "/ground_tags.yaml", "/citizens.yaml"),
+    *("/vehicles.yaml", "/decorations.yaml"),
+)
 _PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
 _FLOOR = ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
+    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size",)),
     "graphml": Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": Format((".graphml",), partial(_graphml, reduced=True)),
     "sumo": Format((".net.xml",), _sumo, _STREETS),
