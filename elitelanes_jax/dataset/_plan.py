@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.cluster import run_on
@@ -180,8 +181,13 @@ def _evenly(count: int, wanted: int) -> NDArray[np.int_]:
 
 
 def _keep(file: Path, maps: Sequence[RoadMap]) -> None:
-    lines = (json.dumps(vars(road_map) | {"codes": road_map.codes.tolist(), "drawn": None}) for road_map in maps)
+    lines = (json.dumps(_record(road_map)) for road_map in maps)
     write_atomic(file, "".join(f"{line}\n" for line in lines).encode())
+
+
+def _record(road_map: RoadMap) -> dict[str, Plain]:
+    objects = road_map.objects and [thing._asdict() for thing in road_map.objects]
+    return vars(road_map) | {"codes": road_map.codes.tolist(), "drawn": None, "objects": objects}
 
 
 def _lines(file: Path) -> list[str]:

@@ -4,6 +4,9 @@ from .duckietown import without_dead_ends as without_dead_ends
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .objects import OBJECT_KINDS as OBJECT_KINDS
+from .objects import MapObject as MapObject
+from .objects import ObjectKind as ObjectKind
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps
 from .road_map import map_to_json as map_to_json

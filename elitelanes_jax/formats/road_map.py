@@ -15,6 +15,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
@@ -53,6 +54,7 @@ class RoadMap:
       niche: the bins on the axes.
       seed: of the run, and the number of the run's seed that found the map, from 0.
       drawn: its tile pictures.
+      objects: what stands on it, such as signs and trees.
     """
 
     codes: NDArray[np.int8]
@@ -62,6 +64,7 @@ class RoadMap:
     niche: list[int] | None = None
     seed: tuple[int, int] | None = None
     drawn: Drawn | None = None
+    objects: tuple[MapObject, ...] | None = None
 
     def __post_init__(self) -> None:
         """Checks all fields.
@@ -81,6 +84,8 @@ class RoadMap:
         object.__setattr__(self, "drawn", self.drawn and Drawn(**self.drawn))  # type: ignore[arg-type]
         if self.drawn and any(_extent(table) != codes.shape for table in self.drawn[1:]):
             raise InputError(f"drawn: expected tables of {codes.shape[0]} x {codes.shape[1]}, like the codes")
+        if self.objects is not None:
+            object.__setattr__(self, "objects", check_objects(self.objects, *codes.shape))
 
     def save(self, file: str | Path) -> None:
         """Writes a map file, which `read_map` reads. An existing file is replaced, and kept after an error.
@@ -127,6 +132,7 @@ def map_to_json(road_map: RoadMap) -> str:
         "niche": road_map.niche,
         "seed": road_map.seed,
         "drawn": road_map.drawn and road_map.drawn._asdict(),
+        "objects": None if road_map.objects is None else [object_values(one) for one in road_map.objects],
     }
     return _lines({key: value for key, value in values.items() if value is not None}, "") + "\n"
 
@@ -136,7 +142,7 @@ def _lines(value: Plain, indent: str) -> str:
     if isinstance(value, Mapping):
         rows = [f"{inner}{json.dumps(key)}: {_lines(item, inner)}" for key, item in value.items()]
         return "{\n" + ",\n".join(rows) + f"\n{indent}}}"
-    if isinstance(value, list) and value and isinstance(value[0], list):
+    if isinstance(value, list) and value and isinstance(value[0], list | dict):
         return "[\n" + ",\n".join(f"{inner}{json.dumps(row)}" for row in value) + f"\n{indent}]"
     return json.dumps(value)
 
@@ -238,7 +244,7 @@ def _map_of(values: Plain) -> RoadMap:
     shape = values.get("shape", list(codes.shape))
     if shape != list(codes.shape):
         raise InputError(f"shape: expected {list(codes.shape)}, like the codes, got {shorten(json.dumps(shape))}")
-    return RoadMap(codes, **{name: values[name] for name in _FIELDS if name in values})
+    return RoadMap(codes, **{name: values[name] for name in (*_FIELDS, "objects") if name in values})
 
 
 def _plain(value: UserValue) -> Plain:

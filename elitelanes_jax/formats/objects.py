@@ -1,0 +1,170 @@
+"""Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
+
+from collections.abc import Mapping
+from math import hypot, isfinite
+from typing import NamedTuple
+
+from elitelanes_jax._util.checks import is_real, is_whole
+from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.types import Plain, UserValue
+
+BEYOND = 0.5
+"""How far from the map an object may be, in tiles: signs at a map's border are outside the map."""
+
+MOST_OBJECTS = 2**18
+"""The most objects of a map."""
+
+_LARGEST_TAG = 586  # of the family 36h11
+
+
+class ObjectKind(NamedTuple):
+    """The size of a kind of object, in metres.
+
+    An object of another height has a footprint that is larger or smaller in proportion.
+
+    Attributes:
+      height: by default.
+      length: of the footprint at that height, along the object's direction.
+      width: of the footprint at that height, across the object's direction.
+      is_round: whether the footprint is a disc, with `length` as its diameter, instead of a rectangle.
+    """
+
+    height: float
+    length: float
+    width: float
+    is_round: bool = False
+
+
+# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. A house and a building
+# of the usual 0.5 and 0.6 m do not fit on a tile, and neither does a bus of 0.18 m: these are lower here.
+_SIGN = ObjectKind(0.18, 0.056, 0.072)
+_SIGNS = (
+    *("stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect", "t_light_ahead", "yield"),
+    *("do_not_enter", "no_left_turn", "no_right_turn", "oneway_left", "oneway_right", "duck_crossing", "pedestrian"),
+    *("parking", "blank"),
+)
+
+OBJECT_KINDS: dict[str, ObjectKind] = {
+    "duckie": ObjectKind(0.08, 0.088, 0.088, is_round=True),
+    "cone": ObjectKind(0.08, 0.05, 0.05, is_round=True),
+    "barrier": ObjectKind(0.08, 0.285, 0.057),
+    "duckiebot": ObjectKind(0.12, 0.18, 0.132),
+    "bus": ObjectKind(0.15, 0.55, 0.171),
+    "truck": ObjectKind(0.2, 0.363, 0.157),
+    "tree": ObjectKind(0.25, 0.142, 0.142, is_round=True),
+    "house": ObjectKind(0.3, 0.406, 0.528),
+    "building": ObjectKind(0.5, 0.534, 0.354),
+    "trafficlight": ObjectKind(0.4, 0.125, 0.64),
+    "checkerboard": ObjectKind(0.17, 0.171, 0.171),
+    "floor_tag": ObjectKind(0.0, 0.065, 0.065),
+    **{f"sign_{name}": _SIGN for name in _SIGNS},
+}
+"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world."""
+
+
+class MapObject(NamedTuple):
+    """An object of a map.
+
+    Its coordinates are those of lanes and poses in `elitelanes_jax.drive`. x points east and y south from the
+    north-west corner of the map, in tiles. Angles are counter-clockwise as seen from above; 0 is east.
+
+    Attributes:
+      kind: one of `OBJECT_KINDS`.
+      x: of the footprint's centre, in tiles east of the map's north-west corner.
+      y: tiles south of that corner.
+      angle: the direction of the object's front, in radians. A vehicle drives in this direction. The printed side of a
+        sign faces it: whoever drives east reads a sign with the angle pi.
+      height: metres; 0 for tags on the floor.
+      tag: the number of its AprilTag in the family 36h11, 0 to 586; None without a tag.
+      static: whether it stays where it is. gym-duckietown moves other duckies, robots and checkerboards.
+    """
+
+    kind: str
+    x: float
+    y: float
+    angle: float
+    height: float
+    tag: int | None = None
+    static: bool = True
+
+    @property
+    def footprint(self) -> tuple[float, float]:
+        """Length and width in metres, along and across its direction, at its height."""
+        usual = OBJECT_KINDS[self.kind]
+        scale = self.height / usual.height if usual.height else 1.0
+        return usual.length * scale, usual.width * scale
+
+    @property
+    def radius(self) -> float:
+        """Radius in metres of the smallest disc around the footprint."""
+        length, width = self.footprint
+        return length / 2 if OBJECT_KINDS[self.kind].is_round else hypot(length, width) / 2
+
+
+def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject, ...]:
+    """Returns the objects of a map, checked.
+
+    Args:
+      values: a list or tuple of `MapObject`, or of mappings from its fields' names, as map files have them.
+      height: rows of the map.
+      width: columns of the map.
+
+    Raises:
+      InputError: for an unknown kind or field, a position over `BEYOND` tiles outside the map, a height that is not
+        positive or over 10 m, or a tag out of range; the message names the object's index and field.
+    """
+    if not isinstance(values, list | tuple) or isinstance(values, MapObject):
+        raise InputError(f"objects: expected a list of objects, got {shorten(repr(values))}")
+    if len(values) > MOST_OBJECTS:
+        raise InputError(f"objects: expected at most {MOST_OBJECTS:,}, got {len(values):,}")
+    objects = []
+    for index, value in enumerate(values):
+        try:
+            objects.append(_checked(value, height, width))
+        except InputError as error:
+            raise InputError(f"objects: object {index}: {error}") from None
+    return tuple(objects)
+
+
+def object_values(thing: MapObject) -> dict[str, Plain]:
+    """Returns the fields that a map file has of an object: without those that have their default."""
+    values: dict[str, Plain] = {"kind": thing.kind, "x": thing.x, "y": thing.y, "angle": thing.angle}
+    values |= {"height": thing.height} | ({} if thing.tag is None else {"tag": thing.tag})
+    return values if thing.static else values | {"static": False}
+
+
+def _checked(value: UserValue, height: int, width: int) -> MapObject:
+    values = value._asdict() if isinstance(value, MapObject) else value
+    if not isinstance(values, Mapping) or "kind" not in values:
+        raise InputError(f'expected {{"kind": ..., "x": ..., "y": ...}}, got {shorten(repr(value))}')
+    for name in values:
+        if name not in MapObject._fields:
+            fields = ", ".join(MapObject._fields)
+            raise InputError(
+                f"expected the fields {fields}, got {shorten(repr(name))}{suggest(str(name), MapObject._fields)}"
+            )
+    kind = values["kind"]
+    if not isinstance(kind, str) or kind not in OBJECT_KINDS:
+        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
+        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
+    usual = OBJECT_KINDS[kind].height
+    found = {
+        "x": _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles"),
+        "y": _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles"),
+        "angle": _number("angle", values.get("angle", 0.0), -7, 7, "radians"),
+        "height": _number("height", values.get("height", usual), 0.001 if usual else 0, 10 if usual else 0, "metres"),
+    }
+    tag, static = values.get("tag"), values.get("static", True)
+    if tag is not None and not (is_whole(tag) and 0 <= tag <= _LARGEST_TAG):
+        raise InputError(
+            f"tag: expected a number of the family 36h11, 0 to {_LARGEST_TAG}, got {shorten(repr(tag), 40)}"
+        )
+    if not isinstance(static, bool):
+        raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
+    return MapObject(kind, **found, tag=None if tag is None else int(tag), static=static)
+
+
+def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:
+    if not is_real(value) or not isfinite(value) or not least <= value <= most:
+        raise InputError(f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}")
+    return float(value)
