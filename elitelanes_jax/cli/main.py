@@ -20,6 +20,7 @@ from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
 from elitelanes_jax.cli.metrics import add_metrics
 from elitelanes_jax.cli.pick import add_pick
+from elitelanes_jax.cli.plan import add_plan
 from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.score import add_score
@@ -57,6 +58,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_drive,
         add_export,
         add_show,
+        add_plan,
         add_explore,
         add_metrics,
         add_tiles,
