@@ -1,4 +1,4 @@
-"""Draws the pictures of the README, of docs/styles.md, docs/render.md and docs/drive.md.
+"""Draws the pictures of the README, of docs/styles.md, docs/render.md, docs/drive.md and docs/plan.md.
 
 python docs/pictures.py
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
 from elitelanes_jax.drive import make_rides, trails
-from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats import RoadMap, read_map, write_plan
 from elitelanes_jax.tiles import Picture, load_tiles, overlay
 
 FOLDER = Path(__file__).parent
@@ -24,6 +24,7 @@ def main() -> None:
     village()
     map_and_labels()
     drive_trails()
+    write_plan(FOLDER / "examples" / "town.json", FOLDER / "plan.png")
 
 
 def styles() -> None:
