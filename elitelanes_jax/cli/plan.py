@@ -42,5 +42,5 @@ def _plan(options: argparse.Namespace) -> int:
         words = str(error).replace("file: ", "--out: ", 1).replace("map: ", f"{options.map}: ", 1)
         raise type(error)(words) from None
     tape = ", ".join(f"{metres:.2f} m {colour}" for colour, metres in plan.tape.items())
-    say(f"{len(plan.placed)} tiles on {plan.floor[0]:.2f} x {plan.floor[1]:.2f} m, tape {tape}, in {options.out}")
+    say(f"{len(plan.placed)} tiles on {plan.floor[0]:g} x {plan.floor[1]:g} m, tape {tape}, in {options.out}")
     return 0

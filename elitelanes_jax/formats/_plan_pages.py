@@ -50,7 +50,7 @@ def _map_page(plan: Plan) -> Untyped:
     tile = min(max(min((_A4[0] - beside) / columns, (_A4[1] - above - below) / rows), _SMALLEST), _LARGEST)
     width = max(_A4[0], columns * tile + beside)
     page, ax = _page(width, max(_A4[1], above + rows * tile + below), "Plan")
-    facts = f"{rows} rows and {columns} columns of {plan.tile_size:g} m, {plan.floor[0]:.2f} x {plan.floor[1]:.2f} m"
+    facts = f"{rows} rows and {columns} columns of {plan.tile_size:g} m, {plan.floor[0]:g} x {plan.floor[1]:g} m"
     _write(ax, _MARGIN + 18, _MARGIN + 3, facts, color=_FAINT)
     _draw_map(ax, plan, (width - columns * tile) / 2, above, tile)
     left, top = (width - _A4[0]) / 2 + _MARGIN, above + rows * tile + 20
@@ -81,9 +81,9 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float) -> 
     for number, thing in enumerate(plan.objects, 1):
         _draw_object(ax, thing, number, left + thing.x * tile, top + thing.y * tile, scale, size)
     _arrow(ax, (left, bottom + 7), (right, bottom + 7), "<|-|>")
-    _label(ax, (left + right) / 2, bottom + 7, f"{plan.floor[0]:.2f} m")
+    _label(ax, (left + right) / 2, bottom + 7, f"{plan.floor[0]:g} m")
     _arrow(ax, (right + 7, top), (right + 7, bottom), "<|-|>")
-    _label(ax, right + 7, (top + bottom) / 2, f"{plan.floor[1]:.2f} m", rotation=90)
+    _label(ax, right + 7, (top + bottom) / 2, f"{plan.floor[1]:g} m", rotation=90)
     _arrow(ax, (right + 7, top - 3), (right + 7, top - 9), "->")
     _write(ax, right + 9, top - 4.5, "N")
 

@@ -116,7 +116,7 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
     return Plan(
         shape=(height, width),
         tile_size=size,
-        floor=(width * size, height * size),
+        floor=(round(width * size, 3), round(height * size, 3)),
         placed=placed,
         tiles=tiles | {"empty": height * width - len(placed)},
         tape={colour: round(total, 3) for colour, total in metres.items()},
