@@ -2,27 +2,23 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import groupby
 from math import cos, degrees, sin
 from pathlib import Path
-from typing import TypeAlias
 
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
 
-_Lines: TypeAlias = list[tuple[str, dict[str, Untyped]]]
-"""Lines of text, each with its style."""
-
 # Lengths on pages are in millimetres.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
 _SMALLEST, _LARGEST, _SAMPLE = 14.0, 40.0, 22.0  # sides of a tile of the map, and the side of a tile of the legend
 _ROWS, _COLUMNS = 56, 3  # lines and columns of a page of the check-list
 
-_TAPES = {"white": "#ffffff", "yellow": "#f5c71a", "red": "#d9202c"}
 _GROUND, _ROAD, _INK, _FAINT = "#f3f5ee", "#c4c8ce", "#1d2026", "#6d737d"
+_BOX = "\N{BALLOT BOX}"
 _STOP, _SIGN, _THING = "#c01722", "#1f5fbf", "#3d7a3a"
-_HEADING: dict[str, Untyped] = {"weight": "bold"}
 
 
 def draw_plan(plan: Plan, file: Path) -> None:
@@ -94,23 +90,19 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
 
     squares = [[(x, y), (x + side, y), (x + side, y + side), (x, y + side)] for _, _, x, y in tiles]
     ax.add_collection(PolyCollection(squares, facecolors=_ROAD, edgecolors=_FAINT, linewidths=0.3))
-    scale, strips = side / tile_size, dict[str, list[list[tuple[float, float]]]]()
-    for kind, turns, x, y in tiles:
-        for tape in tapes_of(kind, turns, tile_size):
-            line = [(x + east * scale, y + south * scale) for east, south in tape.points]
-            strips.setdefault(tape.colour, []).append(line)
-    for colour in ("red", "yellow", "white"):  # the tape that lies on others last
-        width = TAPE_WIDTHS[colour] * scale * 72 / 25.4  # in points
-        style: dict[str, Untyped] = {"capstyle": "butt"}
-        if colour == "yellow":
-            style["linestyles"] = (
-                0,
-                (0.05 / TAPE_WIDTHS[colour], 0.025 / TAPE_WIDTHS[colour]),
-            )  # in widths of the line
-        lines = strips.get(colour, [])
-        if colour == "white":  # white paper needs an outline
-            ax.add_collection(LineCollection(lines, colors=_FAINT, linewidths=width + 0.6, capstyle="butt"))
-        ax.add_collection(LineCollection(lines, colors=_TAPES[colour], linewidths=width, **style))
+    scale, dash = side / tile_size, 0.05 / TAPE_WIDTHS["yellow"]  # the latter in widths of the line
+    strips = [
+        (tape.colour, [(x + east * scale, y + south * scale) for east, south in tape.points])
+        for kind, turns, x, y in tiles
+        for tape in tapes_of(kind, turns, tile_size)
+    ]
+    # The tape that lies on others is the last one. White tape on white paper needs an outline.
+    inks = (("red", "#d9202c", 0.0), ("yellow", "#f5c71a", 0.0), ("white", _FAINT, 0.6), ("white", "#ffffff", 0.0))
+    for colour, ink, outline in inks:
+        lines = [line for of, line in strips if of == colour]
+        points = TAPE_WIDTHS[colour] * scale * 72 / 25.4 + outline
+        style = (0, (dash, dash / 2)) if colour == "yellow" else "solid"
+        ax.add_collection(LineCollection(lines, colors=ink, linewidths=points, linestyles=style, capstyle="butt"))
 
 
 def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float, scale: float, size: float) -> None:
@@ -133,21 +125,17 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
     _label(ax, x, y, str(number), size=size, color=colour, weight="bold")
 
 
-def _bill(plan: Plan) -> list[_Lines]:
+def _bill(plan: Plan) -> list[list[str]]:
     """Returns the columns of the bill of materials: tiles, tape, and objects if there are any."""
-    tiles: _Lines = [("Tiles", _HEADING), *((f"{plan.tiles[kind]}  {_tile_name(kind)}", {}) for kind in REFERENCE)]
-    tiles += [
-        (f"{len(plan.placed)}  with road", {}),
-        (f"{plan.tiles['empty']}  empty: bare or none", {"color": _FAINT}),
-    ]
-    tape: _Lines = [("Tape", _HEADING)]
-    tape += [(f"{plan.tape[name]:.2f} m {name}, {100 * TAPE_WIDTHS[name]:g} cm wide", {}) for name in TAPE_WIDTHS]
-    tape += [("Yellow is laid whole, then cut:", {"color": _FAINT}), ("5 cm of tape, 2.5 cm gap.", {"color": _FAINT})]
-    things: _Lines = [("Signs and objects", _HEADING)]
+    tiles = ["Tiles", *(f"{plan.tiles[kind]}  {_tile_name(kind)}" for kind in REFERENCE)]
+    tiles += [f"{len(plan.placed)}  with road", f"{plan.tiles['empty']}  empty: bare or none"]
+    tape = [f"{plan.tape[name]:.2f} m {name}, {100 * TAPE_WIDTHS[name]:g} cm wide" for name in TAPE_WIDTHS]
+    tape = ["Tape", *tape, "(yellow: laid whole, then cut to", "5 cm of tape and 2.5 cm of gap)"]
+    things = ["Signs and objects"]
     for kind, count in sorted(Counter(thing.kind for thing in plan.objects).items()):
         tags = sorted(thing.tag for thing in plan.objects if thing.kind == kind and thing.tag is not None)
         tagged = f", tag {', '.join(map(str, tags[:6]))}{' ...' if len(tags) > 6 else ''}" if tags else ""
-        things.append((f"{count}  {_thing_name(kind)}{tagged}", {}))
+        things.append(f"{count}  {_thing_name(kind)}{tagged}")
     return [tiles, tape, things] if plan.objects else [tiles, tape]
 
 
@@ -161,29 +149,26 @@ def _list_pages(plan: Plan) -> Iterator[Untyped]:
         yield page
 
 
-def _check_list(plan: Plan) -> _Lines:
+def _check_list(plan: Plan) -> list[str]:
     """Returns the lines of the check-list: tiles to tape by kind, tiles to lay by row, objects to place by number."""
-    lines: _Lines = [("Tiles to tape, in cm", _HEADING)]
+    lines = ["Tiles to tape, in cm"]
     for kind in (kind for kind in REFERENCE if plan.tiles[kind]):
         tapes = tapes_of(kind, 0, plan.tile_size)
         strips = Counter((tape.colour, f"{100 * tape.length:.1f}", len(tape.points) - 1) for tape in tapes)
-        lines += [(f"\N{BALLOT BOX} {plan.tiles[kind]}  {_tile_name(kind)}, each with", {})]
+        lines += [f"{_BOX} {plan.tiles[kind]}  {_tile_name(kind)}, each with"]
         for (colour, length, pieces), count in strips.items():
             cut = f" in {pieces} pieces" if colour == "white" and pieces > 1 else ""
-            lines += [(f"      {count} {colour} of {length}{cut}", {})]
-    before = -1
-    for row, column, kind, turns in plan.placed:
-        lines += [("", {}), (f"Row {row}", _HEADING)] if row > before else []
-        lines += [(f"\N{BALLOT BOX} {row},{column}  {_tile_name(kind, turns)}", {})]
-        before = row
-    if plan.objects:
-        lines += [("", {}), ("Signs and objects", _HEADING), ("metres from the north-west corner", {"color": _FAINT})]
+            lines += [f"      {count} {colour} of {length}{cut}"]
+    for row, tiles in groupby(plan.placed, lambda tile: tile.row):
+        lines += ["", f"Row {row}"]
+        lines += [f"{_BOX} {row},{column}  {_tile_name(kind, turns)}" for _, column, kind, turns in tiles]
+    lines += ["", "Signs and objects", "(metres from the north-west corner)"] if plan.objects else []
     for number, thing in enumerate(plan.objects, 1):
         tag = "" if thing.tag is None else f", tag {thing.tag}"
         east, south = thing.x * plan.tile_size, thing.y * plan.tile_size
         faces = "" if OBJECT_KINDS[thing.kind].is_round else f", faces {_direction(thing.angle)}"
-        lines += [(f"\N{BALLOT BOX} {number}  {_thing_name(thing.kind)}{tag}", {})]
-        lines += [(f"      {east:.2f} east, {south:.2f} south{faces}", {})]
+        lines += [f"{_BOX} {number}  {_thing_name(thing.kind)}{tag}"]
+        lines += [f"      {east:.2f} east, {south:.2f} south{faces}"]
     return lines
 
 
@@ -214,10 +199,12 @@ def _page(width: float, height: float, title: str) -> tuple[Untyped, Untyped]:
     return page, ax
 
 
-def _write_columns(ax: Untyped, left: float, top: float, columns: Sequence[_Lines]) -> None:
+def _write_columns(ax: Untyped, left: float, top: float, columns: Sequence[Sequence[str]]) -> None:
+    """Writes columns of lines; those that start with a letter are headings."""
     for column, lines in enumerate(columns):
-        for row, (words, style) in enumerate(lines):
-            _write(ax, left + column * (_A4[0] - 2 * _MARGIN) / _COLUMNS, top + row * _LINE, words, **style)
+        for row, line in enumerate(lines):
+            x, weight = left + column * (_A4[0] - 2 * _MARGIN) / _COLUMNS, "bold" if line[:1].isalpha() else "normal"
+            _write(ax, x, top + row * _LINE, line, weight=weight)
 
 
 def _write(ax: Untyped, x: float, y: float, words: str, **style: Untyped) -> None:
