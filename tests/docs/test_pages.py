@@ -150,6 +150,7 @@ def test_links_targets_and_scripts_are_there():
         ("exports", ["export", "show"]),
         ("explore", ["explore"]),
         ("plan", ["plan"]),
+        ("furnish", ["furnish"]),
     ],
 )
 def test_the_table_on_a_command_has_all_its_options(page, names, capsys):
