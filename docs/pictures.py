@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from elitelanes_jax import evolve, render
 from elitelanes_jax.drive import make_rides, trails
 from elitelanes_jax.formats import RoadMap, read_map, write_plan
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import Picture, load_tiles, overlay
 
 FOLDER = Path(__file__).parent
@@ -24,7 +25,7 @@ def main() -> None:
     village()
     map_and_labels()
     drive_trails()
-    write_plan(FOLDER / "examples" / "town.json", FOLDER / "plan.png")
+    write_plan(furnish(read_map(FOLDER / "examples" / "town.json"), "signs duckies=3"), FOLDER / "plan.png")
 
 
 def styles() -> None:

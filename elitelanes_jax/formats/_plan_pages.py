@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 from math import cos, degrees, sin
 from pathlib import Path
+from textwrap import wrap
 
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
@@ -43,13 +44,17 @@ def _map_page(plan: Plan) -> Untyped:
     (rows, columns), bill = plan.shape, _bill(plan)
     bill_height = _LINE * (max(map(len, bill)) + 0.5)
     above, below, beside = _MARGIN + 16, 20 + bill_height + _SAMPLE + 8 + _MARGIN, 2 * _MARGIN + 16
-    tile = min(max(min((_A4[0] - beside) / columns, (_A4[1] - above - below) / rows), _SMALLEST), _LARGEST)
-    width = max(_A4[0], columns * tile + beside)
-    page, ax = _page(width, max(_A4[1], above + rows * tile + below), "Plan")
+    # Signs may be beyond the map.
+    edge = 0.3 if plan.objects else 0.0  # in tiles
+    fits = min((_A4[0] - beside) / (columns + 2 * edge), (_A4[1] - above - below) / (rows + 2 * edge))
+    tile = min(max(fits, _SMALLEST), _LARGEST)
+    edge *= tile
+    width, deep = max(_A4[0], columns * tile + 2 * edge + beside), rows * tile + 2 * edge
+    page, ax = _page(width, max(_A4[1], above + deep + below), "Plan")
     facts = f"{rows} rows and {columns} columns of {plan.tile_size:g} m, {plan.floor[0]:g} x {plan.floor[1]:g} m"
     _write(ax, _MARGIN + 18, _MARGIN + 3, facts, color=_FAINT)
-    _draw_map(ax, plan, (width - columns * tile) / 2, above, tile)
-    left, top = (width - _A4[0]) / 2 + _MARGIN, above + rows * tile + 20
+    _draw_map(ax, plan, (width - columns * tile) / 2, above + edge, tile, edge)
+    left, top = (width - _A4[0]) / 2 + _MARGIN, above + deep + 20
     _write_columns(ax, left, top, bill)
     samples = [(kind, 0, left + column * (_SAMPLE + 8), top + bill_height) for column, kind in enumerate(REFERENCE)]
     _draw_tiles(ax, samples, plan.tile_size, _SAMPLE)
@@ -60,28 +65,29 @@ def _map_page(plan: Plan) -> Untyped:
     return page
 
 
-def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float) -> None:
+def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edge: float) -> None:
     (rows, columns), scale, size = plan.shape, tile / plan.tile_size, min(7.0, 0.3 * tile)
     right, bottom = left + columns * tile, top + rows * tile
     ax.fill([left, right, right, left], [top, top, bottom, bottom], facecolor=_GROUND, edgecolor=_FAINT, lw=0.6)
     tiles = [(kind, turns, left + column * tile, top + row * tile) for row, column, kind, turns in plan.placed]
     _draw_tiles(ax, tiles, plan.tile_size, tile)
     for row in range(rows):
-        _write(ax, left - 4, top + (row + 0.5) * tile, str(row), ha="right", va="center")
+        _write(ax, left - edge - 4, top + (row + 0.5) * tile, str(row), ha="right", va="center")
         ax.plot([left, right], [top + row * tile] * 2, color=_FAINT, lw=0.25, ls=(0, (2, 3)))
     for column in range(columns):
-        _write(ax, left + (column + 0.5) * tile, top - 3.5, str(column), ha="center")
+        _write(ax, left + (column + 0.5) * tile, top - edge - 3.5, str(column), ha="center")
         ax.plot([left + column * tile] * 2, [top, bottom], color=_FAINT, lw=0.25, ls=(0, (2, 3)))
     for (row, column, *_), (kind, turns, x, y) in zip(plan.placed, tiles, strict=True):
         _label(ax, x + tile / 2, y + tile / 2, f"{row},{column}\n{_tile_name(kind, turns)}", size=size)
     for number, thing in enumerate(plan.objects, 1):
-        _draw_object(ax, thing, number, left + thing.x * tile, top + thing.y * tile, scale, size)
-    _arrow(ax, (left, bottom + 7), (right, bottom + 7), "<|-|>")
-    _label(ax, (left + right) / 2, bottom + 7, f"{plan.floor[0]:g} m")
-    _arrow(ax, (right + 7, top), (right + 7, bottom), "<|-|>")
-    _label(ax, right + 7, (top + bottom) / 2, f"{plan.floor[1]:g} m", rotation=90)
-    _arrow(ax, (right + 7, top - 3), (right + 7, top - 9), "->")
-    _write(ax, right + 9, top - 4.5, "N")
+        _draw_object(ax, thing, number, left + thing.x * tile, top + thing.y * tile, scale)
+    below, beside = bottom + edge + 7, right + edge + 7
+    _arrow(ax, (left, below), (right, below), "<|-|>")
+    _label(ax, (left + right) / 2, below, f"{plan.floor[0]:g} m")
+    _arrow(ax, (beside, top), (beside, bottom), "<|-|>")
+    _label(ax, beside, (top + bottom) / 2, f"{plan.floor[1]:g} m", rotation=90)
+    _arrow(ax, (beside, top - 3), (beside, top - 9), "->")
+    _write(ax, beside + 2, top - 4.5, "N")
 
 
 def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], tile_size: float, side: float) -> None:
@@ -105,8 +111,8 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
         ax.add_collection(LineCollection(lines, colors=ink, linewidths=points, linestyles=style, capstyle="butt"))
 
 
-def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float, scale: float, size: float) -> None:
-    """Draws the footprint of an object, its number in the check-list, and an arrow the way that it faces."""
+def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float, scale: float) -> None:
+    """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
     from matplotlib.patches import Circle, Polygon
 
     length, width = (side * scale / 2 for side in thing.footprint)
@@ -114,15 +120,15 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
     is_sign = thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     colour = _STOP if thing.kind == "sign_stop" else _SIGN if is_sign else _THING
     if OBJECT_KINDS[thing.kind].is_round:
-        ax.add_patch(Circle((x, y), length, facecolor=colour, alpha=0.6, lw=0))
+        ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0))
     else:
         corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
         points = [(x + a * east - b * south, y + a * south + b * east) for a, b in corners]
-        ax.add_patch(Polygon(points, facecolor=colour, alpha=0.6, lw=0))
-        ahead, behind = length + 0.1 * scale, length + 0.05 * scale
-        _arrow(ax, (x, y), (x + ahead * east, y + ahead * south), "-|>", colour)
-        x, y = x - behind * east, y - behind * south
-    _label(ax, x, y, str(number), size=size, color=colour, weight="bold")
+        ax.add_patch(Polygon(points, facecolor=colour, lw=0))
+        reach = length + 0.07 * scale
+        _arrow(ax, (x, y), (x + reach * east, y + reach * south), "-|>", colour)
+    size = min(6.5, 0.11 * scale)
+    _write(ax, x, y, str(number), size=size, color="white", weight="bold", ha="center", va="center_baseline")
 
 
 def _bill(plan: Plan) -> list[list[str]]:
@@ -134,8 +140,8 @@ def _bill(plan: Plan) -> list[list[str]]:
     things = ["Signs and objects"]
     for kind, count in sorted(Counter(thing.kind for thing in plan.objects).items()):
         tags = sorted(thing.tag for thing in plan.objects if thing.kind == kind and thing.tag is not None)
-        tagged = f", tag {', '.join(map(str, tags[:6]))}{' ...' if len(tags) > 6 else ''}" if tags else ""
-        things.append(f"{count}  {_thing_name(kind)}{tagged}")
+        tagged = f", tag {', '.join(map(str, tags))}" if tags else ""
+        things += wrap(f"{count} {_thing_name(kind)}{tagged}", 38, subsequent_indent="      ")
     return [tiles, tape, things] if plan.objects else [tiles, tape]
 
 
@@ -165,10 +171,11 @@ def _check_list(plan: Plan) -> list[str]:
     lines += ["", "Signs and objects", "(metres from the north-west corner)"] if plan.objects else []
     for number, thing in enumerate(plan.objects, 1):
         tag = "" if thing.tag is None else f", tag {thing.tag}"
-        east, south = thing.x * plan.tile_size, thing.y * plan.tile_size
+        east, south = (round(place * plan.tile_size, 2) for place in (thing.x, thing.y))
+        across, down = "west" if east < 0 else "east", "north" if south < 0 else "south"
         faces = "" if OBJECT_KINDS[thing.kind].is_round else f", faces {_direction(thing.angle)}"
         lines += [f"{_BOX} {number}  {_thing_name(thing.kind)}{tag}"]
-        lines += [f"      {east:.2f} east, {south:.2f} south{faces}"]
+        lines += [f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}"]
     return lines
 
 
