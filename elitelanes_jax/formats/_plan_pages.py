@@ -133,15 +133,15 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
 
 def _bill(plan: Plan) -> list[list[str]]:
     """Returns the columns of the bill of materials: tiles, tape, and objects if there are any."""
-    tiles = ["Tiles", *(f"{plan.tiles[kind]}  {_tile_name(kind)}" for kind in REFERENCE)]
-    tiles += [f"{len(plan.placed)}  with road", f"{plan.tiles['empty']}  empty: bare or none"]
+    tiles = ["Tiles", *(f"{plan.tiles[kind]} x {_tile_name(kind)}" for kind in REFERENCE)]
+    tiles += [f"{len(plan.placed)} with road", f"{plan.tiles['empty']} empty: bare or none"]
     tape = [f"{plan.tape[name]:.2f} m {name}, {100 * TAPE_WIDTHS[name]:g} cm wide" for name in TAPE_WIDTHS]
     tape = ["Tape", *tape, "(yellow: laid whole, then cut to", "5 cm of tape and 2.5 cm of gap)"]
     things = ["Signs and objects"]
     for kind, count in sorted(Counter(thing.kind for thing in plan.objects).items()):
         tags = sorted(thing.tag for thing in plan.objects if thing.kind == kind and thing.tag is not None)
         tagged = f", tag {', '.join(map(str, tags))}" if tags else ""
-        things += wrap(f"{count} {_thing_name(kind)}{tagged}", 38, subsequent_indent="      ")
+        things += wrap(f"{count} x {_thing_name(kind)}{tagged}", 38, subsequent_indent="      ")
     return [tiles, tape, things] if plan.objects else [tiles, tape]
 
 
@@ -161,10 +161,10 @@ def _check_list(plan: Plan) -> list[str]:
     for kind in (kind for kind in REFERENCE if plan.tiles[kind]):
         tapes = tapes_of(kind, 0, plan.tile_size)
         strips = Counter((tape.colour, f"{100 * tape.length:.1f}", len(tape.points) - 1) for tape in tapes)
-        lines += [f"{_BOX} {plan.tiles[kind]}  {_tile_name(kind)}, each with"]
+        lines += [f"{_BOX} {plan.tiles[kind]} x {_tile_name(kind)}, each with"]
         for (colour, length, pieces), count in strips.items():
             cut = f" in {pieces} pieces" if colour == "white" and pieces > 1 else ""
-            lines += [f"      {count} {colour} of {length}{cut}"]
+            lines += [f"      {count} x {colour} of {length}{cut}"]
     for row, tiles in groupby(plan.placed, lambda tile: tile.row):
         lines += ["", f"Row {row}"]
         lines += [f"{_BOX} {row},{column}  {_tile_name(kind, turns)}" for _, column, kind, turns in tiles]
@@ -185,7 +185,7 @@ def _tile_name(kind: str, quarter_turns: int | None = None) -> str:
 
 
 def _thing_name(kind: str) -> str:
-    return kind.removeprefix("sign_").replace("_", " ")
+    return kind.removeprefix("sign_").replace("4_way", "4-way").replace("_", " ")
 
 
 def _direction(angle: float) -> str:

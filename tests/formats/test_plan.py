@@ -96,7 +96,7 @@ def test_files_hold_the_plan(furnished, tmp_path):
     words = [one or other for one, other in words]
     for tile in make_plan(furnished).placed:
         assert f"{tile.row},{tile.column}" in words
-    assert {"turn 90°", "1.755 m", "1 stop, tag 25", "1 duckie", "4  turn"} <= set(words)
+    assert {"turn 90°", "1.755 m", "1 x stop, tag 25", "1 x duckie", "4 x turn"} <= set(words)
     assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
 
 
