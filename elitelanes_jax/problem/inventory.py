@@ -1,13 +1,12 @@
 """An inventory: how many tiles of each kind there are to build a map of."""
 
-import tomllib
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
 from pathlib import Path
 
 from elitelanes_jax._util.checks import check_unique, split_settings, whole
-from elitelanes_jax._util.errors import InputError, reason, shorten, suggest
-from elitelanes_jax._util.files import MIB, read_text
+from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.problem.ranges import Range
 
@@ -30,7 +29,7 @@ def parse_inventory(inventory: UserValue) -> tuple[tuple[str, int], ...]:
     if isinstance(inventory, Iterable) and not isinstance(inventory, Mapping):
         inventory = list(inventory)
         if len(inventory) == 1 and str(inventory[0]).endswith(".toml"):
-            inventory = _read(Path(inventory[0]))
+            inventory = read_toml(inventory[0], f"inventory: {inventory[0]}")
     if isinstance(inventory, Mapping):
         inventory = inventory.items()
     if not isinstance(inventory, Iterable):
@@ -50,15 +49,6 @@ def within_inventory(where: Iterable[Range], inventory: Iterable[tuple[str, int]
         most = Fraction(count) if high is None else min(high, Fraction(count))
         ranges[COUNTED[kind]] = Range(COUNTED[kind], low, most)
     return tuple(ranges.values())
-
-
-def _read(file: Path) -> Mapping[str, UserValue]:
-    try:
-        return tomllib.loads(read_text(file, MIB))
-    except OSError as error:
-        raise InputError(f"inventory: {file}: {reason(error)}") from None
-    except ValueError as error:  # of TOML, or of UTF-8
-        raise InputError(f"inventory: {file}: expected TOML, got {shorten(str(error))}") from None
 
 
 def _parse_pair(pair: UserValue) -> tuple[str, int]:
