@@ -1,4 +1,4 @@
-"""Draws the pictures of the README, of docs/styles.md, docs/render.md and docs/drive.md.
+"""Draws the pictures of the README, of docs/styles.md, docs/render.md, docs/drive.md and docs/plan.md.
 
 python docs/pictures.py
 """
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
 from elitelanes_jax.drive import make_rides, trails
-from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.formats import RoadMap, read_map, write_plan
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import Picture, load_tiles, overlay
 
 FOLDER = Path(__file__).parent
@@ -24,6 +25,7 @@ def main() -> None:
     village()
     map_and_labels()
     drive_trails()
+    write_plan(furnish(read_map(FOLDER / "examples" / "town.json"), "signs duckies=3"), FOLDER / "plan.png")
 
 
 def styles() -> None:

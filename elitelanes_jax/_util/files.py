@@ -3,14 +3,15 @@
 import errno
 import json
 import os
+import tomllib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NoReturn
 
 from elitelanes_jax._util.checks import check_unique
-from elitelanes_jax._util.errors import InputError, reason
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.types import Plain, UserValue
 
 KIB, MIB = 2**10, 2**20
 """Bytes in a kibibyte and in a mebibyte."""
@@ -34,6 +35,20 @@ def read_text(file: str | Path, limit: int) -> str:
 def read_json(file: str | Path, limit: int = 32 * MIB) -> Plain:
     """Reads a file of JSON; see `read_text` and `parse_json` for the errors."""
     return parse_json(read_text(file, limit))
+
+
+def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:
+    """Reads a file of TOML, at most 1 MiB.
+
+    Raises:
+      InputError: that starts with the source, if the file cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(read_text(file, MIB))
+    except OSError as error:
+        raise InputError(f"{source}: {reason(error)}") from None
+    except ValueError as error:  # of TOML, or of UTF-8
+        raise InputError(f"{source}: expected TOML, got {shorten(str(error))}") from None
 
 
 def parse_json(text: str) -> Plain:

@@ -67,6 +67,7 @@ def _words() -> dict[str, list[str]]:
     from elitelanes_jax.maps.exporting import FORMATS
     from elitelanes_jax.network.weights import Weights
     from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
+    from elitelanes_jax.problem.inventory import COUNTED
     from elitelanes_jax.problem.rules import RULES
     from elitelanes_jax.search.spec import METHODS
     from elitelanes_jax.search.style import STYLES
@@ -82,6 +83,7 @@ def _words() -> dict[str, list[str]]:
         "--to": [*FORMATS, *TABLES],
         "--where": [f"{name}=" for name in features],
         "--axes": [f"{name}:" for name in features],
+        "--inventory": [f"{kind}=" for kind in COUNTED],
         "--weights": [f"{name}=" for name in (*Weights._fields, *TOWN_FEATURES)],
         "completion": list(_SHELLS),
         "metrics": [*features],

@@ -22,6 +22,7 @@ from elitelanes_jax.cli.merge import add_merge
 from elitelanes_jax.cli.metrics import add_metrics
 from elitelanes_jax.cli.pack import add_pack
 from elitelanes_jax.cli.pick import add_pick
+from elitelanes_jax.cli.plan import add_plan
 from elitelanes_jax.cli.program import guarded, say
 from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.score import add_score
@@ -61,6 +62,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_export,
         add_pack,
         add_show,
+        add_plan,
         add_explore,
         add_metrics,
         add_tiles,

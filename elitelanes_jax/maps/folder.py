@@ -15,6 +15,7 @@ from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
 from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec
+from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
@@ -106,9 +107,12 @@ def _picture_files(layers: Iterable[str]) -> list[str]:
 
 def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:
     metrics = road_map.metrics or {}
+    used = [(kind, metrics[name], metrics.get(f"{name}_left")) for kind, name in COUNTED.items() if name in metrics]
+    shelf = ", ".join(f"{kind} {count} of {count + left}" for kind, count, left in used if left is not None)
     return (
         f"{index:04d}   fitness {road_map.fitness}",
         f"cyclomatic {metrics['cyclomatic']}, crossings {metrics['crossings']}, bridges {metrics['bridges']}",
         f"adjacent: crossings {metrics['adjacent_crossings']}, turns {metrics['adjacent_turns']}; "
         f"straight {metrics['straight_score']}",
+        *([f"used: {shelf}"] if shelf else []),
     )

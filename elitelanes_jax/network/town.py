@@ -12,7 +12,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import Links, label_faces
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import CORNERS, EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.xla import PaddedLayout
 
@@ -49,8 +49,10 @@ def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
     box, height, width = _box(tile)
     rows, columns = np.arange(grid.shape[0])[:, None], np.arange(grid.shape[1])
     along = (rows == box[0]) | (rows == box[1]) | (columns == box[2]) | (columns == box[3])
-    turn = jnp.isin(grid, np.array([3, 6, 9, 12], np.int8))
+    turn = jnp.isin(grid, np.array(KINDS["turn"], np.int8))
     return TownFeatures(
+        crossings3=_count(jnp.isin(grid, np.array(KINDS["crossing3"], np.int8))),
+        crossings4=_count(grid == KINDS["crossing4"][0]),
         largest_block=areas.max(initial=0),
         smallest_block=_least(areas),
         mean_block=_thousandths(area, blocks),

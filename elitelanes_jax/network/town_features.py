@@ -21,6 +21,8 @@ class TownFeatures(NamedTuple):
     street.
 
     Attributes:
+      crossings3: tiles with three connections.
+      crossings4: tiles with four connections.
       largest_block: area of the largest block, an inner face of the network.
       smallest_block: area of the smallest block.
       mean_block: mean area of the blocks, a ratio.
@@ -43,6 +45,8 @@ class TownFeatures(NamedTuple):
       mean_detour: way by road / way on a full grid of streets, both summed over all pairs of linked tiles, a ratio.
     """
 
+    crossings3: "Int32[Array, '...']"
+    crossings4: "Int32[Array, '...']"
     largest_block: "Int32[Array, '...']"
     smallest_block: "Int32[Array, '...']"
     mean_block: "Int32[Array, '...']"

@@ -7,7 +7,7 @@ value inside need not occur.
 
 from collections.abc import Iterable, Mapping
 from fractions import Fraction
-from math import isqrt
+from math import ceil, isqrt, prod
 from typing import NamedTuple
 
 import numpy as np
@@ -19,17 +19,10 @@ from elitelanes_jax.network.metric_names import largest_metrics
 from elitelanes_jax.network.town_features import features_without_gaps, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import Range
 
 _MOST_ROUNDS = 200
-
-# The metrics and further counts of the tiles of one kind.
-_COUNTED = {
-    "straights": "straight",
-    "turns": "turn",
-    "three-way crossings": "crossing3",
-    "four-way crossings": "crossing4",
-}
 
 # The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
@@ -55,7 +48,7 @@ class FeatureBounds(NamedTuple):
 
     def of(self, feature: str) -> tuple[Fraction, Fraction]:
         """Returns a lower and an upper bound of a feature that is not the user's, in units of 1."""
-        if feature in TOWN_FEATURES:
+        if feature in TOWN_FEATURES and feature not in COUNTED.values():
             return self._of_town(feature)
         part, whole = SHARES.get(feature, (feature, ()))
         low, high = map(Fraction, self.intervals[part])
@@ -100,7 +93,7 @@ def find_bounds(
     if fix is not None:
         bounds = _with(bounds, _fixed_counts(fix))
     if alphabet is not None:
-        for name, kind in _COUNTED.items():
+        for kind, name in COUNTED.items():
             if not set(alphabet) & set(KINDS[kind]):
                 bounds = _with(bounds, _equal({name: 1}, 0))
     try:
@@ -115,7 +108,11 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
 
     The `InputError` names the first range that contradicts the bounds or the ranges before it, and states the bound.
     """
-    before = ""
+    before, where = "", tuple(where)
+    # The least box around a town, and the least part of the box that has tiles, are also a least number of tiles.
+    box = [item.low or 0 for item in where if item.name in ("box_share", "box_fill")]
+    if len(box) == 2:
+        bounds = _with(bounds, (_Inequality({"tiles": 1}, ceil(prod(box) * prod(bounds.shape))),))
     for item in where:
         if item.name not in (*FEATURES, *TOWN_FEATURES):
             continue  # a user's feature has no bounds
@@ -128,7 +125,7 @@ def check_ranges(where: Iterable[Range], bounds: FeatureBounds, maps: str) -> No
                 f"where {str(item)!r}: expected a range with {expected}, which {maps}{before} have{unless}"
             )
         try:
-            bounds = _narrowed(_with(bounds, () if item.name in TOWN_FEATURES else _within(item)))
+            bounds = _narrowed(_with(bounds, _within(item) if item.name in (*FEATURES, *COUNTED.values()) else ()))
         except _ContradictionError as error:
             words = f"expected a range that {maps}{before} can be in, got one where {error}"
             raise InputError(f"where {str(item)!r}: {words}") from None
@@ -162,7 +159,7 @@ def _first_intervals(shape: tuple[int, int]) -> dict[str, tuple[int, int]]:
     height, width = shape
     area, pairs = height * width, 2 * height * width - height - width
     border = area - (height - 2) * (width - 2)
-    most = largest_metrics(shape) | dict.fromkeys(_COUNTED, area)
+    most = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), area)
     most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
     most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
     most |= {"boundary_violations": border, "bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
@@ -175,7 +172,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
     found = [
         *_equal({"tiles": 1, "empty_cells": 1}, area),
         *_equal({"cyclomatic": 1, "edges": -1, "tiles": 1, "components": -1}, 0),  # Euler's formula
-        *_equal({"crossings": 1, "three-way crossings": -1, "four-way crossings": -1}, 0),
+        *_equal({"crossings": 1, "crossings3": -1, "crossings4": -1}, 0),
         # Each component has a tile, and there is a component if there is a tile.
         _Inequality({"tiles": 1, "components": -1}, 0),
         _Inequality({"components": area, "tiles": -1}, 0),
@@ -184,11 +181,9 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         _Inequality({"tiles": 1, "off_alphabet": -1}, 0),
         _Inequality({"tiles": 1, "boundary_violations": -1}, 0),
         # An edge joins two connections.
-        _Inequality(
-            {"tiles": 1, "straights": 1, "turns": 1, "three-way crossings": 2, "four-way crossings": 3, "edges": -2}, 0
-        ),
+        _Inequality({"tiles": 1, "straights": 1, "turns": 1, "crossings3": 2, "crossings4": 3, "edges": -2}, 0),
         # With Euler's formula: each further cycle needs two three-way crossings or a four-way one.
-        _Inequality({"three-way crossings": 1, "four-way crossings": 2, "components": 2, "cyclomatic": -2}, 0),
+        _Inequality({"crossings3": 1, "crossings4": 2, "components": 2, "cyclomatic": -2}, 0),
         # Bridges form a forest. Every other edge borders two faces, and a face has at least four of them.
         _Inequality({"tiles": 1, "components": -1, "bridges": -1}, 0),
         _Inequality({"edges": 1, "bridges": -1, "cyclomatic": -2}, 0),
@@ -197,7 +192,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         _Inequality({"edges": 1, "unlinked_neighbours": 1, "empty_cells": 4}, pairs),
         _Inequality({"edges": -1, "mismatches": -1}, -pairs),
         # Linked pairs of crossings are counted twice and score 6 to 8 each time. All are crowded.
-        _Inequality({"three-way crossings": 3, "four-way crossings": 4, "adjacent_crossings": -1}, 0),
+        _Inequality({"crossings3": 3, "crossings4": 4, "adjacent_crossings": -1}, 0),
         _Inequality({"edges": 2, "adjacent_crossings": -1}, 0),
         _Inequality({"adjacent_crossing_score": 1, "adjacent_crossings": -3}, 0),
         _Inequality({"adjacent_crossing_score": -1, "adjacent_crossings": 4}, 0),
@@ -222,17 +217,15 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
                 "dead_ends": -1,
                 "straights": -2,
                 "turns": -2,
-                "three-way crossings": -3,
-                "four-way crossings": -4,
+                "crossings3": -3,
+                "crossings4": -4,
             },
             0,
         ),
-        *_equal(
-            {"three-way crossings": 1, "four-way crossings": 2, "components": 2, "dead_ends": -1, "cyclomatic": -2}, 0
-        ),
+        *_equal({"crossings3": 1, "crossings4": 2, "components": 2, "dead_ends": -1, "cyclomatic": -2}, 0),
         # Roads do not leave the grid: no straight or crossing in a corner, no four-way crossing along the border.
         _Inequality({"straights": -1, "crossings": -1}, 4 - area),
-        _Inequality({"four-way crossings": -1}, -(height - 2) * (width - 2)),
+        _Inequality({"crossings4": -1}, -(height - 2) * (width - 2)),
         _Inequality({"straight_score": -1, "straights": longest - 2}, 0),
         # A component has a cycle or two dead ends; cycles also border the outer face.
         _Inequality({"cyclomatic": 2, "dead_ends": 1, "components": -2}, 0),
@@ -248,8 +241,8 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
                 "straights": 2,
                 "dead_ends": 1,
                 "crowded_crossings": 2,
-                "three-way crossings": -3,
-                "four-way crossings": -4,
+                "crossings3": -3,
+                "crossings4": -4,
             },
             0,
         ),
@@ -260,7 +253,7 @@ def _fixed_counts(fix: FixedCells) -> tuple[_Inequality, ...]:
     """Returns the numbers of tiles of each kind and of links that fixed cells imply."""
     free = fix.codes.count(None)
     found = []
-    for name, kind in {**_COUNTED, "empty_cells": "empty"}.items():
+    for kind, name in {**COUNTED, "empty": "empty_cells"}.items():
         count = sum(code in KINDS[kind] for code in fix.codes if code is not None)
         found += [_Inequality({name: 1}, count), _Inequality({name: -1}, -count - free)]
     certain, possible = free_links(fix.shape, fix, filled=False)

@@ -11,6 +11,7 @@ from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
 from elitelanes_jax.problem.features import FEATURES
 from elitelanes_jax.problem.fixed_cells import FixedCells
+from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import Range, satisfies
 from elitelanes_jax.problem.rules import RULES, map_constraints
 
@@ -64,10 +65,11 @@ def check_feasible(
     if grids is None:
         return
     allowed = None if alphabet is None else (*alphabet, *KINDS["empty"])
-    where = [item for item in where if item.name in FEATURES]
+    where = [item for item in where if item.name in (*FEATURES, *COUNTED.values())]
     found = 0
     for grid in _one_of_each_form(grids):
         metrics = plain_measure(grid, allowed)
+        metrics |= {name: int(np.isin(grid, KINDS[kind]).sum()) for kind, name in COUNTED.items()}
         found += all(metrics[name] == value for name, value, _ in constraints) and bool(satisfies(metrics, where))
         if found == maps:
             return

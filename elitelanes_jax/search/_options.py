@@ -37,6 +37,7 @@ class SearchOptions(TypedDict, total=False):
     targets: "Mapping[str, Sequence[float]] | Iterable[ExampleValues]"
     fix: "str | Path | FixedCells | ArrayLike | Sequence[Sequence[int | None]] | None"
     rules: "str | None"
+    inventory: "str | Path | Mapping[str, int] | Iterable[str | tuple[str, int]] | None"
     fill: "bool | None"
     initial: Maps
     alphabet: "Iterable[int] | None"

@@ -13,6 +13,7 @@ from elitelanes_jax.network.plain_metrics import cut_to_roads
 from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
 from elitelanes_jax.problem.descriptor import Axis, niche_bins
 from elitelanes_jax.problem.features import FEATURES, columns_for, feature_unit, select_features
+from elitelanes_jax.problem.inventory import COUNTED
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
 from elitelanes_jax.problem.rules import map_constraints
 from elitelanes_jax.problem.targets import SupportPoints
@@ -84,9 +85,9 @@ def choose_maps(
     """Chooses up to `count` maps of a search with an array of keys.
 
     A map is one component without dead ends, boundary violations or mismatches. All its cells are tiles of the search's
-    alphabet, or empty where rules or fixed cells allow it. It is in the ranges of the specification, keeps its rules,
-    and is no copy of an example map in `like`. Of maps that are the same when rotated or mirrored, the fittest is
-    chosen.
+    alphabet, or empty where rules, fixed cells or an inventory allow it. It is in the ranges of the specification,
+    keeps its rules, and is no copy of an example map in `like`. Of maps that are the same when rotated or mirrored, the
+    fittest is chosen. With an inventory, the metrics of a map also say how many tiles of each kind it leaves.
 
     Every niche gives one map before any niche gives a second, and the seeds give equally many maps if possible. If the
     specification has targets, maps are instead chosen one by one, so that the energy distance between the features of
@@ -138,7 +139,11 @@ def choose_maps(
     maps = [
         RoadMap(
             codes=grids[kept[index]],
-            metrics={name: _value(name, values[kept[index]].item()) for name, values in metrics.items()},
+            metrics={name: _value(name, values[kept[index]].item()) for name, values in metrics.items()}
+            | {
+                f"{COUNTED[kind]}_left": count - metrics[COUNTED[kind]][kept[index]].item()
+                for kind, count in spec.inventory or ()
+            },
             fitness=fitness[kept[index]].item(),
             descriptor={axis.metric: int(value) for axis, value in zip(axes, descriptor[index], strict=True)},
             niche=bins[index].tolist(),

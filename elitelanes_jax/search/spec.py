@@ -20,6 +20,7 @@ from elitelanes_jax.problem.descriptor import Axis, paper_axes, parse_axes, reso
 from elitelanes_jax.problem.feasible import check_feasible
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, largest_addend
 from elitelanes_jax.problem.fixed_cells import FixedCells, parse_fixed_cells
+from elitelanes_jax.problem.inventory import parse_inventory, within_inventory
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import RULES, check_rules
 from elitelanes_jax.problem.targets import ExampleValues, parse_targets
@@ -150,7 +151,9 @@ class SearchSpec(Record):
       targets: features of example maps, by name; the chosen maps' features have the same distribution
       fix: JSON rows of tile codes that every map keeps, null for free cells
       rules: rules that every map keeps: duckietown
-      fill: whether repair also gives every tile two connections; by default yes, unless rules leave cells empty
+      inventory: tiles that maps may need at most, such as straight=20 turn=10 crossing3=4, or a file .toml
+      fill: whether repair also gives every tile two connections; by default yes, unless rules or an inventory leave
+        cells empty
       initial: maps that every run begins with, map.json or Duckietown's .yaml
       alphabet: tile codes to draw from; by default all with two or more connections
       large: options for maps whose shorter side is 12 or more; they override the others
@@ -169,6 +172,7 @@ class SearchSpec(Record):
     targets: tuple[ExampleValues, ...] = option((), parse_targets, after="features")
     fix: FixedCells | None = option(None, none_or(parse_fixed_cells), "FILE")
     rules: str | None = option(None, none_or(check_rules), "NAME")
+    inventory: tuple[tuple[str, int], ...] | None = option(None, none_or(parse_inventory), "KIND=N", many=True)
     fill: bool | None = option(None, none_or(flag))
     initial: tuple[tuple[tuple[int, ...], ...], ...] = option((), parse_initial, "MAP", flag="from", many=True)
     alphabet: tuple[int, ...] | None = option(None, none_or(check_alphabet))
@@ -252,6 +256,10 @@ class SearchSpec(Record):
     ) -> "SearchSpec":
         """Sets the fields to checked values, or to their defaults; by default, all of them count as given."""
         every = {name: values.get(name, default) for name, default in _DEFAULTS.items()}
+        if every["inventory"] is not None:
+            where = within_inventory(every["where"], every["inventory"])
+            added = {f"where {item.name}": "inventory" for item in where if item not in every["where"]}
+            every, origins = every | {"where": where}, {**(origins or {}), **added}
         label = every["style"] and Style(every["style"], {})
         given = every | {"style": label} if given is None else given
         vars(self).update(every, _given=given, _defaults=defaults or {}, _origins=origins or {})
@@ -357,7 +365,7 @@ class SearchSpec(Record):
 
     @property
     def repair_fills(self) -> bool:
-        return self.rules is None if self.fill is None else self.fill
+        return self.rules is None and self.inventory is None if self.fill is None else self.fill
 
     @property
     def all_weights(self) -> Weights:
@@ -395,6 +403,7 @@ class SearchSpec(Record):
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "where": [str(item) for item in self.where],
             "weights": dict(self.weights),
+            "inventory": None if self.inventory is None else dict(self.inventory),
             "targets": {target.name: list(target.values) for target in self.targets},
             "fix": None if self.fix is None else self.fix.rows,
         }

@@ -1,13 +1,12 @@
 """Styles: named options of a search, in TOML files of the package or of users."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError, reason, shorten, suggest
-from elitelanes_jax._util.files import MIB, read_text
+from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.types import UserValue
 
 FOLDER = Path(__file__).parent / "styles"
@@ -48,13 +47,7 @@ def _read_own(name: str) -> Style:
 
 
 def _read(file: Path) -> Style:
-    text = str(file)
-    try:
-        return Style(text, tomllib.loads(read_text(file, MIB)))
-    except OSError as error:
-        raise InputError(f"style {text!r}: {reason(error)}") from None
-    except ValueError as error:  # of TOML, or of UTF-8
-        raise InputError(f"style {text!r}: expected TOML, got {shorten(str(error))}") from None
+    return Style(str(file), read_toml(file, f"style {str(file)!r}"))
 
 
 def merge_options(layers: Sequence[Mapping[str, UserValue]]) -> dict[str, UserValue]:

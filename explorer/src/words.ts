@@ -42,6 +42,8 @@ export const WORDS: Readonly<Record<string, Words>> = {
   turn_share: { name: "Turn share", meaning: "turns divided by tiles" },
   crossing_share: { name: "Crossing share", meaning: "crossings divided by tiles" },
   coverage: { name: "Coverage", meaning: "tiles divided by cells" },
+  crossings3: { name: "Three-way crossings", meaning: "tiles with three connections" },
+  crossings4: { name: "Four-way crossings", meaning: "tiles with four connections" },
   largest_block: {
     name: "Largest block",
     meaning: "area of the largest face, in squares between the middles of roads",

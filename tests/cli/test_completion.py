@@ -24,6 +24,7 @@ COMPLETED = {
     "generate --where cyc": {"cyclomatic="},
     "pick --axes ": {f"{name}:" for name in (*FEATURES, *TOWN_FEATURES)},
     "dataset --weights ": {f"{name}=" for name in (*Weights._fields, *TOWN_FEATURES)},
+    "generate --inventory cross": {"crossing3=", "crossing4="},
     "metrics ": {*FEATURES, *TOWN_FEATURES},
     "completion ": {"bash", "zsh", "fish", "tcsh", "powershell"},
     "export --to j": {"json"},

@@ -145,6 +145,7 @@ def test_links_targets_and_scripts_are_there():
         ("dataset", ["dataset"]),
         ("exports", ["export", "show"]),
         ("explore", ["explore"]),
+        ("plan", ["plan"]),
         ("furnish", ["furnish"]),
     ],
 )

@@ -76,6 +76,8 @@ def oracle(grid):
     spread = sum(abs(len(areas) * area - sum(areas)) for area in areas)
     assert not areas or spread == pytest.approx(len(areas) * sum(abs(area - mean) for area in areas))
     return TownFeatures(
+        crossings3=sum(code.bit_count() == 3 for code in grid.ravel().tolist()),
+        crossings4=(grid == 15).sum(),
         largest_block=max(areas, default=0),
         smallest_block=min(areas, default=0),
         mean_block=thousandths(sum(areas), len(areas)),

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.codes import CONNECTIONS, KINDS, SIDES
+from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.network.town import measure_town
@@ -59,10 +59,7 @@ def repaired_grids(shape):
 
 
 def metrics_of(grid):
-    counted = {
-        f"{words}-way crossings": np.isin(grid, KINDS[f"crossing{n}"]).sum() for words, n in (("three", 3), ("four", 4))
-    }
-    return plain_measure(grid) | {name: int(number) for name, number in counted.items()}
+    return plain_measure(grid) | {f"crossings{n}": int((CONNECTIONS[grid] == n).sum()) for n in (3, 4)}
 
 
 def is_map(metrics, rules, filled):

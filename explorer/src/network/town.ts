@@ -1,9 +1,11 @@
 /** The features of a town. Shares and ratios are in thousandths. */
-import { EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
+import { CONNECTIONS, EAST, IS_TURN, NORTH, SOUTH, WEST, type Grid } from "./codes";
 import { findFaces } from "./faces";
 
 /** The names, in the order of Python's `TOWN_FEATURES`. */
 export const TOWN_FEATURES = [
+  "crossings3",
+  "crossings4",
   "largest_block",
   "smallest_block",
   "mean_block",
@@ -88,6 +90,8 @@ export function measureTown(grid: Grid): Partial<Record<TownFeature, number>> {
     });
   });
   return {
+    crossings3: codes.filter((code) => CONNECTIONS[code] === 3).length,
+    crossings4: codes.filter((code) => CONNECTIONS[code] === 4).length,
     largest_block: Math.max(0, ...areas),
     smallest_block: least(areas),
     mean_block: thousandths(area, blocks),

@@ -1,0 +1,197 @@
+"""A plan to build a map from: which tile lies where, what tape it needs, and what stands on it.
+
+Tapes are those of Duckietown's appearance specification, sections "Layer - Tilemap" and "Assembly - Road Tiles".
+"""
+
+from itertools import pairwise
+from math import cos, hypot, pi, sin
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from elitelanes_jax._util.checks import check_named, path, real
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.road_map import as_maps
+from elitelanes_jax.network.codes import KIND_OF, NORTH, SOUTH, WEST, rotate_codes
+
+TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
+"""The width of each colour of tape in metres."""
+
+LONGEST_PLAN = 64
+"""The longest side of maps that a plan can show, in tiles."""
+
+REFERENCE = {"straight": NORTH | SOUTH, "turn": SOUTH | WEST, "crossing3": NORTH | SOUTH | WEST, "crossing4": 15}
+"""The code of each kind of tile without a rotation."""
+
+_LANE, _STUB = 0.21, 0.05  # metres
+# From the middle of the road to the middle of its white tape.
+_EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
+
+
+class Tape(NamedTuple):
+    """A strip of tape on a tile.
+
+    Attributes:
+      colour: white, yellow or red.
+      points: of its middle line, metres east and south of the tile's north-west corner. Straight pieces join them.
+    """
+
+    colour: str
+    points: tuple[tuple[float, float], ...]
+
+    @property
+    def length(self) -> float:
+        """Metres, with the gaps that are cut into yellow tape."""
+        return sum(hypot(x - u, y - v) for (x, y), (u, v) in pairwise(self.points))
+
+
+class PlacedTile(NamedTuple):
+    """A tile of a plan.
+
+    Attributes:
+      row: from 0 in the north.
+      column: from 0 in the west.
+      kind: straight, turn, crossing3 or crossing4.
+      quarter_turns: counter-clockwise from the tile in `REFERENCE`, the fewest.
+    """
+
+    row: int
+    column: int
+    kind: str
+    quarter_turns: int
+
+
+class Plan(NamedTuple):
+    """What it takes to build a map.
+
+    Attributes:
+      shape: rows and columns of tiles.
+      tile_size: the pitch of the tiles in metres.
+      floor: metres from west to east, and from north to south.
+      placed: the tiles, row by row.
+      tiles: the number of tiles of each kind, and of empty cells.
+      tape: metres of each colour of tape, with the gaps that are cut into yellow tape.
+      objects: what stands on the map, from north to south.
+    """
+
+    shape: tuple[int, int]
+    tile_size: float
+    floor: tuple[float, float]
+    placed: tuple[PlacedTile, ...]
+    tiles: dict[str, int]
+    tape: dict[str, float]
+    objects: tuple[MapObject, ...]
+
+
+def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
+    """Lists what it takes to build a map.
+
+    Args:
+      road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
+      tile_size: the pitch of the tiles in metres, 0.55 to 2.
+
+    Raises:
+      InputError: for anything else, a map without roads or with a side over 64, or a tile with one connection, which
+        Duckietown does not have.
+    """
+    size = check_named("tile_size", real(0.55, 2, unit="metres"), tile_size)
+    if len(maps := as_maps(road_map)) != 1:
+        raise InputError(f"map: expected one map, got {len(maps)}")
+    codes, things = maps[0].codes, maps[0].objects or ()
+    height, width = codes.shape
+    if max(height, width) > LONGEST_PLAN or not codes.any():
+        got = f"{height} x {width}" if codes.any() else "none"
+        raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
+    placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
+    tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
+    strips = [(strip, count) for kind, count in tiles.items() for strip in tapes_of(kind, 0, size)]
+    metres = {
+        colour: sum(count * strip.length for strip, count in strips if strip.colour == colour) for colour in TAPE_WIDTHS
+    }
+    return Plan(
+        shape=(height, width),
+        tile_size=size,
+        floor=(round(width * size, 3), round(height * size, 3)),
+        placed=placed,
+        tiles=tiles | {"empty": height * width - len(placed)},
+        tape={colour: round(total, 3) for colour, total in metres.items()},
+        objects=tuple(sorted(things, key=lambda thing: (thing.y, thing.x, thing.kind))),
+    )
+
+
+def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE_SIZE) -> Plan:
+    """Writes the plan of a map with its bill of materials; a PDF also has a check-list.
+
+    Args:
+      road_map: as `make_plan` takes it.
+      file: a name that ends in .pdf, .svg or .png; an existing file is replaced.
+      tile_size: as `make_plan` takes it.
+
+    Raises:
+      InputError: as `make_plan` does, for another ending, or without matplotlib.
+      OSError: if the file cannot be written.
+    """
+    place = check_named("file", path, file)
+    if place.suffix.lower() not in (".pdf", ".svg", ".png"):
+        raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
+    plan = make_plan(road_map, tile_size=tile_size)
+    from elitelanes_jax.formats._plan_pages import draw_plan
+
+    with new_file(place) as part:
+        draw_plan(plan, part)
+    return plan
+
+
+def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tuple[Tape, ...]:
+    """Returns the tapes of a tile, the red ones first, since the others lie on them.
+
+    White tape has five pieces outside a turn and three inside, as in the corners of a crossing. Stop lines cross the
+    lane into a crossing, where traffic keeps to the right.
+
+    Args:
+      kind: of the tile.
+      quarter_turns: counter-clockwise from the tile in `REFERENCE`.
+      tile_size: the pitch of the tiles in metres.
+    """
+    half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
+    side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))  # in the west
+    corner = _arc("white", half - _EDGE, 3, tile_size)
+    # Who comes from the north has the west on the right.
+    stop = Tape("red", ((right - _LANE, TAPE_WIDTHS["red"] / 2), (right, TAPE_WIDTHS["red"] / 2)))
+    stub = Tape("yellow", ((half, 0.0), (half, _STUB)))
+    if kind == "straight":
+        strips = [(Tape("yellow", ((half, 0.0), (half, tile_size))), 0), (side, 0), (side, 2)]
+    elif kind == "turn":
+        strips = [(_arc("white", half + _EDGE, 5, tile_size), 0), (corner, 0), (_arc("yellow", half, 16, tile_size), 0)]
+    else:
+        roads = range(3 if kind == "crossing3" else 4)
+        strips = [(strip, turns) for strip in (stop, stub) for turns in roads] + [(corner, 0), (corner, 3)]
+        strips += [(side, 2)] if kind == "crossing3" else [(corner, 1), (corner, 2)]
+    return tuple(_turned(strip, turns + quarter_turns, tile_size) for strip, turns in strips)
+
+
+def _place(row: int, column: int, code: int) -> PlacedTile:
+    kind = KIND_OF[code]
+    if kind not in REFERENCE:
+        expected = "map: expected tiles with two or more connections, as Duckietown has"
+        raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
+    turns = next(turns for turns in range(4) if rotate_codes(REFERENCE[kind], turns) == code)
+    return PlacedTile(row, column, kind, turns)
+
+
+def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:
+    """Returns tape around the south-western corner of a tile, from the western to the southern side."""
+    angles = np.linspace(0, pi / 2, pieces + 1).tolist()
+    return Tape(colour, tuple((radius * sin(angle), tile_size - radius * cos(angle)) for angle in angles))
+
+
+def _turned(tape: Tape, quarter_turns: int, tile_size: float) -> Tape:
+    points = tape.points
+    for _ in range(quarter_turns % 4):
+        points = tuple((y, tile_size - x) for x, y in points)
+    return tape._replace(points=points)

@@ -1,0 +1,126 @@
+"""The plan of a map: tapes that meet at the sides of tiles, counts that are the map's, files that hold both."""
+
+import re
+from math import pi
+
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import given
+
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.formats import make_plan, without_dead_ends, write_plan
+from elitelanes_jax.formats.plan import REFERENCE, tapes_of
+from elitelanes_jax.network.codes import KIND_OF, KINDS, ROAD_ALPHABET, SIDES, rotate_codes
+from elitelanes_jax.network.plain_metrics import plain_measure
+
+RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
+SIZE = 0.6
+
+
+def middle(side):
+    return np.array([0.5 + side.right / 2, 0.5 + side.down / 2]) * SIZE
+
+
+@pytest.mark.parametrize("code", ROAD_ALPHABET)
+def test_tapes_meet_those_of_the_next_tile(code):
+    """On an open side white tape ends 24.6 cm from the middle, yellow tape in it; on a closed side none ends."""
+    placed = make_plan([[code]]).placed[0]
+    tapes = tapes_of(placed.kind, placed.quarter_turns, SIZE)
+    for side in SIDES:
+        along = np.array([abs(side.down), abs(side.right)])
+        ends = {"white": [], "yellow": []}
+        for tape in tapes:
+            for end in (tape.points[0], tape.points[-1]):
+                off = np.array(end) - middle(side)
+                if tape.colour in ends and abs(off @ [side.right, side.down]) < 1e-9:
+                    ends[tape.colour].append(round(float(off @ along), 6))
+        closed = not code & side.bit
+        neighbours = [other for other in SIDES if other.bit & code]
+        # A tape along a closed side of a straight or crossing ends on the two sides beside it.
+        assert sorted(ends["white"]) == ([] if closed else [-0.246, 0.246]) or (closed and len(neighbours) == 3)
+        assert ends["yellow"] == ([] if closed else [0.0])
+
+
+@pytest.mark.parametrize("code", [code for code in ROAD_ALPHABET if code.bit_count() > 2])
+def test_stop_lines_cross_the_right_lane_into_a_crossing(code):
+    placed = make_plan([[code]]).placed[0]
+    red = [tape for tape in tapes_of(placed.kind, placed.quarter_turns, SIZE) if tape.colour == "red"]
+    assert len(red) == code.bit_count()
+    for side in SIDES:
+        lines = [np.mean(tape.points, axis=0) - middle(side) for tape in red]
+        inward, right = -np.array([side.right, side.down]), np.array([side.down, -side.right])
+        found = [line for line in lines if abs(line @ inward - 0.024) < 1e-9]
+        assert len(found) == bool(code & side.bit)
+        for line in found:
+            assert line @ right == pytest.approx(0.012 + 0.105)
+
+
+def test_tapes_of_a_ring():
+    plan = make_plan(RING, tile_size=SIZE)
+    quarter = pi / 2
+    outer, inner = 10 * (0.3 + 0.246) * np.sin(quarter / 10), 6 * (0.3 - 0.246) * np.sin(quarter / 6)
+    assert plan.tape["white"] == pytest.approx(4 * (2 * SIZE + outer + inner), abs=1e-3)
+    assert plan.tape["yellow"] == pytest.approx(4 * SIZE + 4 * 0.3 * quarter, abs=4e-3)
+    assert plan.tape["red"] == 0 and plan.floor == pytest.approx((1.8, 1.8))
+    assert plan.tiles == {"straight": 4, "turn": 4, "crossing3": 0, "crossing4": 0, "empty": 1}
+
+
+@given(grids())
+def test_a_plan_is_the_map(grid):
+    codes = np.pad(without_dead_ends(grid), ((0, 3), (0, 3)))
+    codes[-2:, -2:] = [[6, 3], [12, 9]]  # most grids have no other road
+    plan = make_plan(codes)
+    rebuilt, metrics = np.zeros_like(codes), plain_measure(codes)
+    for tile in plan.placed:
+        rebuilt[tile.row, tile.column] = rotate_codes(REFERENCE[tile.kind], tile.quarter_turns)
+        assert tile.quarter_turns < len(KINDS[tile.kind])
+    np.testing.assert_array_equal(rebuilt, codes)
+    assert {kind: (np.isin(codes, KINDS[kind])).sum() for kind in plan.tiles} == plan.tiles
+    assert plan.tape["red"] == pytest.approx(0.21 * (3 * plan.tiles["crossing3"] + 4 * plan.tiles["crossing4"]))
+    assert metrics["tiles"] == len(plan.placed) == sum(plan.tiles.values()) - metrics["empty_cells"]
+
+
+@pytest.fixture(scope="module")
+def furnished():
+    stop = {"kind": "sign_stop", "x": 1.0, "y": 1.0, "angle": pi / 2, "tag": 25}
+    return RoadMap(RING, objects=[stop, {"kind": "duckie", "x": 1.5, "y": 1.5}])
+
+
+def test_files_hold_the_plan(furnished, tmp_path):
+    for kind in ("pdf", "svg", "png"):
+        first, second = tmp_path / f"first.{kind}", tmp_path / f"second.{kind}"
+        assert write_plan(furnished, first) == write_plan(furnished, second) == make_plan(furnished)
+        assert first.read_bytes() == second.read_bytes()
+    words = re.findall(r"<text[^>]*>(.*?)</text>|<tspan[^>]*>(.*?)</tspan>", (tmp_path / "first.svg").read_text())
+    words = [one or other for one, other in words]
+    for tile in make_plan(furnished).placed:
+        assert f"{tile.row},{tile.column}" in words
+    assert {"turn 90°", "1.755 m", "1 x stop, tag 25", "1 x duckie", "4 x turn"} <= set(words)
+    assert len(re.findall(rb"/Type /Page\b", (tmp_path / "first.pdf").read_bytes())) == 2
+
+
+def test_a_large_map_has_a_larger_sheet_and_more_lists(tmp_path):
+    grid = np.pad(np.full((14, 14), 15, np.int8), 1)[1:-1, 1:-1]
+    write_plan(grid, tmp_path / "plan.pdf")
+    text = (tmp_path / "plan.pdf").read_bytes()
+    heights = [float(box.split()[3]) for box in re.findall(rb"/MediaBox \[([^\]]*)\]", text)]
+    assert heights[0] > heights[1] and len(heights) == 1 + -(-(14 * 16 + 6) // (56 * 3))
+
+
+@pytest.mark.parametrize(
+    ("grid", "words"),
+    [
+        (np.zeros((3, 3), np.int8), "roads on at most 64 x 64 tiles, got none"),
+        (np.full((3, 65), 15, np.int8), "got 3 x 65"),
+        ([[4, 1]], "got a dead end at row 0, column 0"),
+        ([RING, RING], "expected one map, got 2"),
+    ],
+)
+def test_maps_that_cannot_be_built_are_refused(grid, words):
+    with pytest.raises(InputError, match=words):
+        make_plan(grid)
+
+
+def test_kinds_of_tiles_are_those_of_maps():
+    assert set(REFERENCE) == {KIND_OF[code] for code in ROAD_ALPHABET}
