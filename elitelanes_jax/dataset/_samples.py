@@ -11,10 +11,14 @@ from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._formats import Format
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.tiles.object_set import ObjectSet, lay_flat
+from elitelanes_jax.tiles.pasting import NEAR, Placed, Seen, hide, paste
 from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, png_of, render
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -23,11 +27,12 @@ class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own.
+      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own; of
+        a map with objects, uint16 ``[h, w]``, instances.
       record: its metadata, plain values for JSON.
     """
 
-    layers: dict[str, NDArray[np.uint8]]
+    layers: dict[str, NDArray[np.integer]]
     record: dict[str, Plain]
 
 
@@ -41,6 +46,7 @@ def draw_sample(
     transforms: Transforms = Transforms(),
     camera: Viewpoints | None = None,
     layers: Sequence[str] = MASKS,
+    objects: ObjectSet | None = None,
 ) -> Sample:
     """Draws a map with tiles of a set in one view; all choices follow from the seed and the number.
 
@@ -53,9 +59,10 @@ def draw_sample(
       transforms: the ranges of views.
       camera: the ranges of views from a robot on the lanes; by default views are from above.
       layers: the masks beside labels and the tile set's own.
+      objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
-      InputError: for a camera on a map without a lane.
+      InputError: for a camera on a map without a lane, or an object without a picture.
     """
     chosen = choose_tiles(road_map.codes, tiles, [seed, number])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
@@ -64,14 +71,34 @@ def draw_sample(
     view = draw_view(rng, transforms, size)
     ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
     masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
+    things = (road_map.objects or ()) if objects is not None else ()
+    pictures = objects.choose(things, [seed, number, 2]) if objects is not None else []
     if camera is None:
-        about, seen = {}, {"image": photograph(warp(picture.image, view, ground), view)}
-        seen |= {name: warp(mask, view) for name, mask in masks.items()}
+        about, near, distances = {}, 0.0, None
+        image, masks = warp(picture.image, view, ground), {name: warp(mask, view) for name, mask in masks.items()}
+        numbers = sorted(range(len(things)), key=lambda index: things[index].height)
+        flat = lay_flat(things, pictures, tile_px)
+        placed = [Placed(flat[index].pixels, view.matrix @ flat[index].matrix) for index in numbers]
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
-        about, seen = viewpoint.about, {"image": photograph(see(picture.image, viewpoint, ground), view)}
-        seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
+        about, near = viewpoint.about, NEAR
+        image, masks = (
+            see(picture.image, viewpoint, ground),
+            {name: see_labels(mask, viewpoint) for name, mask in masks.items()},
+        )
+        placed, numbers, distances = stand(things, pictures, viewpoint, tile_px)
+    seen = dict(masks)
+    if objects is not None:
+        image, masks = image.copy(), {name: mask.copy() for name, mask in masks.items()}
+        owners, found = paste(image, placed, near)
+        hide(masks.values(), owners)
+        seen = masks | {"instances": np.array([0, *(index + 1 for index in numbers)], np.uint16)[owners]}
+        listed = [_describe(things[index], index, one) for index, one in zip(numbers, found, strict=True)]
+        if distances is not None:
+            listed = [one | {"distance": away} for one, away in zip(listed, distances, strict=True)]
+        about = about | {"objects": [one for one in listed if one["visible"]]}
+    seen["image"] = photograph(image, view)
     record = {
         "number": number,
         "size": list(road_map.codes.shape),
@@ -99,8 +126,13 @@ def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
       OSError: that names the file, if one cannot be written.
     """
     number = sample.record["number"]
-    for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
+    objects = ["instances"] if "instances" in sample.layers else []
+    for name in ("image", "labels", *layout.layers, *sample.record["layers"], *objects):
         write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
+
+
+def _describe(thing: MapObject, index: int, seen: Seen) -> dict[str, Plain]:
+    return {"kind": thing.kind, "instance": index + 1, **seen._asdict()}
 
 
 def _plain(view: View) -> dict[str, Plain]:

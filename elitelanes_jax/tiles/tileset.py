@@ -46,7 +46,7 @@ _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "blend", "opens")
 _MOST_TOML = 64 * KIB  # keys of many parts take tomllib a time that grows with the square of their length
 _TOUCHES = 0.1  # of a side, in road, at least where a road crosses it
-_OUTPUT = ("labels", "overlay")  # names of pictures that are written beside the masks of a map
+_OUTPUT = ("labels", "overlay", "instances")  # names of pictures that are written beside the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
