@@ -1,15 +1,12 @@
 """One sample: a map drawn and seen in one view."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._formats import Format
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
 from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
@@ -19,7 +16,7 @@ from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_flat
 from elitelanes_jax.tiles.pasting import NEAR, Placed, Seen, hide, paste
-from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, png_of, render
+from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 
@@ -117,18 +114,6 @@ def draw_sample(
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
     return Sample(seen, {name: value for name, value in record.items() if value is not None})
-
-
-def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
-    """Writes the pictures of a sample to their places in a format.
-
-    Raises:
-      OSError: that names the file, if one cannot be written.
-    """
-    number = sample.record["number"]
-    objects = ["instances"] if "instances" in sample.layers else []
-    for name in ("image", "labels", *layout.layers, *sample.record["layers"], *objects):
-        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
 
 
 def _describe(thing: MapObject, index: int, seen: Seen) -> dict[str, Plain]:

@@ -86,6 +86,7 @@ class DatasetSpec(Record):
         ones; they say the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
+      objects: folder of the pictures of the maps' objects; by default the package's own
       blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
         photographs are
       tile_px: side of a tile in pixels; by default 64, with a camera 256
@@ -103,6 +104,7 @@ class DatasetSpec(Record):
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
+    objects: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
@@ -207,6 +209,7 @@ class DatasetSpec(Record):
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
+            "objects": self.objects and str(self.objects),
         }
 
 

@@ -16,6 +16,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,16 @@ class ObjectSet:
         for one in self.pictures:
             kinds[one.kind] = (*kinds.get(one.kind, ()), one)
         return kinds
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of all pictures and sizes."""
+        found = sha256()
+        for one in self.pictures:
+            found.update(repr((one.name, one.kind, one.height, one.footprint)).encode())
+            for angle, pixels in (*one.views.items(), ("top", one.top)):
+                found.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
+        return found.hexdigest()[:16]
 
     def choose(self, objects: Sequence[MapObject], seed: int | list[int] = 0) -> list[ObjectPictures]:
         """Chooses pictures for each object at random among those of its kind.
