@@ -7,15 +7,18 @@ maps that use it fit together only so, and never written.
 """
 
 import reprlib
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import is_real
+from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.graph import linked_tiles
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
 
@@ -41,7 +44,12 @@ _TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
 
 
 def to_duckietown(
-    codes: ArrayLike, *, tile_size: float = TILE_SIZE, ground: str = "grass", dead_ends: str = "refuse"
+    codes: ArrayLike,
+    *,
+    objects: Sequence[MapObject] | None = None,
+    tile_size: float = TILE_SIZE,
+    ground: str = "grass",
+    dead_ends: str = "refuse",
 ) -> str:
     """Writes a grid as the text of a Duckietown map.
 
@@ -50,6 +58,7 @@ def to_duckietown(
 
     Args:
       codes: integer codes ``[H, W]``.
+      objects: of the map. Tags are written of signs and tags on the floor only.
       tile_size: in metres, 0.01 to 100. duckietown-world rounds places to centimetres where lanes meet: sizes in whole
         centimetres work at any extent, 0.585 up to 37 tiles a side.
       ground: the kind of cells without a road, one of `GROUNDS`.
@@ -84,14 +93,15 @@ def to_duckietown(
     width = max(len(kind) for row in kinds for kind in row) + 1
     rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
     metres = np.format_float_positional(tile_size, trim="0")  # a float32 as short as a float
-    return f"tile_size: {metres}\ntiles:\n" + "".join(f"- [{row}]\n" for row in rows)
+    table = "".join(f"- [{row}]\n" for row in rows)
+    return f"tile_size: {metres}\ntiles:\n{table}" + write_objects(objects or (), len(grid), float(tile_size))
 
 
 def from_duckietown(text: str) -> NDArray[np.int8]:
     """Reads the grid of a Duckietown map.
 
-    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size`, its objects and its kinds of
-    ground are not kept: all cells without a road are 0.
+    Kinds without a side face east, as in Duckietown's programs. The map's `tile_size` and its kinds of ground are not
+    kept: all cells without a road are 0. `read_map` reads the objects too.
 
     Args:
       text: the content of the YAML file.
@@ -102,6 +112,15 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     Raises:
       InputError: if it is no such map, or has a kind of tile that is not known, or a side over 1024 tiles.
     """
+    return read_duckietown(text)[0]
+
+
+def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None]:
+    """Reads the grid of a Duckietown map, as `from_duckietown`, and its objects; None if the file has none.
+
+    Raises:
+      InputError: as `from_duckietown`, or for an object that cannot be read.
+    """
     values = yaml_tree(text)
     rows = values.get("tiles") if isinstance(values, dict) else None
     if rows is None:
@@ -109,7 +128,11 @@ def from_duckietown(text: str) -> NDArray[np.int8]:
     if not isinstance(rows, list) or not all(isinstance(row, list) for row in rows):
         raise InputError(f"tiles: expected rows of kinds of tiles, got {shorten(reprlib.repr(rows))}")
     check_sides(rows)  # aliases may name the same row many times
-    return np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
+    grid = np.array(check_grid([[_code(tile, y, x) for x, tile in enumerate(row)] for y, row in enumerate(rows)]))
+    if not values.get("objects"):
+        return grid, None
+    tile_size = check_named("tile_size", real(0.01, 100, unit="metres"), values.get("tile_size", TILE_SIZE))
+    return grid, read_objects(values["objects"], len(grid), tile_size)
 
 
 def _code(tile: Plain, row: int, column: int) -> int:

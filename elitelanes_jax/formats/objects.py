@@ -8,8 +8,8 @@ from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import Plain, UserValue
 
-BEYOND = 0.5
-"""How far from the map an object may be, in tiles: signs at a map's border are outside the map."""
+BEYOND = 1.0
+"""How far from the map an object may be, in tiles: signs at a map's border are outside it."""
 
 MOST_OBJECTS = 2**18
 """The most objects of a map."""
@@ -35,8 +35,8 @@ class ObjectKind(NamedTuple):
     is_round: bool = False
 
 
-# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. A house and a building
-# of the usual 0.5 and 0.6 m do not fit on a tile, and neither does a bus of 0.18 m: these are lower here.
+# Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. There a house has
+# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
     *("stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect", "t_light_ahead", "yield"),
@@ -49,12 +49,12 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "cone": ObjectKind(0.08, 0.05, 0.05, is_round=True),
     "barrier": ObjectKind(0.08, 0.285, 0.057),
     "duckiebot": ObjectKind(0.12, 0.18, 0.132),
-    "bus": ObjectKind(0.15, 0.55, 0.171),
+    "bus": ObjectKind(0.12, 0.44, 0.137),
     "truck": ObjectKind(0.2, 0.363, 0.157),
     "tree": ObjectKind(0.25, 0.142, 0.142, is_round=True),
-    "house": ObjectKind(0.3, 0.406, 0.528),
-    "building": ObjectKind(0.5, 0.534, 0.354),
-    "trafficlight": ObjectKind(0.4, 0.125, 0.64),
+    "house": ObjectKind(0.2, 0.271, 0.352),
+    "building": ObjectKind(0.36, 0.384, 0.254),
+    "trafficlight": ObjectKind(0.4, 0.097, 0.086),
     "checkerboard": ObjectKind(0.17, 0.171, 0.171),
     "floor_tag": ObjectKind(0.0, 0.065, 0.065),
     **{f"sign_{name}": _SIGN for name in _SIGNS},
@@ -73,7 +73,8 @@ class MapObject(NamedTuple):
       x: of the footprint's centre, in tiles east of the map's north-west corner.
       y: tiles south of that corner.
       angle: the direction of the object's front, in radians. A vehicle drives in this direction. The printed side of a
-        sign faces it: whoever drives east reads a sign with the angle pi.
+        sign faces it: whoever drives east reads a sign with the angle pi. The arm of a traffic light points in it; `x`
+        and `y` are those of its stand.
       height: metres; 0 for tags on the floor.
       tag: the number of its AprilTag in the family 36h11, 0 to 586; None without a tag.
       static: whether it stays where it is. gym-duckietown moves other duckies, robots and checkerboards.

@@ -14,7 +14,7 @@ from elitelanes_jax._util.checks import check_named, ends_as_file, is_real, is_w
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.duckietown import from_duckietown
+from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
 from elitelanes_jax.formats.svg import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
@@ -208,7 +208,7 @@ def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read
     except UnicodeDecodeError as error:
         raise InputError(f"{file}: expected a readable {kind} file, got: {error}") from None
     try:
-        return parse({"codes": from_duckietown(text)} if is_yaml else _json_of(text))
+        return parse(dict(zip(("codes", "objects"), read_duckietown(text), strict=True)) if is_yaml else _json_of(text))
     except InputError as error:
         raise InputError(f"{file}: {error}") from None
     except RecursionError:

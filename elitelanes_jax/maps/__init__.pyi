@@ -1,5 +1,7 @@
 from .cluster import dask_executor as dask_executor
 from .cluster import generate_on as generate_on
+from .furnishing.placing import furnish as furnish
+from .furnishing.spec import FurnishSpec as FurnishSpec
 from .generation import generate as generate
 from .generation import merge as merge
 from .picking import pick as pick

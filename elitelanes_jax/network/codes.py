@@ -52,6 +52,9 @@ SIDES = (
 )
 """The four sides, clockwise."""
 
+CORNERS = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+"""The four diagonal neighbours of a cell, by (rows down, columns right)."""
+
 SIDE_TOWARDS = {(side.down, side.right): side for side in SIDES}
 """The side towards a neighbour, by (rows down, columns right) to it."""
 

@@ -45,7 +45,7 @@ def test_footprints_follow_the_height():
         ({"kind": "duckie"}, "objects: expected a list"),
         ([3], "objects: object 0: expected"),
         ([{"kind": "dukie", "x": 0, "y": 0}], "kind: expected one of .*is it duckie"),
-        ([OBJECTS[0], {"kind": "cone", "x": 2.6, "y": 0}], "object 1: x: expected tiles from -0.5 to 2.5, got 2.6"),
+        ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "object 1: x: expected tiles from -1 to 3, got 3.1"),
         ([{"kind": "cone", "x": 0}], "object 0: y: .*got None"),
         ([{"kind": "cone", "x": 0, "y": 0, "size": 2}], "got 'size'"),
         ([{"kind": "cone", "x": 0, "y": 0, "angle": float("nan")}], "angle: expected radians"),

@@ -1,0 +1,168 @@
+"""The objects of Duckietown's map files.
+
+There are four ways to say where an object is. A ``pose`` is in metres from the south-west corner of the map. A
+``place`` is in metres from the middle of a tile, with tiles counted from that corner. An ``attach`` is one of eight
+slots around a tile's south-west corner. A ``pos`` is in tiles from the north-west corner, with y to the south, as the
+comments in the maps say, and ``rotate`` is counter-clockwise.
+
+Objects are written with a ``pose``: duckietown-world 6.4.3 and gym-duckietown 6.1.34 agree on it. A ``pos`` they move
+by one tile to the south and turn the other way round, and on maps that are not square they differ.
+"""
+
+from collections.abc import Mapping, Sequence
+from math import cos, degrees, isfinite, pi, radians, remainder, sin
+
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+
+TAG_SIZE = 0.065
+"""The side of an AprilTag in metres."""
+
+_FAMILY = "36h11"
+_OF_MAP = {
+    "sign_1_way_left": "sign_oneway_left",
+    "sign_1_way_right": "sign_oneway_right",
+}  # in duckietown-world
+
+# Metres from the corner east and north, by slot.
+_LONG, _SHORT = 0.09, 0.035
+_SLOTS = (
+    *((_LONG, _SHORT), (_SHORT, _LONG), (-_SHORT, _LONG), (-_LONG, _SHORT)),
+    *((-_LONG, -_SHORT), (-_SHORT, -_LONG), (_SHORT, -_LONG), (_LONG, -_SHORT)),
+)
+
+# In Duckietown a traffic light is at the middle of its mesh and faces a quarter turn to the left of its arm. So far
+# is its stand from there, by the height.
+_STAND = 0.27 / 0.4
+
+
+def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> str:
+    """Returns the text of the objects of a map file; "" without objects.
+
+    Args:
+      objects: to write.
+      rows: height of the map, in tiles.
+      tile_size: in metres.
+    """
+    lines = []
+    for index, thing in enumerate(objects):
+        x, y, angle = thing.x * tile_size, (rows - thing.y) * tile_size, thing.angle
+        if thing.kind == "trafficlight":
+            offset = _STAND * thing.height
+            x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
+        turned = _number(degrees(remainder(angle, 2 * pi)))
+        lines += [f"  {thing.kind}_{index}:", f"    kind: {thing.kind}"]
+        lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
+        lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
+        if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
+            lines.append(f"    tag: {{~TagInstance: {{family: {_FAMILY}, size: {TAG_SIZE}, tag_id: {thing.tag}}}}}")
+        lines += ["    static: false"] * (not thing.static)
+    return "".join(f"{line}\n" for line in ("objects:", *lines)) if objects else ""
+
+
+def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
+    """Reads the objects of a map file.
+
+    Args:
+      values: what the file has under "objects": a list, a table by names, or None.
+      rows: height of the map, in tiles.
+      tile_size: in metres.
+
+    Raises:
+      InputError: for anything else, an unknown kind, or an object whose position cannot be read; the message names the
+        object.
+    """
+    named = dict(enumerate(values)) if isinstance(values, list) else values or {}
+    if not isinstance(named, dict):
+        raise InputError(f"objects: expected a list or a table of objects, got {shorten(repr(values))}")
+    objects = []
+    for name, value in named.items():
+        try:
+            objects.append(_read(value, rows, tile_size))
+        except InputError as error:
+            raise InputError(f"objects: {shorten(str(name), 40)}: {error}") from None
+    return objects
+
+
+def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
+    if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
+        raise InputError(f'expected {{"kind": ...}}, got {shorten(repr(value))}')
+    kind = _OF_MAP.get(value["kind"], value["kind"])
+    if kind not in OBJECT_KINDS:
+        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}")
+    x, y, angle = _pose(value, rows, tile_size)
+    usual = OBJECT_KINDS[kind].height
+    height = _real(value, "height", usual) if usual else 0.0
+    if kind == "trafficlight":
+        angle -= pi / 2
+        offset = _STAND * height / tile_size
+        x, y = x - offset * cos(angle), y + offset * sin(angle)
+    tag = None
+    if "tag" in value:
+        tag = int(_real(_table(value["tag"], "~TagInstance"), "tag_id"))
+    static = str(value.get("static", True)).lower() not in ("false", "no", "off")
+    return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, static)
+
+
+def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[float, float, float]:
+    """Returns x, y and the angle of an object."""
+    rotate = radians(_real(value, "rotate", 0.0))
+    if "attach" in value:  # before the pose, whose position it replaces
+        attach = _table(value, "attach")
+        column, row = _pair(attach, "tile")
+        slot = _real(attach, "slot")
+        if slot not in range(len(_SLOTS)):
+            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot:g}")
+        east, north = _SLOTS[int(slot)]
+        turned = radians(_real(_table(value["pose"], "~SE2Transform"), "theta_deg", 0.0)) if "pose" in value else rotate
+        return column + east / tile_size, rows - row - north / tile_size, turned
+    if "pos" in value:
+        return *_pair(value, "pos"), rotate
+    if "pose" in value:
+        east, north, turned = _transform(value["pose"])
+        return east / tile_size, rows - north / tile_size, turned
+    if "place" in value:
+        place = _table(value, "place")
+        column, row = _pair(place, "tile")
+        east, north, turned = _transform(place.get("relative"))
+        return column + 0.5 + east / tile_size, rows - row - 0.5 - north / tile_size, turned
+    raise InputError("expected a pose, pos, place or attach, got none")
+
+
+def _transform(value: Plain) -> tuple[float, float, float]:
+    inner = _table(value, "~SE2Transform")
+    if "theta" in inner:
+        return *_pair(inner, "p", (0.0, 0.0)), _real(inner, "theta")
+    return *_pair(inner, "p", (0.0, 0.0)), radians(_real(inner, "theta_deg", 0.0))
+
+
+def _table(value: Plain, name: str) -> dict[str, Plain]:
+    inner = value.get(name) if isinstance(value, dict) else None
+    if not isinstance(inner, dict):
+        raise InputError(f"{name}: expected a table, got {shorten(repr(inner), 40)}")
+    return inner
+
+
+def _pair(values: Mapping[str, Plain], name: str, default: tuple[float, float] | None = None) -> tuple[float, float]:
+    listed = values.get(name, default)
+    if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
+        raise InputError(f"{name}: expected two numbers, got {shorten(repr(listed), 40)}")
+    first, second = ({name: one} for one in listed[:2])
+    return _real(first, name), _real(second, name)
+
+
+def _real(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:
+    text = values.get(name, default)
+    try:
+        number = float(text) if isinstance(text, str | int | float) and "_" not in str(text) else float("nan")
+    except ValueError:
+        number = float("nan")
+    if not isfinite(number):
+        raise InputError(f"{name}: expected a number, got {shorten(repr(text), 40)}")
+    return number
+
+
+def _number(value: float) -> str:
+    """Returns a number with six decimals at most."""
+    return f"{round(value, 6) + 0.0:.6f}".rstrip("0").removesuffix(".") or "0"

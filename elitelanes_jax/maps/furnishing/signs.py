@@ -1,0 +1,89 @@
+"""Signs and lights at crossings, by the appearance specification of Duckietown's operation manual.
+
+"Traffic signs", Placement: from each stop line two signs are visible, the control (a stop sign, or that a traffic light
+is ahead) and the topology (4-way, or the T that fits). They are on the opposite side of the crossing, on the corners of
+the cells next to it. These cells have no road or are outside the map. The figure of a 4-way crossing has the topology
+at the far right corner and the control at the far left one, farther from the crossing's own corner.
+
+"Traffic lights", Placement: the stand is outside the driving region, on a diagonal of the crossing, and the lights are
+0.2 m above its middle.
+"""
+
+from math import atan2
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.graph import Cell, linked_tiles
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.network.codes import CORNERS, SIDES
+
+# From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04
+# to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of the first one.
+_NEAR, _SECOND, _STAND = 0.08, 0.2, 0.25
+
+# By the way that is closed, in quarter turns clockwise from straight on: right, back, left.
+_TOPOLOGY = {0: "sign_T_intersect", 1: "sign_left_T_intersect", 3: "sign_right_T_intersect"}
+
+
+def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
+    """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
+    toward = {(side.down, side.right): index for index, side in enumerate(SIDES)}
+    return {
+        (row, column): [toward[other[0] - row, other[1] - column] for other in others]
+        for (row, column), others in linked_tiles(codes).items()
+        if len(others) > 2
+    }
+
+
+def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
+    """Returns whether the four cells diagonally next to a crossing have no road or are outside the map."""
+    height, width = codes.shape
+    cells = [(crossing[0] + down, crossing[1] + right) for down, right in CORNERS]
+    return not any(codes[cell] for cell in cells if 0 <= cell[0] < height and 0 <= cell[1] < width)
+
+
+def place_signs(codes: NDArray[np.int8], which: str, lit: set[Cell]) -> list[MapObject]:
+    """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
+
+    Args:
+      codes: int8 ``[H, W]``.
+      which: "all", or "possible" to leave crossings out that have a road at a corner.
+      lit: the crossings with traffic lights.
+
+    Raises:
+      InputError: for "all" if a crossing has a road at a corner.
+    """
+    signs = []
+    for crossing, sides in crossings(codes).items():
+        if has_free_corners(codes, crossing):
+            control = "sign_t_light_ahead" if crossing in lit else "sign_stop"
+            signs += [sign for side in sides for sign in _signs_for(crossing, sides, (side + 2) % 4, control)]
+        elif which == "all":
+            raise InputError(
+                f"signs: expected no roads at the four corners of each crossing, got one at row {crossing[0]}, column "
+                f"{crossing[1]}; signs=possible leaves such crossings out"
+            )
+    return signs
+
+
+def place_light(crossing: Cell, corner: int) -> MapObject:
+    """Returns the traffic light of a crossing whose stand is at one of its four corners."""
+    down, right = CORNERS[corner]
+    x, y = crossing[1] + 0.5 + right * (0.5 + _STAND), crossing[0] + 0.5 + down * (0.5 + _STAND)
+    return MapObject("trafficlight", x, y, atan2(down, -right), OBJECT_KINDS["trafficlight"].height)
+
+
+def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> list[MapObject]:
+    """Returns the two signs that a driver reads who enters a crossing with a heading."""
+    ahead, right = SIDES[heading], SIDES[(heading + 1) % 4]
+    closed = [(side - heading) % 4 for side in range(4) if side not in sides]
+    topology = _TOPOLOGY[closed[0]] if closed else "sign_4_way_intersect"
+    angle = atan2(ahead.down, -ahead.right)  # back towards the driver; y points south
+    signs = []
+    for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
+        x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right
+        y = crossing[0] + 0.5 + (0.5 + _NEAR) * ahead.down + to_right * right.down
+        signs.append(MapObject(kind, x, y, angle, OBJECT_KINDS[kind].height))
+    return signs

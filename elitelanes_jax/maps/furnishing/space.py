@@ -1,0 +1,82 @@
+"""Where an object fits: footprints on the cells without road, and objects that keep clear of each other."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from math import cos, floor, hypot, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.formats.objects import MapObject
+
+Point = tuple[float, float]
+
+_CLEARANCE = 0.01  # between footprints, in tiles
+
+
+def outline(thing: MapObject, tile_size: float = TILE_SIZE) -> list[Point]:
+    """Returns the four corners of an object's footprint, in tiles; of the square around it, if it is round."""
+    length, width = (side / 2 / tile_size for side in thing.footprint)
+    along, across = (cos(thing.angle), -sin(thing.angle)), (sin(thing.angle), cos(thing.angle))
+    return [
+        (
+            thing.x + u * length * along[0] + v * width * across[0],
+            thing.y + u * length * along[1] + v * width * across[1],
+        )
+        for u, v in ((1, 1), (1, -1), (-1, -1), (-1, 1))
+    ]
+
+
+def overlap(one: Sequence[Point], other: Sequence[Point], clearance: float = 0.0) -> bool:
+    """Returns whether two rectangles overlap or are closer than a clearance along the sides of one of them."""
+    for corners in (one, other):
+        for index in (0, 1):
+            (ax, ay), (bx, by) = corners[index], corners[index + 1]
+            size = hypot(bx - ax, by - ay)
+            nx, ny = (bx - ax) / size, (by - ay) / size
+            first = [x * nx + y * ny for x, y in one]
+            second = [x * nx + y * ny for x, y in other]
+            if max(first) + clearance <= min(second) or max(second) + clearance <= min(first):
+                return False
+    return True
+
+
+class Space:
+    """The objects that are on a map, in the order in which they were placed."""
+
+    def __init__(self, codes: NDArray[np.int8]) -> None:
+        self.codes = codes
+        self.objects: list[MapObject] = []
+        self._outlines: dict[Cell, list[list[Point]]] = defaultdict(list)
+
+    def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
+        """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
+        corners = outline(thing)
+        cells = list(_cells(corners))
+        if not in_lane and not all(self._is_free(cell) for cell in cells):
+            return False
+        if any(overlap(corners, other, _CLEARANCE) for cell in cells for other in self._outlines[cell]):
+            return False
+        self.add(thing)
+        return True
+
+    def add(self, thing: MapObject) -> None:
+        """Adds an object wherever it is."""
+        self.objects.append(thing)
+        corners = outline(thing)
+        for cell in _cells(corners, _CLEARANCE):
+            self._outlines[cell].append(corners)
+
+    def _is_free(self, cell: Cell) -> bool:
+        height, width = self.codes.shape
+        return 0 <= cell[0] < height and 0 <= cell[1] < width and not self.codes[cell]
+
+
+def _cells(corners: Sequence[Point], margin: float = 0.0) -> Iterator[Cell]:
+    """Returns the cells that the box around some points touches."""
+    xs, ys = [x for x, _ in corners], [y for _, y in corners]
+    for row in range(floor(min(ys) - margin), floor(max(ys) + margin) + 1):
+        for column in range(floor(min(xs) - margin), floor(max(xs) + margin) + 1):
+            yield row, column

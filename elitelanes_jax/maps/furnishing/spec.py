@@ -1,0 +1,120 @@
+"""What a map is furnished with, without JAX."""
+
+from dataclasses import dataclass, fields
+
+from elitelanes_jax._util.checks import flag, one_of, real, split_settings
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.records import Record, check_names, option
+from elitelanes_jax._util.types import UserValue
+
+_MOST = 100_000
+
+
+def _amount(value: UserValue) -> float:
+    number: float = real(0, _MOST, unit="a share from 0 to 1, or a whole number")(value)
+    if number > 1 and number != int(number):
+        raise InputError(f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}")
+    return number
+
+
+def _amount_option() -> float:
+    return option(0.0, _amount, "AMOUNT")
+
+
+@dataclass(frozen=True)
+class FurnishSpec(Record):
+    """The objects that a map gets.
+
+    An amount below 1 is a share of the cells without road: as many objects are placed, or as many as fit. A whole
+    number, from 1, is a number of objects; if they do not all fit, an error says so. All objects but those in lanes
+    are on cells without road, and no two objects overlap.
+
+    Attributes:
+      signs: none; all: at every crossing, and an error if a road is at its corner; or possible: where the corners are
+        free
+      lights: share of the crossings that have traffic lights instead of stop signs, 0 to 1
+      unique_tags: refuse maps that need a tag number twice, instead of using it again far away
+      buildings: amount of buildings
+      houses: amount of houses
+      buses: amount of parked buses
+      trucks: amount of parked trucks
+      trees: amount of trees
+      barriers: amount of barriers beside roads
+      robots: amount of parked robots
+      cones: amount of cones beside roads
+      duckies: amount of duckies beside roads
+      crossing_duckies: amount of duckies that walk across a road, in simulators that move them; at first beside it
+      lane_robots: amount of robots in lanes
+      lane_duckies: amount of duckies in lanes
+    """
+
+    signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
+    lights: float = option(0.0, real(0, 1), "SHARE")
+    unique_tags: bool = option(False, flag, "")
+    buildings: float = _amount_option()
+    houses: float = _amount_option()
+    buses: float = _amount_option()
+    trucks: float = _amount_option()
+    trees: float = _amount_option()
+    barriers: float = _amount_option()
+    robots: float = _amount_option()
+    cones: float = _amount_option()
+    duckies: float = _amount_option()
+    crossing_duckies: float = _amount_option()
+    lane_robots: float = _amount_option()
+    lane_duckies: float = _amount_option()
+
+
+EVERYTHING = FurnishSpec(
+    signs="possible",
+    lights=0.2,
+    buildings=0.05,
+    houses=0.15,
+    buses=0.03,
+    trucks=0.03,
+    trees=0.3,
+    barriers=0.05,
+    robots=0.05,
+    cones=0.1,
+    duckies=0.25,
+    crossing_duckies=0.05,
+)
+"""What ``--furnish all`` asks for: no object in a lane."""
+
+
+def parse_furnish(given: UserValue) -> FurnishSpec:
+    """Reads what a map is furnished with.
+
+    Args:
+      given: a `FurnishSpec`; or one text or several: ``signs`` for signs at every crossing, ``all`` for some of
+        everything, ``unique_tags``, and settings such as ``duckies=6`` or ``trees=0.2``, which override these words.
+
+    Raises:
+      InputError: for anything else.
+    """
+    if isinstance(given, FurnishSpec):
+        return given
+    words = _split_words(given)
+    spec = EVERYTHING if "all" in words else FurnishSpec()
+    values: dict[str, UserValue] = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if "=" in word:
+            check_names([name], FurnishSpec.options())
+            if name in values:
+                raise InputError(f"expected each setting once, got {name} twice")
+            values[name] = value
+        elif word in ("signs", "unique_tags"):
+            values[word] = "all" if word == "signs" else True
+        elif word != "all":
+            names = ", ".join(f"{one.name}=..." for one in fields(FurnishSpec) if one.name != "unique_tags")
+            raise InputError(f"expected all, signs, unique_tags, {names}, got {shorten(repr(word), 40)}")
+    return spec.replace(**values)
+
+
+def _split_words(given: UserValue) -> list[str]:
+    listed = [given] if isinstance(given, str) else given
+    if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
+        expected = "a FurnishSpec, or words such as signs, all, duckies=6"
+        raise InputError(f"expected {expected}, got {shorten(repr(given), 40)}")
+    return [word for text in listed for setting in split_settings(text) for word in setting.split()]
