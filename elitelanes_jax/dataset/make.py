@@ -30,6 +30,7 @@ from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_sp
 from elitelanes_jax.dataset.spec import SPLITS, DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.run import drawable
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
@@ -71,8 +72,12 @@ class _Drawing(NamedTuple):
     def draw(self, tiles: Sequence[TileSet], index: int) -> None:
         """Draws a sample with the tiles of its split, and writes its pictures, then its record."""
         spec, split, layout = self.spec, int(self.splits[index]), find_format(self.spec.format)
+        road_map = self.maps[index // spec.views]
+        if spec.furnish is not None:
+            seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
+            road_map = furnish(road_map, spec.furnish, seed=seed)
         sample = draw_sample(
-            self.maps[index // spec.views],
+            road_map,
             tiles[split],
             index,
             seed=spec.seed,
@@ -181,7 +186,13 @@ def _plan(
 
 
 def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
-    """Loads the pictures of the maps' objects; None if there are no objects."""
+    """Loads the pictures of the maps' objects; None if there are no objects.
+
+    Raises:
+      InputError: if the set has no pictures of an object of the given maps.
+    """
+    if spec.furnish is not None:
+        return load_objects(spec.objects)
     things = [thing for road_map in (own.maps if own is not None else ()) for thing in road_map.objects or ()]
     if not things:
         return None

@@ -13,6 +13,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._given import GivenMaps, parse_given
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import LONGEST_SIDE
 from elitelanes_jax.search.spec import SearchSpec
 
@@ -86,6 +87,7 @@ class DatasetSpec(Record):
         ones; they say the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
+      furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default those of given maps
       objects: folder of the pictures of the maps' objects; by default the package's own
       blend: on or off: bring the light of the tiles together and feather their seams; by default as the set says,
         photographs are
@@ -104,6 +106,7 @@ class DatasetSpec(Record):
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
+    furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     objects: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
@@ -209,6 +212,7 @@ class DatasetSpec(Record):
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
+            "furnish": self.furnish and vars(self.furnish),
             "objects": self.objects and str(self.objects),
         }
 

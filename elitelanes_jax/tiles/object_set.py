@@ -82,6 +82,11 @@ class ObjectSet:
             kinds[one.kind] = (*kinds.get(one.kind, ()), one)
         return kinds
 
+    @property
+    def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
+        """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
+        return {kind: pictures[0].views for kind, pictures in self.kinds.items()}
+
     @cached_property
     def digest(self) -> str:
         """A digest of all pictures and sizes."""
