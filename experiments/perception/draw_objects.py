@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats import OBJECT_KINDS
+from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind
 from experiments.common import Parser, leave, run
 
 Field = NDArray[np.float64]
@@ -355,20 +355,15 @@ def building(rng: np.random.Generator) -> Model:
 
 
 def traffic_light(rng: np.random.Generator) -> Model:
-    """Returns four lights that hang from an arm over the crossing."""
+    """Returns a post with three lamps to each of its four sides."""
     del rng
-    lamp = ((60, 60, 62), (60, 60, 62), (70, 220, 110))
-    lights = [
-        ball(sign * 0.055, side, z, (0.012, 0.018, 0.018), colour)
-        for side in (-0.14, 0.14)
-        for sign in (-1, 1)
-        for z, colour in zip((0.35, 0.305, 0.26), (RED, *lamp[1:]), strict=True)
-    ]
+    lamps = ((0.35, RED), (0.31, (70, 66, 50)), (0.27, (46, 70, 54)))
     return [
-        *(box(0, side * 0.31, 0, (0.02, 0.02, 0.39), GREY) for side in (-1, 1)),
-        box(0, 0, 0.384, (0.025, 0.64, 0.016), GREY),
-        *(box(0, side, 0.235, (0.1, 0.05, 0.15), BLACK) for side in (-0.14, 0.14)),
-        *lights,
+        box(0, 0, 0, (0.097, 0.086, 0.012), GREY),
+        cone(0, 0, 0.012, (0.012, 0.01), 0.22, GREY),
+        box(0, 0, 0.232, (0.06, 0.06, 0.168), BLACK),
+        *(ball(side * 0.03, 0, z, (0.007, 0.016, 0.016), colour) for side in (-1, 1) for z, colour in lamps),
+        *(ball(0, side * 0.03, z, (0.016, 0.007, 0.016), colour) for side in (-1, 1) for z, colour in lamps),
     ]
 
 
@@ -402,7 +397,7 @@ def tag_face() -> NDArray[np.uint8]:
 
 
 _TURNS = {"left_T_intersect": "NSW", "right_T_intersect": "NES", "T_intersect": "ESW", "4_way_intersect": "NESW"}
-_ARROWS = {"1_way_left": "W", "1_way_right": "E", "oneway_left": "W", "oneway_right": "E", "no_left_turn": "W"}
+_ARROWS = {"oneway_left": "W", "oneway_right": "E", "no_left_turn": "W"}
 _ARROWS |= {"no_right_turn": "E"}
 _ENDS = {"N": (96, 30), "E": (162, 96), "S": (96, 162), "W": (30, 96)}
 
@@ -472,11 +467,13 @@ class Kind(NamedTuple):
       make: its model.
       variants: how many.
       views: from how many sides, evenly around it; 1 for what is round.
+      height: of the model, if it is not the kind's usual height.
     """
 
     make: Maker
     variants: int = 1
     views: int = 1
+    height: float | None = None
 
 
 KINDS = {
@@ -484,11 +481,11 @@ KINDS = {
     "cone": Kind(traffic_cone, 4),
     "barrier": Kind(barrier, 3, 8),
     "duckiebot": Kind(duckiebot, 2, 8),
-    "bus": Kind(bus, 4, 8),
+    "bus": Kind(bus, 4, 8, 0.15),
     "truck": Kind(truck, 4, 8),
     "tree": Kind(tree, 4),
-    "house": Kind(house, 2, 8),
-    "building": Kind(building, 2, 8),
+    "house": Kind(house, 2, 8, 0.3),
+    "building": Kind(building, 2, 8, 0.5),
     "trafficlight": Kind(traffic_light, 1, 8),
     "checkerboard": Kind(checkerboard, 1, 8),
     **{name: Kind(sign(name.removeprefix("sign_")), 1, 8) for name in OBJECT_KINDS if name.startswith("sign_")},
@@ -517,7 +514,7 @@ def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag")) -> None
             pictures = {"top": np.dstack([tag_face(), np.full((96, 96), 255, np.uint8)])}
             if size.height:
                 model = drawn.make(np.random.default_rng([index, variant]))
-                pictures = _views(model, kind, drawn.views)
+                pictures = _views(model, size, drawn)
             for name, pixels in pictures.items():
                 file = place / f"{name}.png"
                 if not cv2.imwrite(str(file), cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGRA), _SMALL):
@@ -526,17 +523,15 @@ def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag")) -> None
             (place / "object.toml").write_text(about, encoding="utf-8")
 
 
-def _views(model: Model, kind: str, count: int) -> dict[str, NDArray[np.uint8]]:
-    size = OBJECT_KINDS[kind]
-    length, width = size.length / 2, size.width / 2
+def _views(model: Model, size: ObjectKind, drawn: Kind) -> dict[str, NDArray[np.uint8]]:
+    height = drawn.height or size.height
+    length, width = (side / 2 * height / size.height for side in (size.length, size.width))
     pictures = {}
-    for azimuth in range(0, 360, 360 // count):
+    for azimuth in range(0, 360, 360 // drawn.views):
         a = np.radians(azimuth)
         wide = length if size.is_round else abs(np.sin(a)) * length + abs(np.cos(a)) * width
-        metre = min(ROWS / size.height, ROWS / wide)
-        pictures[f"image_{azimuth}" if azimuth else "image"] = view(
-            model, azimuth, (-wide, wide, 0, size.height), metre
-        )
+        metre = min(ROWS / height, ROWS / wide)
+        pictures[f"image_{azimuth}" if azimuth else "image"] = view(model, azimuth, (-wide, wide, 0, height), metre)
     metre = ROWS / 2 / max(length, width)
     return pictures | {"top": view(model, None, (-length, length, -width, width), metre)}
 
