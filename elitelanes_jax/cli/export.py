@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
 
 from elitelanes_jax._util.checks import ends_as_file, name, none_or, path, real
 from elitelanes_jax._util.errors import InputError, pluralize, shorten
@@ -15,6 +17,9 @@ from elitelanes_jax._util.records import Record, option
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
+
+if TYPE_CHECKING:
+    from elitelanes_jax.formats.road_map import RoadMap
 
 # Formats import slow modules when they run.
 
@@ -34,25 +39,25 @@ class _Format(NamedTuple):
     takes: tuple[str, ...] = ()
 
 
-def _duckietown(codes: AnyArray, **settings: UserValue) -> _Files:
+def _duckietown(road_map: "RoadMap", **settings: UserValue) -> _Files:
     from elitelanes_jax.formats.duckietown import to_duckietown
 
-    return _Files((to_duckietown(codes, **settings),))
+    return _Files((to_duckietown(road_map.codes, objects=road_map.objects, **settings),))
 
 
-def _graphml(codes: AnyArray, reduced: bool) -> _Files:
+def _graphml(road_map: "RoadMap", reduced: bool) -> _Files:
     from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
 
-    return _Files((to_graphml((reduced_graph if reduced else tile_graph)(codes)),))
+    return _Files((to_graphml((reduced_graph if reduced else tile_graph)(road_map.codes)),))
 
 
-def _sumo(codes: AnyArray, to: str, **measures: UserValue) -> _Files:
+def _sumo(road_map: "RoadMap", to: str, **measures: UserValue) -> _Files:
     from elitelanes_jax.formats.sumo import Streets, network, plain_xml
 
     streets = Streets(**{"tile" if key == "tile_size" else key: value for key, value in measures.items()})
     if to == "plain":
-        return _Files(plain_xml(codes, streets))
-    text, warnings = network(codes, to, streets)
+        return _Files(plain_xml(road_map.codes, streets))
+    text, warnings = network(road_map.codes, to, streets)
     return _Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
 
 
@@ -125,7 +130,7 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.road_map import read_map
+    from elitelanes_jax.formats.road_map import RoadMap, read_map
 
     if options.to not in (*FORMATS, *TABLES):
         raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
@@ -143,10 +148,11 @@ def _export(options: argparse.Namespace) -> int:
     target = FORMATS.get(options.to)
     if target:
         with naming_options(_FormatOptions(), tile="--tile-size"):
-            target.files(_LOOP, **settings)
-    grids = [read_map(file).codes for file in options.maps]
+            target.files(RoadMap(np.array(_LOOP, np.int8)), **settings)
+    maps = [read_map(file) for file in options.maps]
+    grids = [road_map.codes for road_map in maps]
     if target:
-        _warn(_write_maps(options.maps, grids, target, settings, options.out))
+        _warn(_write_maps(options.maps, maps, target, settings, options.out))
     else:
         _write_new(options.out, _table(options.to, list(map(str, options.maps)), grids))
     lines = [f"{pluralize(len(grids), 'map')} in {options.out}"]
@@ -157,7 +163,7 @@ def _export(options: argparse.Namespace) -> int:
 
 
 def _write_maps(
-    files: Sequence[Path], grids: Sequence[AnyArray], target: _Format, settings: dict[str, UserValue], out: Path
+    files: Sequence[Path], maps: "Sequence[RoadMap]", target: _Format, settings: dict[str, UserValue], out: Path
 ) -> list[str]:
     """Writes the files of maps, to a file or a folder; returns the warnings."""
     from elitelanes_jax._util.files import write_atomic
@@ -165,9 +171,9 @@ def _write_maps(
 
     warnings: list[str] = []
 
-    def texts(file: Path, codes: AnyArray) -> tuple[str, ...]:
+    def texts(file: Path, road_map: "RoadMap") -> tuple[str, ...]:
         try:
-            made = target.files(codes, **settings)
+            made = target.files(road_map, **settings)
         except InputError as error:
             raise InputError(f"{file}: {error}".replace("dead_ends='grass'", "--dead-ends grass")) from None
         warnings.extend(f"{file}: {warning}" for warning in made.warnings)
@@ -175,17 +181,17 @@ def _write_maps(
 
     only = target.suffixes[0] if len(target.suffixes) == 1 else None
     if only and out.name.lower().endswith(only):
-        if len(grids) > 1:
-            raise InputError(f"--out: expected a folder for {len(grids)} maps, got a file, {out}")
-        _write_new(out, *texts(files[0], grids[0]))
+        if len(maps) > 1:
+            raise InputError(f"--out: expected a folder for {len(maps)} maps, got a file, {out}")
+        _write_new(out, *texts(files[0], maps[0]))
     elif ends_as_file(out):
         expected = f"a folder, or a file that ends in {only}" if only else "a folder"
         raise InputError(f"--out: expected {expected}, got {out}")
     else:
         places = _places(files)
         with output_folder(out, {"command": "export"}) as work:
-            for file, codes, place in zip(files, grids, places, strict=True):
-                for suffix, text in zip(target.suffixes, texts(file, codes), strict=True):
+            for file, road_map, place in zip(files, maps, places, strict=True):
+                for suffix, text in zip(target.suffixes, texts(file, road_map), strict=True):
                     write_atomic(work.files / (place + suffix), text.encode())
     return warnings
 

@@ -16,6 +16,7 @@ from elitelanes_jax.cli.dataset import add_dataset
 from elitelanes_jax.cli.drive import add_drive
 from elitelanes_jax.cli.explore import add_explore
 from elitelanes_jax.cli.export import add_export, add_show
+from elitelanes_jax.cli.furnish import add_furnish
 from elitelanes_jax.cli.generate import add_generate
 from elitelanes_jax.cli.merge import add_merge
 from elitelanes_jax.cli.metrics import add_metrics
@@ -52,6 +53,7 @@ def make_parser() -> argparse.ArgumentParser:
         add_generate,
         add_merge,
         add_pick,
+        add_furnish,
         add_render,
         add_dataset,
         add_drive,

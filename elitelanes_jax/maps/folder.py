@@ -3,14 +3,18 @@
 import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from elitelanes_jax._util.checks import check_named
 from elitelanes_jax._util.files import read_json
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.formats.road_map import Drawn, RoadMap
+from elitelanes_jax.maps.furnishing.placing import furnish as furnish_map
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec
 from elitelanes_jax.tiles.contact_sheet import contact_sheet
 from elitelanes_jax.tiles.rendering import choose_tiles, render, write_picture, write_png
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
@@ -29,7 +33,14 @@ _SOMETIMES = ("points.json", "instances.png")
 
 
 def write_maps(
-    folder: Path, maps: Sequence[RoadMap], title: str, tiles: TileSet, *, tile_px: int, seed: int
+    folder: Path,
+    maps: Sequence[RoadMap],
+    title: str,
+    tiles: TileSet,
+    *,
+    tile_px: int,
+    seed: int,
+    furnish: FurnishSpec | None = None,
 ) -> list[RoadMap]:
     """Writes each map to a folder of its own, ``maps/0000`` and so on, and the contact sheet.
 
@@ -39,15 +50,20 @@ def write_maps(
       title: of the sheet.
       tiles: to draw the maps with.
       tile_px: the side of a tile in pixels.
-      seed: of the choice of tile pictures.
+      seed: of the choice of tile pictures, and of the places of objects.
+      furnish: the objects that the maps get.
 
     Returns:
       The maps as they were drawn.
 
     Raises:
+      InputError: if the objects do not fit on a map; the message names it.
       OSError: if a file cannot be written.
     """
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
+    if furnish:
+        named = enumerate(maps)
+        maps = [check_named(f"map {index}", partial(_furnish, furnish, seed), one) for index, one in named]
     drawn, small = [], []
     with Progress("drawing", len(maps), "maps") as bar:
         for index, plain in enumerate(maps):
@@ -64,6 +80,10 @@ def write_maps(
     sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
     write_png(folder / "contact-sheet.png", sheet)
     return drawn
+
+
+def _furnish(spec: FurnishSpec, seed: int, road_map: RoadMap) -> RoadMap:
+    return furnish_map(road_map, spec, seed=seed)
 
 
 def foreign_to_maps(folder: Path) -> str | None:

@@ -96,7 +96,7 @@ def pick(
         ]
         maps = [replace(road_map, seed=runs[(road_map.seed or (0, 0))[1]]) for road_map in choice.maps]
         title = f"{pluralize(len(maps), 'road map')} of {size}, chosen from {pluralize(len(results), 'archive')}"
-        maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
+        maps = write_maps(work.files, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
         if own:
             own.save(work.files / ARCHIVE, state=False)
             files = [work.files / ARCHIVE]

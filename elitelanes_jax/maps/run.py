@@ -95,7 +95,7 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
             f"{pluralize(spec.seeds, 'seed')}, {describe_budget(search)}, seed {spec.seed}"
         )
         maps = [_with_difference(road_map, search) for road_map in choice.maps]
-        maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed)
+        maps = write_maps(folder, maps, title, tiles, tile_px=spec.tile_px, seed=spec.seed, furnish=spec.furnish)
     result.save(folder / ARCHIVE, state=False, seed=spec.seed)
     seconds = {"evolve": evolved.seconds + chosen - start, "draw": time.perf_counter() - chosen}
     record = {

@@ -7,6 +7,7 @@ from elitelanes_jax._util.checks import flag, none_or, path, switch, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.problem.descriptor import Axis, parse_axes
 from elitelanes_jax.problem.ranges import Range, parse_ranges
@@ -56,6 +57,7 @@ class GenerateSpec(Record):
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
         which is on for photographs
       tile_px: side of a tile in pixels
+      furnish: objects of the maps: signs, all, unique_tags, and amounts such as duckies=6 or trees=0.2
       search: the search
       part: search only a part of the seeds, such as 3/10; elitelanes merge joins the parts
     """
@@ -69,6 +71,7 @@ class GenerateSpec(Record):
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
+    furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
     part: tuple[int, int] | None = option(None, none_or(parse_part), "K/N")
 
     @property
@@ -81,12 +84,25 @@ class GenerateSpec(Record):
         """Checks the search on maps of the size, the number of maps, and that every part has a seed."""
         if self.part is not None and self.part[1] > self.seeds:
             raise InputError(f"part: expected at most {self.seeds} parts, one for each seed, got {self.part[1]}")
+        if self.furnish and self.furnish.signs == "all" and not self._is_signable():
+            raise InputError(
+                "furnish: expected rules=duckietown or where signable=1 with signs at every crossing, got neither; "
+                "signs=possible leaves out crossings that have a road at a corner"
+            )
         self.search.check_on(self.size)
         self.search.check_maps(self.size, 1 if self.at_most else self.maps)
 
+    def _is_signable(self) -> bool:
+        ranges = {item.name: item.low for item in self.search.where}
+        return self.search.rules == "duckietown" or ranges.get("signable") == 1
+
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
-        return vars(self) | {"search": self.search.to_plain(), "tiles": self.tiles and str(self.tiles)}
+        return vars(self) | {
+            "search": self.search.to_plain(),
+            "tiles": self.tiles and str(self.tiles),
+            "furnish": self.furnish and vars(self.furnish),
+        }
 
 
 def _parse_any_ranges(where: UserValue) -> tuple[Range, ...]:
@@ -114,6 +130,7 @@ class PickSpec(Record):
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
         which is on for photographs
       tile_px: side of a tile in pixels
+      furnish: objects of the maps: signs, all, unique_tags, and amounts such as duckies=6 or trees=0.2
     """
 
     maps: int = option(16, whole(1), "N")
@@ -126,10 +143,12 @@ class PickSpec(Record):
     tiles: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int = option(64, whole(16, 512), "N")
+    furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
 
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         return vars(self) | {
+            "furnish": self.furnish and vars(self.furnish),
             "where": [str(item) for item in self.where],
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "tiles": self.tiles and str(self.tiles),

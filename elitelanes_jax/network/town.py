@@ -12,7 +12,7 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import Links, label_faces
 from elitelanes_jax.network.checks import check_grid
-from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST
+from elitelanes_jax.network.codes import CORNERS, EAST, NORTH, SOUTH, WEST
 from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.xla import PaddedLayout
 
@@ -67,6 +67,7 @@ def _measure_town(grid: Int8[Array, "H W"], detour: bool) -> TownFeatures:
         symmetry=_thousandths(_most_alike(tile, box), height * width),
         repetition=_thousandths(_repeated(grid), tiles),
         adjacent_turns_per_tile=_thousandths(_count(turn[:, :-1] & turn[:, 1:]) + _count(turn[:-1] & turn[1:]), tiles),
+        signable=_signable(tile, east, south),
         mean_detour=_detour(east, south) if detour else jnp.int32(0),
     )
 
@@ -164,6 +165,19 @@ def _repeated(grid: Int8[Array, "H W"]) -> Int32[Array, ""]:
     last, tile = around[8].reshape(-1), grid.reshape(-1) > 0
     same = (first[:, None] == first) & (last[:, None] == last) & tile
     return _count(tile & (same.sum(axis=1) > 1))
+
+
+def _signable(tile: Bool[Array, "H W"], east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:
+    """Returns the part of the crossings without a road at a corner, in thousandths."""
+    height, width = tile.shape
+    links = jnp.pad(east, ((0, 0), (0, 1))).astype(jnp.int8) + jnp.pad(east, ((0, 0), (1, 0)))
+    links += jnp.pad(south, ((0, 1), (0, 0))).astype(jnp.int8) + jnp.pad(south, ((1, 0), (0, 0)))
+    around = jnp.pad(tile, 1)
+    corners = [around[1 + down : 1 + down + height, 1 + right : 1 + right + width] for down, right in CORNERS]
+    crossing = links > 2
+    crossings = _count(crossing)
+    free = crossing & ~(corners[0] | corners[1] | corners[2] | corners[3])
+    return jnp.where(crossings > 0, _thousandths(_count(free), crossings), 1000)
 
 
 def _detour(east: Bool[Array, "H w"], south: Bool[Array, "h W"]) -> Int32[Array, ""]:

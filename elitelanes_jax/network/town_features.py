@@ -37,6 +37,8 @@ class TownFeatures(NamedTuple):
       symmetry: largest part of the box whose cells are tiles or empty as when it is mirrored either way or turned half.
       repetition: part of the tiles whose neighbourhood of 3 x 3 cells, codes and all, some other tile has too.
       adjacent_turns_per_tile: pairs of turns that share a side, to tiles, a ratio.
+      signable: part of the crossings that have room for Duckietown's signs: no road on the four cells at their corners;
+        all if there is no crossing.
       mean_detour: way by road to way on a full grid of streets, summed over all pairs of linked tiles, a ratio.
     """
 
@@ -56,10 +58,11 @@ class TownFeatures(NamedTuple):
     symmetry: "Int32[Array, '...']"
     repetition: "Int32[Array, '...']"
     adjacent_turns_per_tile: "Int32[Array, '...']"
+    signable: "Int32[Array, '...']"
     mean_detour: "Int32[Array, '...']"
 
 
-TOWN_PARTS = ("small_blocks", "border_share", "box_fill", "box_share", "symmetry", "repetition")
+TOWN_PARTS = ("small_blocks", "border_share", "box_fill", "box_share", "symmetry", "repetition", "signable")
 """The features that are parts of 1, in thousandths."""
 
 TOWN_RATIOS = (

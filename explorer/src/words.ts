@@ -67,6 +67,7 @@ export const WORDS: Readonly<Record<string, Words>> = {
   symmetry: { name: "Symmetry", meaning: "share of the box's cells that equal its mirror image or half turn" },
   repetition: { name: "Repetition", meaning: "share of the tiles whose 3 × 3 cells equal another tile's" },
   adjacent_turns_per_tile: { name: "Turns side by side", meaning: "pairs of adjacent turns divided by tiles" },
+  signable: { name: "Signable", meaning: "share of the crossings without a road at their four corners" },
   mean_detour: {
     name: "Mean detour",
     meaning: "length of shortest ways divided by their length on a full grid of streets",

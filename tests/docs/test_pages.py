@@ -149,6 +149,7 @@ def test_links_targets_and_scripts_are_there():
         ("dataset", ["dataset"]),
         ("exports", ["export", "show"]),
         ("explore", ["explore"]),
+        ("furnish", ["furnish"]),
     ],
 )
 def test_the_table_on_a_command_has_all_its_options(page, names, capsys):

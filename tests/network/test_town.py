@@ -94,8 +94,17 @@ def oracle(grid):
         ),
         repetition=thousandths(sum(around.count(one) > 1 for one in around), tiles),
         adjacent_turns_per_tile=thousandths((turn[1:] & turn[:-1]).sum() + (turn[:, 1:] & turn[:, :-1]).sum(), tiles),
+        signable=signable(grid, graph),
         mean_detour=thousandths(sum(way for way, _ in ways), sum(straight for _, straight in ways)),
     )
+
+
+def signable(grid, graph):
+    """Returns the part of the crossings whose four diagonal neighbours have no road, in thousandths."""
+    crossings = [cell for cell, links in graph.degree if links > 2]
+    padded = np.pad(grid, 1)
+    free = [(row, column) for row, column in crossings if not padded[row : row + 3 : 2, column : column + 3 : 2].any()]
+    return thousandths(len(free), len(crossings)) if crossings else 1000
 
 
 def as_ints(features):

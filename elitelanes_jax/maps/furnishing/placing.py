@@ -23,7 +23,8 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
 
     Args:
       source: a `RoadMap`, or integer codes ``[H, W]``.
-      spec: a `FurnishSpec`, or words such as ``signs trees=0.2``, see `parse_furnish`.
+      spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
+        ``all`` for some of everything, ``unique_tags``, and settings such as ``duckies=6`` that override these words.
       seed: of the places of objects, 0 to 2**32 - 1.
 
     Raises:

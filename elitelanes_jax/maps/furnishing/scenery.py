@@ -40,7 +40,8 @@ def place_scenery(space: Space, spec: FurnishSpec, seed: int) -> None:
             place = draw(space.codes, random)
             if place is None:
                 break
-            thing = MapObject(kind, *place, OBJECT_KINDS[kind].height, static=name != "crossing_duckies")
+            x, y, angle = (round(value, 6) for value in place)
+            thing = MapObject(kind, x, y, angle, OBJECT_KINDS[kind].height, static=name != "crossing_duckies")
             placed += space.place(thing, in_lane=name.startswith("lane_"))
         if placed < wanted and amount >= 1:
             raise InputError(f"{name}: expected a number that fits, got {wanted}, of which {placed} fit")

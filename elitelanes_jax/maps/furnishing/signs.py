@@ -85,5 +85,5 @@ def _signs_for(crossing: Cell, sides: list[int], heading: int, control: str) -> 
     for kind, to_right in ((topology, 0.5 + _NEAR), (control, -0.5 - _SECOND)):
         x = crossing[1] + 0.5 + (0.5 + _NEAR) * ahead.right + to_right * right.right
         y = crossing[0] + 0.5 + (0.5 + _NEAR) * ahead.down + to_right * right.down
-        signs.append(MapObject(kind, x, y, angle, OBJECT_KINDS[kind].height))
+        signs.append(MapObject(kind, round(x, 6), round(y, 6), angle, OBJECT_KINDS[kind].height))
     return signs

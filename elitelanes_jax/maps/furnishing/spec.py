@@ -1,5 +1,6 @@
 """What a map is furnished with, without JAX."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
 from elitelanes_jax._util.checks import flag, one_of, real, split_settings
@@ -15,10 +16,6 @@ def _amount(value: UserValue) -> float:
     if number > 1 and number != int(number):
         raise InputError(f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}")
     return number
-
-
-def _amount_option() -> float:
-    return option(0.0, _amount, "AMOUNT")
 
 
 @dataclass(frozen=True)
@@ -51,18 +48,18 @@ class FurnishSpec(Record):
     signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
     lights: float = option(0.0, real(0, 1), "SHARE")
     unique_tags: bool = option(False, flag, "")
-    buildings: float = _amount_option()
-    houses: float = _amount_option()
-    buses: float = _amount_option()
-    trucks: float = _amount_option()
-    trees: float = _amount_option()
-    barriers: float = _amount_option()
-    robots: float = _amount_option()
-    cones: float = _amount_option()
-    duckies: float = _amount_option()
-    crossing_duckies: float = _amount_option()
-    lane_robots: float = _amount_option()
-    lane_duckies: float = _amount_option()
+    buildings: float = option(0.0, _amount, "AMOUNT")
+    houses: float = option(0.0, _amount, "AMOUNT")
+    buses: float = option(0.0, _amount, "AMOUNT")
+    trucks: float = option(0.0, _amount, "AMOUNT")
+    trees: float = option(0.0, _amount, "AMOUNT")
+    barriers: float = option(0.0, _amount, "AMOUNT")
+    robots: float = option(0.0, _amount, "AMOUNT")
+    cones: float = option(0.0, _amount, "AMOUNT")
+    duckies: float = option(0.0, _amount, "AMOUNT")
+    crossing_duckies: float = option(0.0, _amount, "AMOUNT")
+    lane_robots: float = option(0.0, _amount, "AMOUNT")
+    lane_duckies: float = option(0.0, _amount, "AMOUNT")
 
 
 EVERYTHING = FurnishSpec(
@@ -86,14 +83,16 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     """Reads what a map is furnished with.
 
     Args:
-      given: a `FurnishSpec`; or one text or several: ``signs`` for signs at every crossing, ``all`` for some of
-        everything, ``unique_tags``, and settings such as ``duckies=6`` or ``trees=0.2``, which override these words.
+      given: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
+        ``all`` for some of everything, ``unique_tags``, and settings such as ``duckies=6`` that override these words.
 
     Raises:
       InputError: for anything else.
     """
     if isinstance(given, FurnishSpec):
         return given
+    if isinstance(given, Mapping):
+        return FurnishSpec().replace(**given)
     words = _split_words(given)
     spec = EVERYTHING if "all" in words else FurnishSpec()
     values: dict[str, UserValue] = {}

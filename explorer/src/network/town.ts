@@ -20,6 +20,7 @@ export const TOWN_FEATURES = [
   "symmetry",
   "repetition",
   "adjacent_turns_per_tile",
+  "signable",
   "mean_detour",
 ] as const;
 export type TownFeature = (typeof TOWN_FEATURES)[number];
@@ -32,6 +33,7 @@ export const TOWN_PARTS: readonly string[] = [
   "box_share",
   "symmetry",
   "repetition",
+  "signable",
 ];
 export const TOWN_RATIOS: readonly string[] = [
   "mean_block",
@@ -102,12 +104,27 @@ export function measureTown(grid: Grid): Partial<Record<TownFeature, number>> {
     symmetry: tiles ? thousandths(Math.max(...alike), high * wide) : 0,
     repetition: thousandths(repeated(grid), tiles),
     adjacent_turns_per_tile: thousandths(turnPairs, tiles),
+    signable: signable(grid),
     ...(Math.max(height, width) <= LONGEST_DETOUR && { mean_detour: meanDetour(grid) }),
   };
 }
 
 function range<T>(count: number, make: (index: number) => T): T[] {
   return Array.from({ length: count }, (_, index) => make(index));
+}
+
+/** Returns the part of the crossings without a road at a corner. */
+function signable(grid: Grid): number {
+  const { height, width, codes } = grid;
+  const crossings = neighboursOf(grid).flatMap((linked, cell) => (linked.length > 2 ? [cell] : []));
+  const free = crossings.filter((cell) => {
+    const row = Math.floor(cell / width);
+    const column = cell % width;
+    return [row - 1, row + 1].every((r) =>
+      [column - 1, column + 1].every((c) => r < 0 || c < 0 || r >= height || c >= width || !codes[r * width + c]),
+    );
+  });
+  return crossings.length ? thousandths(free.length, crossings.length) : 1000;
 }
 
 /** Returns the number of times that each label occurs. Negative labels do not count. */
