@@ -21,7 +21,7 @@ VIEWS = Viewpoints(rows=120, columns=160)
 
 
 def project_points(points, about, size):
-    """Where OpenCV sees points (metres ahead of the camera, to the left, upwards): columns and rows, and their depth."""
+    """Where OpenCV sees points (metres ahead of the camera, to the left, upwards): columns, rows and depths."""
     camera = about["camera"]
     focal = size[0] / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
     pitch = np.radians(camera["pitch"])
@@ -86,7 +86,7 @@ def test_boxes_and_masks_are_those_of_projected_outlines_and_of_a_slow_renderer(
                 low, high = np.maximum(points.min(0), 0), np.minimum(points.max(0), (160, 120))
                 if one["visible"] > 0.999:  # nothing hides it
                     np.testing.assert_allclose([x, y, x + wide, y + one["box"][3]], [*low, *high], atol=1)
-    assert boxes > 15
+    assert boxes > 8
 
 
 def replace_kind(thing, kind):
@@ -134,11 +134,12 @@ def maps():
     return [RoadMap(codes, objects=some_objects(12)) for codes in (TOWN, other)]
 
 
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
 @pytest.mark.parametrize("layout", ["coco", "imagefolder", "plain"])
 def test_layouts_have_the_boxes_and_masks(layout, maps, tmp_path):
     pytest.importorskip("pycocotools")
     out = tmp_path / "dataset"
-    spec = DatasetSpec(maps_from=maps, format=layout, furnish=("duckies=2", "lane_duckies=3", "trees=0.5"), **SPEC)
+    spec = DatasetSpec(maps_from=maps, format=layout, furnish=["lane_duckies=9 lane_robots=3", "trees=0.5"], **SPEC)
     make_dataset(spec, out, workers=1)
     assert make_dataset(spec, out)["object_set"]["name"] == "objects"
     metadata = out / ("metadata/train.jsonl" if layout == "coco" else "train/metadata.jsonl")
