@@ -63,18 +63,20 @@ def furnished() -> None:
     columns = []
     with TemporaryDirectory() as folder:
         out = Path(folder) / "dataset"
-        spec = DatasetSpec(
+        spec = DatasetSpec().replace(
             maps_from=FOLDER / "examples" / "town.json",
             furnish="all duckies=8 lane_duckies=5 lane_robots=2",
             camera=("rows=240", "columns=320"),
-            **{"views": 12, "split": (1, 0, 0), "transforms": "none"},
+            views=12,
+            split=(1, 0, 0),
+            transforms="none",
         )
         make_dataset(spec, out)
         rows = [json.loads(line) for line in (out / "train" / "metadata.jsonl").read_text().splitlines()]
         seen = sorted(rows, key=lambda row: -len(set(row["objects"]["category"])))[:4]
         for row in seen:
             image, labels, instances = (
-                cv2.imread(str(out / "train" / row[f"{name}_file_name"]), cv2.IMREAD_UNCHANGED)
+                np.asarray(cv2.imread(str(out / "train" / row[f"{name}_file_name"]), cv2.IMREAD_UNCHANGED))
                 for name in ("image", "labels", "instances")
             )
             colours = np.array(LABEL_COLOURS, np.uint8)[labels]

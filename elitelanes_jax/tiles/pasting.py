@@ -79,7 +79,8 @@ def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
     opaque = pixels[..., 3] >= _OPAQUE
     rows = np.flatnonzero(opaque.any(axis=1))
     first, last = opaque[rows].argmax(axis=1), opaque.shape[1] - opaque[rows, ::-1].argmax(axis=1)
-    return np.column_stack([np.concatenate([first, first, last, last]), np.tile(np.concatenate([rows, rows + 1]), 2)])
+    below = rows + 1
+    return np.column_stack([np.concatenate([first, first, last, last]), np.concatenate([rows, below, rows, below])])
 
 
 def project(points: Shaped[NDArray, "N 2"], matrix: Float[NDArray, "3 3"]) -> Float[NDArray, "N 3"]:
