@@ -49,15 +49,17 @@ def _render(options: argparse.Namespace) -> int:
     from elitelanes_jax.formats.duckietown import without_dead_ends
     from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.maps.folder import foreign_to_picture
+    from elitelanes_jax.tiles.object_set import load_objects
     from elitelanes_jax.tiles.rendering import overlay, render, write_picture, write_png
     from elitelanes_jax.tiles.tileset import load_tiles
 
     road_map, tiles = read_map(options.map), load_tiles(options.tiles, blend=options.blend)
+    objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
     out = options.out or options.map.with_suffix("")
     try:
-        picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=options.objects)
+        picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
     except InputError as error:
         raise InputError(f"{options.map}: {error}") from None
     with output_folder(

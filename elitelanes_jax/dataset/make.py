@@ -191,14 +191,12 @@ def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
     Raises:
       InputError: if the set has no pictures of an object of the given maps.
     """
-    if spec.furnish is not None:
-        return load_objects(spec.objects)
     things = [thing for road_map in (own.maps if own is not None else ()) for thing in road_map.objects or ()]
-    if not things:
-        return None
-    objects = load_objects(spec.objects)
+    objects = load_objects(spec.objects) if spec.furnish or things or spec.objects else None
+    if objects is None or spec.furnish:
+        return objects
     objects.choose(things)
-    return objects
+    return objects if things else None
 
 
 def _sizes(spec: DatasetSpec) -> str:

@@ -196,7 +196,7 @@ def _about(file: Path) -> tuple[str, float, tuple[float, float]]:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         got = "none" if isinstance(error, FileNotFoundError) else str(error)
         raise InputError(f"{file}: expected a readable TOML file with {', '.join(_KEYS)}, got {got}") from None
-    for wrong in {*about} ^ {*_KEYS}:
+    for wrong in sorted({*about} ^ {*_KEYS}):
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
     kind, height, footprint = (about[key] for key in _KEYS)

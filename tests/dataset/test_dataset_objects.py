@@ -159,6 +159,8 @@ def test_layouts_have_the_boxes_and_masks(layout, maps, tmp_path):
             assert set(listed) == {"id", "category", "bbox", "whole", "visible", "distance"}
             assert (out / "train" / row["instances_file_name"]).exists()
     assert total > 3
+    card = (out / "README.md").read_text()
+    assert "image-segmentation, object-detection" in card and "- object set: objects" in card
     if layout == "coco":
         check_coco(out, rows)
 
@@ -197,3 +199,4 @@ def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path
     views = DatasetSpec(maps_from=[replace(one, objects=None) for one in maps], **SPEC)
     assert "object_set" not in make_dataset(views, tmp_path / "bare")
     assert not list((tmp_path / "bare").rglob("*instances*"))
+    assert "object" not in (tmp_path / "bare" / "README.md").read_text()
