@@ -12,10 +12,9 @@ from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
-from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.tiles.object_set import ObjectSet, lay_flat
-from elitelanes_jax.tiles.pasting import NEAR, Placed, Seen, hide, paste
+from elitelanes_jax.tiles.pasting import NEAR, Placed, hide, paste
 from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -71,31 +70,34 @@ def draw_sample(
     things = (road_map.objects or ()) if objects is not None else ()
     pictures = objects.choose(things, [seed, number, 2]) if objects is not None else []
     if camera is None:
-        about, near, distances = {}, 0.0, None
-        image, masks = warp(picture.image, view, ground), {name: warp(mask, view) for name, mask in masks.items()}
-        numbers = sorted(range(len(things)), key=lambda index: things[index].height)
+        about, near = {}, 0.0
+        seen = {"image": warp(picture.image, view, ground)} | {name: warp(mask, view) for name, mask in masks.items()}
+        order = sorted(range(len(things)), key=lambda index: things[index].height)
         flat = lay_flat(things, pictures, tile_px)
-        placed = [Placed(flat[index].pixels, view.matrix @ flat[index].matrix) for index in numbers]
+        placed = [Placed(flat[index].pixels, view.matrix @ flat[index].matrix) for index in order]
+        more: list[dict[str, Plain]] = [{} for _ in order]
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
         about, near = viewpoint.about, NEAR
-        image, masks = (
-            see(picture.image, viewpoint, ground),
-            {name: see_labels(mask, viewpoint) for name, mask in masks.items()},
-        )
-        placed, numbers, distances = stand(things, pictures, viewpoint, tile_px)
-    seen = dict(masks)
+        seen = {"image": see(picture.image, viewpoint, ground)}
+        seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
+        placed, order, distances = stand(things, pictures, viewpoint, tile_px)
+        more = [{"distance": distance} for distance in distances]
+    instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
-        image, masks = image.copy(), {name: mask.copy() for name, mask in masks.items()}
-        owners, found = paste(image, placed, near)
-        hide(masks.values(), owners)
-        seen = masks | {"instances": np.array([0, *(index + 1 for index in numbers)], np.uint16)[owners]}
-        listed = [_describe(things[index], index, one) for index, one in zip(numbers, found, strict=True)]
-        if distances is not None:
-            listed = [one | {"distance": away} for one, away in zip(listed, distances, strict=True)]
-        about = about | {"objects": [one for one in listed if one["visible"]]}
-    seen["image"] = photograph(image, view)
+        seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
+        owners, found = paste(seen["image"], placed, near)
+        hide((mask for name, mask in seen.items() if name != "image"), owners)
+        instances["instances"] = np.array([0, *(index + 1 for index in order)], np.uint16)[owners]
+        about = about | {
+            "objects": [
+                {"kind": things[index].kind, "instance": index + 1, **one._asdict(), **further}
+                for index, one, further in zip(order, found, more, strict=True)
+                if one.visible
+            ]
+        }
+    seen["image"] = photograph(seen["image"], view)
     record = {
         "number": number,
         "size": list(road_map.codes.shape),
@@ -113,11 +115,7 @@ def draw_sample(
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
-    return Sample(seen, {name: value for name, value in record.items() if value is not None})
-
-
-def _describe(thing: MapObject, index: int, seen: Seen) -> dict[str, Plain]:
-    return {"kind": thing.kind, "instance": index + 1, **seen._asdict()}
+    return Sample({**seen, **instances}, {name: value for name, value in record.items() if value is not None})
 
 
 def _plain(view: View) -> dict[str, Plain]:
