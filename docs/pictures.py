@@ -1,10 +1,12 @@
-"""Draws the pictures of the README, of docs/styles.md, docs/render.md, docs/drive.md and docs/plan.md.
+"""Draws the pictures of the README, of docs/styles.md, docs/render.md, docs/furnish.md, docs/drive.md and docs/plan.md.
 
 python docs/pictures.py
 """
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import jax
@@ -12,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax import evolve, render
+from elitelanes_jax.dataset import DatasetSpec, make_dataset
 from elitelanes_jax.drive import make_rides, trails
 from elitelanes_jax.formats import RoadMap, read_map, write_plan
 from elitelanes_jax.maps import furnish
-from elitelanes_jax.tiles import Picture, load_tiles, overlay
+from elitelanes_jax.tiles import LABEL_COLOURS, Picture, load_tiles, overlay
 
 FOLDER = Path(__file__).parent
 
@@ -24,6 +27,7 @@ def main() -> None:
     styles()
     village()
     map_and_labels()
+    furnished()
     drive_trails()
     write_plan(furnish(read_map(FOLDER / "examples" / "town.json"), "signs duckies=3"), FOLDER / "plan.png")
 
@@ -54,6 +58,36 @@ def map_and_labels() -> None:
     maps = sorted(result.choose(200).maps, key=lambda road_map: road_map.fitness or 0)
     best = next(road_map for road_map in maps if (road_map.metrics or {})["cyclomatic"] == 12)
     write("map-and-labels.jpg", beside_labels(render(best.codes, tile_px=64, seed=1), gap=24), scale=0.75)
+
+
+def furnished() -> None:
+    """Draws what a robot sees of a furnished town, with boxes, above its labels and instances."""
+    columns = []
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "dataset"
+        spec = DatasetSpec().replace(
+            maps_from=FOLDER / "examples" / "town.json",
+            furnish="all duckies=8 lane_duckies=5 lane_robots=2",
+            camera=("rows=240", "columns=320"),
+            views=12,
+            split=(1, 0, 0),
+            transforms="none",
+        )
+        make_dataset(spec, out)
+        rows = [json.loads(line) for line in (out / "train" / "metadata.jsonl").read_text().splitlines()]
+        seen = sorted(rows, key=lambda row: -len(set(row["objects"]["category"])))[:4]
+        for row in seen:
+            image, labels, instances = (
+                np.asarray(cv2.imread(str(out / "train" / row[f"{name}_file_name"]), cv2.IMREAD_UNCHANGED))
+                for name in ("image", "labels", "instances")
+            )
+            colours = np.array(LABEL_COLOURS, np.uint8)[labels]
+            bright = np.random.default_rng(0).integers(70, 256, (int(instances.max()) + 1, 3)).astype(np.uint8)
+            colours[instances > 0] = bright[instances[instances > 0]]
+            for x, y, wide, high in row["objects"]["bbox"]:
+                cv2.rectangle(image, (x, y), (x + wide - 1, y + high - 1), (255, 0, 255), 1)
+            columns.append(np.vstack([image[..., ::-1], colours]))
+    write("furnished.jpg", np.hstack(columns))
 
 
 def drive_trails() -> None:

@@ -29,6 +29,12 @@ on the map, `x` east and `y` south in tiles, and `theta`, counter-clockwise from
 and its distance ahead of the robot's middle in metres, and its angles in degrees. `transform.matrix` maps points behind
 the camera to a third coordinate of 0 or less."""
 
+_OBJECTS = """
+`objects` in the metadata lists the objects that are seen: `kind` (`category` in the layout imagefolder); `instance`
+(`id`), the object's number in the mask of instances; `box` (`bbox`), x, y, width and height of what is seen, in pixels;
+`whole`, the same for the whole object, as if nothing hid it; `visible`, the share of its pixels that is seen; and, in
+views from a robot, `distance` in metres. Objects are background in labels and masks."""
+
 
 def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     """Returns the README of a dataset, Markdown with the front matter that Hugging Face reads.
@@ -42,9 +48,10 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
     counts = about["pictures"]
     total = sum(counts.values())
     size = next((text for limit, text in ((1e3, "n<1K"), (1e4, "1K<n<10K"), (1e5, "10K<n<100K")) if total < limit), "")
+    objects = "object_set" in about
     front = [
         "---",
-        "task_categories: [image-segmentation]",
+        f"task_categories: [image-segmentation{', object-detection' * objects}]",
         f"license: {licence.lower() if licence.lower() in _LICENCES else 'other'}",
         *([f"size_categories: [{size}]"] if size else []),
         "tags: [road-networks, duckietown, synthetic]",
@@ -117,10 +124,12 @@ def write_card(about: dict[str, Plain], loading: str, arrays: str) -> str:
             "each cell, and `transform.matrix`, which maps points (x, y) of the plain map, in pixels from its top left "
             "corner, to points of the picture.",
             *([_POSES] if asked["camera"] is not None else []),
+            *([_OBJECTS] if objects else []),
             "",
             "## How it was made",
             "",
             f"- tile set: {about['tile_set']['name']}, licence: {licence or 'not stated'}",
+            *([f"- object set: {about['object_set']['name']}"] if objects else []),
             f"- tile pictures held out for the test: {'yes' if asked['hold_out_tiles'] else 'no'}",
             *([f"- the tile set's own: {', '.join(own)}"] if own else []),
             f"- seed {asked['seed']}"

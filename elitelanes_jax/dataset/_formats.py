@@ -13,8 +13,10 @@ from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain
+from elitelanes_jax.dataset._samples import Sample
+from elitelanes_jax.formats.objects import OBJECT_KINDS
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.tiles.rendering import LABELS
+from elitelanes_jax.tiles.rendering import LABELS, png_of
 from elitelanes_jax.tiles.tileset import MASKS
 
 Record = dict[str, Plain]
@@ -25,7 +27,8 @@ RECORD = "dataset.json"
 # The files of a dataset besides its pictures.
 _DESCRIBING = (
     rf"README\.md|contact-sheet\.png|{re.escape(RECORD)}|(train|validation|test)/metadata\.jsonl"
-    r"|metadata/(train|val|test)\.jsonl|annotations/(train|val|test)\.json"
+    r"|metadata/(train|val|test)\.jsonl|annotations/(objects_)?(train|val|test)\.json"
+    r"|labels/(train|val|test)/\d{6,}\.txt|data\.yaml"
 )
 
 
@@ -35,7 +38,7 @@ class Format(NamedTuple):
     Attributes:
       layers: the layers beside image, labels and the further masks of the tile set.
       file: (split, index, layer) -> the path of a picture in the folder.
-      note: labels uint8 ``[h, w]`` -> additions to a sample's record, for `list_samples`.
+      note: sample -> additions to its record, for `list_samples`.
       list_samples: (folder, split, records in order) -> writes the files that list a split's samples.
       program: lines of Python that load a split, named SPLIT or SHORT, from the folder ``DIR``.
       needs: a package that writing it needs.
@@ -44,7 +47,7 @@ class Format(NamedTuple):
 
     layers: tuple[str, ...]
     file: Callable[[int, int, str], str]
-    note: Callable[[NDArray[np.uint8]], Record]
+    note: Callable[[Sample], Record]
     list_samples: Callable[[Path, int, Iterable[Record]], None]
     program: str
     needs: str | None = None
@@ -79,11 +82,23 @@ def find_format(name: str) -> Format:
     return layout
 
 
+def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
+    """Writes the pictures of a sample to their places in a format.
+
+    Raises:
+      OSError: that names the file, if one cannot be written.
+    """
+    number = sample.record["number"]
+    own = [*sample.record["layers"], *(["instances"] if "instances" in sample.layers else [])]
+    for name in ("image", "labels", *layout.layers, *own):
+        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
+
+
 def foreign_to_dataset(folder: Path) -> str | None:
     """Returns the first file in a folder that is not of a dataset, or None."""
     try:
         about = read_json(folder / RECORD)
-        layers = ("image", "labels", *MASKS, *about["tile_set"]["layers"])
+        layers = ("image", "labels", *MASKS, "instances", *about["tile_set"]["layers"])
         layout = FORMATS[about["settings"]["format"]]
         if "elitelanes_jax" not in about["versions"]:
             return f"{RECORD} of another program"
@@ -99,7 +114,7 @@ def foreign_to_dataset(folder: Path) -> str | None:
 _SHORT = ("train", "val", "test")
 
 # The pictures of every dataset. Further masks of the tile set have their own folder next to them.
-_USUAL = ("image", "labels", *MASKS)
+_USUAL = ("image", "labels", *MASKS, "instances")
 
 
 def _write_lines(file: Path, rows: Iterable[Record]) -> None:
@@ -133,8 +148,13 @@ def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> N
     def row(record: Record) -> Record:
         names = {
             f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
-            for layer in ("image", "labels", *record["layers"])
+            for layer in ("image", "labels", *record["layers"], *(["instances"] if "objects" in record else []))
         }
+        if "objects" in record:  # in columns, by the names that Hugging Face's guides have for boxes
+            columns = {"id": "instance", "category": "kind", "bbox": "box"} | dict.fromkeys(("whole", "visible"))
+            columns |= {"distance": None} if record.get("camera") else {}
+            listed = {name: [one[key or name] for one in record["objects"]] for name, key in columns.items()}
+            record = record | {"objects": listed}
         return names | {key: value for key, value in record.items() if key != "layers" and value != {}}
 
     _write_lines(folder / SPLITS[split] / "metadata.jsonl", map(row, records))
@@ -159,45 +179,82 @@ def _coco_file(split: int, number: int, layer: str) -> str:
     return f"{'images' if layer == 'image' else _place(layer)}/{_SHORT[split]}/{number:06d}.png"
 
 
-def _coco_note(labels: NDArray[np.uint8]) -> Record:
-    from pycocotools import mask
+def _coco_note(sample: Sample) -> Record:
+    labels = sample.layers["labels"]
+    classes = [_runs(labels == label) | {"category_id": label, "iscrowd": 1} for label in range(1, len(LABELS))]
+    found: Record = {"annotations": [one for one in classes if one["area"]]}
+    if "objects" in sample.record:
+        instances = sample.layers["instances"]
+        found["object_runs"] = [_runs(instances == one["instance"]) for one in sample.record["objects"]]
+    return found
 
-    annotations = []
-    for category in range(1, len(LABELS)):
-        runs = mask.encode(np.asfortranarray(labels == category, np.uint8))
-        area = int(mask.area(runs))
-        if area:
-            annotations.append(
-                {
-                    "category_id": category,
-                    "segmentation": runs | {"counts": runs["counts"].decode()},
-                    "area": area,
-                    "bbox": mask.toBbox(runs).tolist(),
-                    "iscrowd": 1,
-                }
-            )
-    return {"annotations": annotations}
+
+def _runs(mask: NDArray[np.bool_]) -> Record:
+    from pycocotools import mask as masks
+
+    runs = masks.encode(np.asfortranarray(mask, np.uint8))
+    counts = {"counts": runs["counts"].decode()}
+    return {"segmentation": runs | counts, "area": int(masks.area(runs)), "bbox": masks.toBbox(runs).tolist()}
 
 
 def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
     images: list[Record] = []
     annotations: list[Record] = []
+    objects: list[Record] = []
     rows: list[Record] = []
     for record in records:
-        number = record["number"]
-        found = record.pop("annotations")
+        number, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
         height, width = record["pixels"]
         images.append({"id": number, "file_name": f"{number:06d}.png", "height": height, "width": width})
-        for one in found:
-            annotations.append({"id": len(annotations) + 1, "image_id": number} | one)
+        annotations += [
+            {"id": len(annotations) + 1 + index, "image_id": number} | one for index, one in enumerate(found)
+        ]
+        if runs is not None:
+            own = [_category(one) | shape for one, shape in zip(record["objects"], runs, strict=True)]
+            objects += [{"id": place, "image_id": number} | one for place, one in enumerate(own, len(objects) + 1)]
+            _write_yolo(folder / "labels" / _SHORT[split] / f"{number:06d}.txt", own, height, width)
         rows.append(record)
     categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
-    table = {"images": images, "annotations": annotations, "categories": categories}
-    write_atomic(folder / "annotations" / f"{_SHORT[split]}.json", json.dumps(table).encode() + b"\n")
+    _write_coco(folder / "annotations" / f"{_SHORT[split]}.json", images, annotations, categories)
+    if any("objects" in row for row in rows):
+        categories = [{"id": place + 1, "name": name} for place, name in enumerate(OBJECT_KINDS)]
+        _write_coco(folder / "annotations" / f"objects_{_SHORT[split]}.json", images, objects, categories)
+        _write_data(folder)
     _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
 
 
-def _no_note(labels: NDArray[np.uint8]) -> Record:
+def _write_coco(file: Path, images: list[Record], annotations: list[Record], categories: list[Record]) -> None:
+    table = {"images": images, "annotations": annotations, "categories": categories}
+    write_atomic(file, json.dumps(table).encode() + b"\n")
+
+
+def _category(one: Record) -> Record:
+    about = {name: one[name] for name in ("visible", "distance") if name in one}
+    return {"category_id": list(OBJECT_KINDS).index(one["kind"]) + 1, "iscrowd": 0} | about
+
+
+# YOLO's text lies where Ultralytics looks for it: in labels/ where the picture is in images/.
+
+
+def _write_yolo(file: Path, objects: list[Record], height: int, width: int) -> None:
+    """Writes a line for each object: its class from 0, and the middle and the size of its box as shares."""
+    lines = []
+    for one in objects:
+        x, y, wide, high = one["bbox"]
+        shares = (x + wide / 2) / width, (y + high / 2) / height, wide / width, high / height
+        lines.append(" ".join([str(one["category_id"] - 1), *(f"{share:.6f}" for share in shares)]) + "\n")
+    write_atomic(file, "".join(lines).encode())
+
+
+def _write_data(folder: Path) -> None:
+    """Writes the file that Ultralytics reads, with the splits that are there."""
+    keys = {split: place for split, place in zip(_SHORT, _SHORT, strict=True) if (folder / "images" / place).is_dir()}
+    lines = ["path: .", *(f"{split}: images/{place}" for split, place in keys.items()), "names:"]
+    lines += [f"  {place}: {name}" for place, name in enumerate(OBJECT_KINDS)]
+    write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
+
+
+def _no_note(sample: Sample) -> Record:
     return {}
 
 

@@ -5,6 +5,7 @@ of 0 or less. Picture and labels are sampled at the same points: the picture fou
 smaller at a larger distance, and averaged; labels once, at the nearest pixel of the map.
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import cv2
@@ -84,16 +85,18 @@ def draw_viewpoint(
     height, pitch = float(viewpoints.height * lower), float(min(viewpoints.pitch * tilt, 90))
     view = float(min(viewpoints.field_of_view * wide, 175))
     on_lane = {"d": float(d), "phi": float(phi), "curvature": bend / radius}
+    camera = {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view}
     about = {
         **on_lane,
         "pose": {"x": float(x), "y": float(y), "theta": theta},
         "nearest": _nearest(lanes, x, y, theta) or on_lane,
         "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
-        "camera": {"height": height, "forward": viewpoints.forward, "pitch": pitch, "field_of_view": view, "sky": sky},
+        "camera": camera | {"sky": sky},
     }
     size = (viewpoints.rows, viewpoints.columns)
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
-    matrix = _project(height, viewpoints.forward, pitch, view, size) @ to_robot
+    onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
+    matrix = project(camera, size) @ onto_ground @ to_robot
     return Viewpoint(matrix, size, sky, about)
 
 
@@ -156,15 +159,20 @@ def _to_robot(x: float, y: float, theta: float) -> Float[NDArray, "3 3"]:
     return np.asarray(np.diag([TILE, TILE, 1]) @ turn @ np.array([[1, 0, -x], [0, 1, -y], [0, 0, 1]]))
 
 
-def _project(height: float, forward: float, pitch: float, view: float, size: tuple[int, int]) -> Float[NDArray, "3 3"]:
-    """Returns the matrix from metres ahead and to the left to points of the picture of a pinhole camera."""
+def project(camera: Mapping[str, float], size: tuple[int, int]) -> Float[NDArray, "3 4"]:
+    """Returns the matrix from metres ahead of a camera, to the left and above the ground to points of its picture.
+
+    Args:
+      camera: its height, pitch and field of view, as in a viewpoint's ``about``.
+      size: (rows, columns) of the picture.
+    """
     rows, columns = size
-    focal = rows / 2 / np.tan(np.radians(view) / 2)
-    cosine, sine = np.cos(np.radians(pitch)), np.sin(np.radians(pitch))
+    focal = rows / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
+    cosine, sine = np.cos(np.radians(camera["pitch"])), np.sin(np.radians(camera["pitch"]))
     # Right, down and depth in the camera's frame.
-    down = [-sine, 0, height * cosine + forward * sine]
-    depth = [cosine, 0, height * sine - forward * cosine]
-    seen = np.array([[0, -1, 0], down, depth])
+    down = [-sine, 0, -cosine, camera["height"] * cosine]
+    depth = [cosine, 0, -sine, camera["height"] * sine]
+    seen = np.array([[0, -1, 0, 0], down, depth])
     return np.asarray(np.array([[focal, 0, columns / 2], [0, focal, rows / 2], [0, 0, 1]]) @ seen)
 
 

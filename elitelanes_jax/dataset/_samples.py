@@ -1,21 +1,21 @@
 """One sample: a map drawn in one view."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._formats import Format
 from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, png_of, render
+from elitelanes_jax.tiles.object_set import ObjectSet, lay_flat
+from elitelanes_jax.tiles.pasting import NEAR, Placed, hide, paste
+from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 
@@ -23,11 +23,12 @@ class Sample(NamedTuple):
     """A drawn sample.
 
     Attributes:
-      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own.
+      layers: uint8 ``[h, w]``, the image ``[h, w, 3]``, by name: image, labels, the masks, and the tile set's own; of
+        a map with objects, uint16 ``[h, w]``, instances.
       record: its metadata, plain values for JSON.
     """
 
-    layers: dict[str, NDArray[np.uint8]]
+    layers: dict[str, NDArray[np.integer]]
     record: dict[str, Plain]
 
 
@@ -41,6 +42,7 @@ def draw_sample(
     transforms: Transforms = Transforms(),
     camera: Viewpoints | None = None,
     layers: Sequence[str] = MASKS,
+    objects: ObjectSet | None = None,
 ) -> Sample:
     """Draws a map with tiles of a set in one view. All choices depend on `seed` and `number` alone.
 
@@ -53,9 +55,10 @@ def draw_sample(
       transforms: the ranges of views.
       camera: the ranges of views from a robot on the lanes; by default views are from above.
       layers: the masks beside labels and the tile set's own.
+      objects: whose pictures to draw the map's objects with; None to leave them out.
 
     Raises:
-      InputError: for a camera on a map without a lane.
+      InputError: for a camera on a map without a lane, or an object without a picture.
     """
     chosen = choose_tiles(road_map.codes, tiles, [seed, number])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
@@ -64,14 +67,37 @@ def draw_sample(
     view = draw_view(rng, transforms, size)
     ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
     masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
+    things = (road_map.objects or ()) if objects is not None else ()
+    pictures = objects.choose(things, [seed, number, 2]) if objects is not None else []
     if camera is None:
-        about, seen = {}, {"image": photograph(warp(picture.image, view, ground), view)}
-        seen |= {name: warp(mask, view) for name, mask in masks.items()}
+        about, near = {}, 0.0
+        seen = {"image": warp(picture.image, view, ground)} | {name: warp(mask, view) for name, mask in masks.items()}
+        order = sorted(range(len(things)), key=lambda index: things[index].height)
+        flat = lay_flat(things, pictures, tile_px)
+        placed = [Placed(flat[index].pixels, view.matrix @ flat[index].matrix) for index in order]
+        more: list[dict[str, Plain]] = [{} for _ in order]
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
-        about, seen = viewpoint.about, {"image": photograph(see(picture.image, viewpoint, ground), view)}
+        about, near = viewpoint.about, NEAR
+        seen = {"image": see(picture.image, viewpoint, ground)}
         seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
+        placed, order, distances = stand(things, pictures, viewpoint, tile_px)
+        more = [{"distance": distance} for distance in distances]
+    instances: dict[str, NDArray[np.uint16]] = {}
+    if objects is not None:
+        seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
+        owners, found = paste(seen["image"], placed, near)
+        hide((mask for name, mask in seen.items() if name != "image"), owners)
+        instances["instances"] = np.array([0, *(index + 1 for index in order)], np.uint16)[owners]
+        about = about | {
+            "objects": [
+                {"kind": things[index].kind, "instance": index + 1, **one._asdict(), **further}
+                for index, one, further in zip(order, found, more, strict=True)
+                if one.visible
+            ]
+        }
+    seen["image"] = photograph(seen["image"], view)
     record = {
         "number": number,
         "size": list(road_map.codes.shape),
@@ -89,14 +115,7 @@ def draw_sample(
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
-    return Sample(seen, {name: value for name, value in record.items() if value is not None})
-
-
-def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
-    """Writes the pictures of a sample to their paths in a format. An `OSError` names the file."""
-    number = sample.record["number"]
-    for name in ("image", "labels", *layout.layers, *sample.record["layers"]):
-        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
+    return Sample({**seen, **instances}, {name: value for name, value in record.items() if value is not None})
 
 
 def _plain(view: View) -> dict[str, Plain]:

@@ -22,17 +22,19 @@ from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
-from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset
+from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset, write_sample
 from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
-from elitelanes_jax.dataset._samples import draw_sample, write_sample
+from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.maps.cluster import run_on
+from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.maps.given import GivenMaps, given
 from elitelanes_jax.maps.run import drawable
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.tiles.object_set import ObjectSet, load_objects
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, LABELS, png_of
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -50,6 +52,7 @@ class _Drawing(NamedTuple):
       splits: int ``[samples]``, the split of each sample.
       files: the folder for the pictures.
       records: the folder for the records. A sample is complete when its record exists.
+      objects: the pictures of the maps' objects; None without objects.
     """
 
     spec: DatasetSpec
@@ -57,6 +60,7 @@ class _Drawing(NamedTuple):
     splits: NDArray[np.int_]
     files: Path
     records: Path
+    objects: ObjectSet | None
 
     def record(self, index: int) -> Path:
         """Returns the file of a sample's record."""
@@ -69,8 +73,12 @@ class _Drawing(NamedTuple):
     def draw(self, tiles: Sequence[TileSet], index: int) -> None:
         """Draws a sample with the tiles of its split, and writes its pictures, then its record."""
         spec, split, layout = self.spec, int(self.splits[index]), find_format(self.spec.format)
+        road_map = self.maps[index // spec.views]
+        if spec.furnish is not None:
+            seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
+            road_map = furnish(road_map, spec.furnish, seed=seed)
         sample = draw_sample(
-            self.maps[index // spec.views],
+            road_map,
             tiles[split],
             index,
             seed=spec.seed,
@@ -78,9 +86,10 @@ class _Drawing(NamedTuple):
             transforms=spec.transforms,
             camera=spec.camera,
             layers=layout.layers,
+            objects=self.objects,
         )
         write_sample(sample, layout, split, self.files)
-        note = layout.note(sample.layers["labels"])
+        note = layout.note(sample)
         write_atomic(self.record(index), json.dumps(sample.record | note).encode())
 
 
@@ -132,7 +141,8 @@ def make_dataset(
         spec.check_search()
         for shape, count in maps_by_shape(spec).items():
             search.check_maps(shape, count, exhaustive=True)
-    identity = _identity(spec, tiles, own)
+    objects = _objects_of(spec, own)
+    identity = _identity(spec, tiles, own, objects)
     settle(out)
     if (out / RECORD).exists():
         try:
@@ -141,12 +151,12 @@ def make_dataset(
         except InputError:
             if not force:
                 raise
-    inputs = [spec.tiles] if spec.tiles else []
+    inputs = [folder for folder in (spec.tiles, spec.objects) if folder]
     with output_folder(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:
         try:
-            drawing = _plan(spec, own, search, by_split[2], work, executor)
+            drawing = _plan(spec, own, search, by_split[2], objects, work, executor)
             if executor is not None:
                 _draw_on_workers(executor, drawing)
             _draw_here(drawing, by_split, workers)
@@ -161,6 +171,7 @@ def _plan(
     own: GivenMaps | None,
     search: SearchSpec,
     test_tiles: TileSet,
+    objects: ObjectSet | None,
     work: Unfinished,
     executor: Executor | None,
 ) -> _Drawing:
@@ -172,7 +183,21 @@ def _plan(
         announce(f"skipped {pluralize(own.repeated, 'map')} {which} when rotated or mirrored")
     maps = evolve_maps(spec, search, work.kept, executor) if own is None else given_maps(own.maps, work.kept)
     splits = np.repeat(split_maps(spec, maps, test_tiles), spec.views)
-    return _Drawing(spec, maps, splits, work.files, work.kept / "records")
+    return _Drawing(spec, maps, splits, work.files, work.kept / "records", objects)
+
+
+def _objects_of(spec: DatasetSpec, own: GivenMaps | None) -> ObjectSet | None:
+    """Loads the pictures of the maps' objects; None if there are no objects.
+
+    Raises:
+      InputError: if the set has no pictures of an object of the given maps.
+    """
+    things = [thing for road_map in (own.maps if own is not None else ()) for thing in road_map.objects or ()]
+    objects = load_objects(spec.objects) if spec.furnish or things or spec.objects else None
+    if objects is None or spec.furnish:
+        return objects
+    objects.choose(things)
+    return objects if things else None
 
 
 def _sizes(spec: DatasetSpec) -> str:
@@ -180,15 +205,17 @@ def _sizes(spec: DatasetSpec) -> str:
     return first if first == last else f"{first} to {last}"
 
 
-def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None) -> dict[str, Plain]:
+def _identity(spec: DatasetSpec, tiles: TileSet, own: GivenMaps | None, objects: ObjectSet | None) -> dict[str, Plain]:
     """Returns all that the files depend on, plain values for JSON."""
     plain = spec.to_plain() | {"tile_px": spec.pixels}
-    del plain["tiles"], plain["maps_from"]  # the pictures and the maps count, not their paths
+    del plain["tiles"], plain["objects"], plain["maps_from"]  # the pictures and the maps count, not their paths
     about = {name: getattr(tiles, name) for name in ("name", "licence", "layers", "points", "blend")} | {
         "tiles": digest(tiles)
     }
     given_maps = None if own is None else own.digest
     identity = {"settings": plain, "given_maps": given_maps, "tile_set": about, "versions": installed_versions()}
+    if objects is not None:
+        identity["object_set"] = {"name": objects.name, "pictures": objects.digest}
     return json.loads(json.dumps(identity))
 
 
@@ -204,11 +231,12 @@ def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
     """Draws the incomplete samples on an executor's workers."""
     waiting, total = drawing.waiting(), len(drawing.splits)
     spec = drawing.spec
-    spec = spec.replace(tiles=spec.tiles and spec.tiles.absolute(), maps_from=None)
+    places = {name: folder and folder.absolute() for name, folder in (("tiles", spec.tiles), ("objects", spec.objects))}
+    spec = spec.replace(**places, maps_from=None)
     folders = [folder.absolute() for folder in (drawing.files, drawing.records)]
-    rounds = [file.absolute() for file in drawing.maps.rounds]
+    rounds, has_objects = [file.absolute() for file in drawing.maps.rounds], drawing.objects is not None
     jobs = {
-        f"pictures {share[0]} to {share[-1]}": (spec, rounds, drawing.splits, *folders, share)
+        f"pictures {share[0]} to {share[-1]}": (spec, rounds, drawing.splits, *folders, has_objects, share)
         for share in (waiting[first : first + _PICTURES_A_JOB] for first in range(0, len(waiting), _PICTURES_A_JOB))
     }
     with Progress("drawing", total, "pictures", done=total - len(waiting)) as bar:
@@ -221,11 +249,12 @@ def _draw_share(
     splits: NDArray[np.int_],
     files: Path,
     records: Path,
+    has_objects: bool,
     share: Sequence[int],
 ) -> int:
     """Draws the samples of some indices on a worker; returns their number."""
     tiles = tiles_by_split(load_tiles(spec.tiles, blend=spec.blend), spec)
-    drawing = _Drawing(spec, Maps(rounds), splits, files, records)
+    drawing = _Drawing(spec, Maps(rounds), splits, files, records, load_objects(spec.objects) if has_objects else None)
     with _one_thread_each():
         for index in share:
             drawing.draw(tiles, index)

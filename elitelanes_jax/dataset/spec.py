@@ -12,6 +12,7 @@ from elitelanes_jax._util.records import Record, option, record
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.dataset._transforms import GEOMETRY, STANDARD, Transforms, parse_transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints, parse_viewpoints
+from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
 from elitelanes_jax.maps.given import GivenMaps, parse_given
 from elitelanes_jax.maps.spec import SPLITS, parse_split
 from elitelanes_jax.network.checks import LONGEST_SIDE
@@ -71,6 +72,8 @@ class DatasetSpec(Record):
         maps; they determine the number of maps and the sizes
       search: the search
       tiles: folder of the tile pictures; by default the package's own
+      furnish: objects for each view: all, signs, or amounts such as duckies=6 trees=0.2; by default those of given maps
+      objects: folder of the pictures of the maps' objects; by default the package's own
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
         which is on for photographs
       tile_px: side of a tile in pixels; by default 64, with a camera 256
@@ -88,6 +91,8 @@ class DatasetSpec(Record):
     maps_from: GivenMaps | None = option(None, none_or(parse_given), "FILE|DIR", many=True)
     search: SearchSpec = option(SearchSpec().with_defaults(evaluations=100_000), record(SearchSpec))
     tiles: Path | None = option(None, none_or(path), "DIR")
+    furnish: FurnishSpec | None = option(None, none_or(parse_furnish), "WHAT", many=True)
+    objects: Path | None = option(None, none_or(path), "DIR")
     blend: bool | None = option(None, none_or(switch), "on|off")
     tile_px: int | None = option(None, none_or(whole(16, 512)), "N")
 
@@ -192,6 +197,8 @@ class DatasetSpec(Record):
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
+            "furnish": self.furnish and vars(self.furnish),
+            "objects": self.objects and str(self.objects),
         }
 
 

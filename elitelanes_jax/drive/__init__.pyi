@@ -22,6 +22,10 @@ from ._localization import NEVER as NEVER
 from ._localization import ambiguity as ambiguity
 from ._localization import localization_steps as localization_steps
 from ._make import make as make
+from ._objects import Billboards as Billboards
+from ._objects import Objects as Objects
+from ._objects import make_billboards as make_billboards
+from ._objects import make_objects as make_objects
 from ._pure_pursuit import pure_pursuit as pure_pursuit
 from ._road_nav import RoadNav as RoadNav
 from ._road_nav import RoadNavParams as RoadNavParams

@@ -2,7 +2,7 @@
 
 A pixel's ray meets the ground at a point on a tile. The nearest pixel of the tile's picture and labels is looked up, so
 that picture and labels agree exactly. Pixels whose ray meets no tile show the ground's colour, or above the horizon the
-sky's.
+sky's. Objects stand in front of all that, see `_objects`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,13 +12,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int, Key, UInt8
+from jaxtyping import Array, ArrayLike, Float, Int, Int32, Key, UInt8
 
 from elitelanes_jax._util.checks import check_named, none_or, real, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.pytrees import pytree, static, traced
 from elitelanes_jax._util.records import Record, record
 from elitelanes_jax._util.types import AnyArray, Numeric, UserValue
+from elitelanes_jax.drive._objects import Billboards, Objects, Rays, make_billboards, stand
+from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose
 from elitelanes_jax.drive.robot import TILE
 
@@ -68,6 +70,7 @@ class Camera(Record):
       sky: red, green and blue above the horizon.
       rows: of the picture; static.
       columns: of the picture; static.
+      objects: the most objects that are shown, the nearest ones; static.
     """
 
     height: Numeric = traced(0.108, real(0, 10, exclusive=True))
@@ -81,6 +84,7 @@ class Camera(Record):
     sky: Numeric = traced((115.0, 210.0, 255.0), _colour)
     rows: int = static(48, whole(1, 4096))
     columns: int = static(64, whole(1, 4096))
+    objects: int = static(8, whole(1, 64))
 
 
 class View(NamedTuple):
@@ -88,11 +92,14 @@ class View(NamedTuple):
 
     Attributes:
       image: uint8 ``[rows, columns, 3]``, RGB.
-      labels: uint8 ``[rows, columns]``, indices of `tiles.render.LABELS`; 0 beyond the map and above the horizon.
+      labels: uint8 ``[rows, columns]``, indices of `tiles.render.LABELS`; 0 beyond the map, above the horizon and on
+        objects.
+      instances: int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1; None without objects.
     """
 
     image: UInt8[Array, "rows columns 3"]
     labels: UInt8[Array, "rows columns"]
+    instances: Int32[Array, "rows columns"] | None = None
 
 
 class Sight(NamedTuple):
@@ -102,15 +109,21 @@ class Sight(NamedTuple):
       camera: its options.
       atlas: of the tile set.
       tiles: int32 ``[16, V]``, the atlas' tiles for each code. The pictures of a code alternate from cell to cell.
+      billboards: the pictures of objects, of `make_billboards`; None to see none.
     """
 
     camera: Camera
     atlas: Atlas
     tiles: Int[Array, "16 V"]
+    billboards: Billboards | None = None
 
 
 def make_sight(
-    images: AnyArray, labels: AnyArray, rotations: Mapping[int, Sequence[tuple[int, int]]], camera: Camera | None = None
+    images: AnyArray,
+    labels: AnyArray,
+    rotations: Mapping[int, Sequence[tuple[int, int]]],
+    camera: Camera | None = None,
+    objects: Mapping[str, Mapping[int, AnyArray]] | None = None,
 ) -> Sight:
     """Makes the camera of environments from a tile set.
 
@@ -120,9 +133,11 @@ def make_sight(
       rotations: by code, (index in the set, quarter turns) of each picture, as `TileSet.rotations` has them. A code
         without a picture is shown like code 0.
       camera: by default `Camera()`.
+      objects: views of objects by kind, as `ObjectSet.views` has them; by default no objects are seen.
 
     Raises:
-      InputError: for arrays of other shapes or types, no picture of code 0, or a bad option of the camera.
+      InputError: for arrays of other shapes or types, no picture of code 0, unknown kinds of objects, or a bad option
+        of the camera.
     """
     atlas = make_atlas(images, labels)
     if not rotations.get(0):
@@ -132,9 +147,8 @@ def make_sight(
     tiles = np.array([np.resize([4 * tile + turns for tile, turns in drawn], most) for drawn in listed], np.int32)
     if not 0 <= tiles.min() <= tiles.max() < len(atlas.pixels):
         raise InputError(f"rotations: expected tiles of the {len(atlas.pixels)} pictures, got {tiles.max()}")
-    return Sight(
-        Camera() if camera is None else check_named("camera", record(Camera), camera), atlas, jnp.asarray(tiles)
-    )
+    camera = Camera() if camera is None else check_named("camera", record(Camera), camera)
+    return Sight(camera, atlas, jnp.asarray(tiles), None if objects is None else make_billboards(objects))
 
 
 def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "rows columns"]]:
@@ -143,11 +157,7 @@ def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "ro
     Returns:
       Tiles ahead and tiles to the left. Above the horizon both are infinite.
     """
-    focal = camera.rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
-    right = (jnp.arange(camera.columns) + 0.5 - camera.columns / 2) / focal
-    down = ((jnp.arange(camera.rows) + 0.5 - camera.rows / 2) / focal)[:, None]
-    if camera.distortion is not None:
-        right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
+    right, down = _directions(camera)
     pitch = jnp.deg2rad(camera.pitch)
     fall = jnp.sin(pitch) + down * jnp.cos(pitch)
     reach = jnp.where(fall > 1e-6, camera.height / jnp.maximum(fall, 1e-6), jnp.inf)
@@ -155,6 +165,16 @@ def rays(camera: Camera) -> tuple[Float[Array, "rows columns"], Float[Array, "ro
     shape = (camera.rows, camera.columns)
     left = jnp.where(jnp.isinf(reach), jnp.inf, -jnp.where(jnp.isinf(reach), 0, reach) * right)
     return jnp.broadcast_to(ahead, shape) / TILE, jnp.broadcast_to(left, shape) / TILE
+
+
+def _directions(camera: Camera) -> tuple[Array, Array]:
+    """Returns how far to the right and downwards each pixel's ray goes, in focal lengths, as the camera has them."""
+    focal = camera.rows / 2 / jnp.tan(jnp.deg2rad(camera.field_of_view) / 2)
+    right = (jnp.arange(camera.columns) + 0.5 - camera.columns / 2) / focal
+    down = ((jnp.arange(camera.rows) + 0.5 - camera.rows / 2) / focal)[:, None]
+    if camera.distortion is not None:
+        right, down = _undistort(*jnp.broadcast_arrays(right, down), *camera.distortion)
+    return right, down
 
 
 def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Array, Array]:
@@ -167,7 +187,15 @@ def _undistort(right: Array, down: Array, k1: Numeric, k2: Numeric) -> tuple[Arr
     return there
 
 
-def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: Atlas, camera: Camera) -> View:
+def look(
+    key: Key[Array, ""],
+    pose: Pose,
+    tiles: Int[ArrayLike, "H W"],
+    atlas: Atlas,
+    camera: Camera,
+    objects: Objects | None = None,
+    billboards: Billboards | None = None,
+) -> View:
     """Renders one frame.
 
     Args:
@@ -177,6 +205,8 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
         `choose_tiles` this is ``chosen[..., 0] * 4 + chosen[..., 1]``.
       atlas: of the tile set.
       camera: its options.
+      objects: of the map, of `make_objects`.
+      billboards: their pictures; without both no objects are shown.
     """
     ahead, left = rays(camera)
     cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
@@ -196,6 +226,15 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
     flat = (tile * size + y % size) * size + x % size
     pixel = words.at[flat].get(mode="promise_in_bounds")
 
+    instances = None
+    if objects is not None and billboards is not None:
+        rays_there = _rays_of(camera)
+        found = stand(pose, objects, billboards, rays_there, camera.height, camera.forward, camera.objects)
+        road = pixel
+        pixel = once(lambda: jnp.where(found[0], billboards.pixels.at[found[1]].get(mode="promise_in_bounds"), road))
+        inside |= found[0]
+        instances = found[2]
+
     def byte(number: int) -> Array:
         return pixel >> (8 * number) & 255
 
@@ -205,16 +244,25 @@ def look(key: Key[Array, ""], pose: Pose, tiles: Int[ArrayLike, "H W"], atlas: A
     if camera.noise is not None:
         colours += camera.noise * jax.random.normal(key, colours.shape)
     image = jnp.clip(jnp.round(colours), 0, 255).astype(jnp.uint8)
-    return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8))
+    return View(image, jnp.where(inside, byte(3), 0).astype(jnp.uint8), instances)
 
 
-def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
+def _rays_of(camera: Camera) -> Rays:
+    """Returns rays that pass one metre of the camera's depth."""
+    right, down = _directions(camera)
+    pitch = jnp.deg2rad(camera.pitch)
+    cosine, sine = jnp.cos(pitch), jnp.sin(pitch)
+    return Rays(jnp.atleast_2d(right), cosine - down * sine, sine + down * cosine)
+
+
+def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight, objects: Objects | None = None) -> View:
     """Renders the view from a pose on a grid. The camera's noise depends on the pose alone.
 
     Args:
       pose: of the middle between the wheels, in tiles.
       grid: integer codes ``[H, W]``.
       sight: of `make_sight`.
+      objects: of the map; shown if the sight has their pictures.
     """
     grid = jnp.asarray(grid)
     height, width = grid.shape
@@ -223,4 +271,4 @@ def look_around(pose: Pose, grid: Int[ArrayLike, "H W"], sight: Sight) -> View:
     key = jax.random.key(0)
     for part in (pose.x, pose.y, pose.theta) if sight.camera.noise is not None else ():
         key = jax.random.fold_in(key, jax.lax.bitcast_convert_type(jnp.asarray(part, jnp.float32), jnp.uint32))
-    return look(key, pose, tiles, sight.atlas, sight.camera)
+    return look(key, pose, tiles, sight.atlas, sight.camera, objects, sight.billboards)

@@ -19,6 +19,7 @@ from elitelanes_jax.drive._camera import Sight, look_around
 from elitelanes_jax.drive._distances import NO_WAY
 from elitelanes_jax.drive._environment import Environment, Transition
 from elitelanes_jax.drive._levels import Level, check_batch
+from elitelanes_jax.drive._objects import Objects, touches
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import (
     LANE_OFFSET,
@@ -67,8 +68,11 @@ class LaneDriveParams(Record):
       oncoming_cost: per second in the oncoming lane.
       leaving_cost: for leaving the road, which terminates the episode.
       goal_reward: for reaching the goal of a route.
+      collision_cost: of touching an object; a second, if that does not terminate the episode. The robot is a disc of
+        its width, and an object the disc around its footprint.
       task: "route": turns lead to the goal by a shortest way from the robot's position. "lane": turns are random, and
         no goal ends the episode; static.
+      collision: "terminate" or "cost": whether touching an object terminates the episode; static.
       action: "wheels": the commands of the left and the right wheel; "twist": speed and turn, as shares of the robot's
         top speed and top turn; static.
       ahead: tiles ahead of the robot, up to 1, at which the lane's curvature is observed; static.
@@ -87,6 +91,8 @@ class LaneDriveParams(Record):
     oncoming_cost: Numeric = traced(5.0, real(-1e6, 1e6))
     leaving_cost: Numeric = traced(10.0, real(-1e6, 1e6))
     goal_reward: Numeric = traced(10.0, real(-1e6, 1e6))
+    collision_cost: Numeric = traced(10.0, real(-1e6, 1e6))
+    collision: str = static("terminate", one_of("terminate", "cost"))
     task: str = static("route", one_of("route", "lane"))
     action: str = static("wheels", one_of("wheels", "twist"))
     ahead: tuple[float, ...] = static((0.0, 0.25, 0.5), _check_ahead)
@@ -121,6 +127,7 @@ class LaneDriveState(NamedTuple):
       s: float32, tiles along the movement.
       tiles: int32, entered so far.
       steps: int32, so far.
+      objects: of the level.
     """
 
     grid: Int8[Array, "H W"]
@@ -136,6 +143,7 @@ class LaneDriveState(NamedTuple):
     s: Float[Array, ""]
     tiles: Int32[Array, ""]
     steps: Int32[Array, ""]
+    objects: Objects | None = None
 
 
 class LaneDriveObservation(NamedTuple):
@@ -169,6 +177,7 @@ class LaneDriveInfo(NamedTuple):
       tiles: int32, entered so far.
       shortest: int32, tiles of a shortest way to the goal.
       spl: float32, success times shortest / tiles, at most 1.
+      collision: bool, an object was touched; None without objects.
     """
 
     success: Bool[Array, ""]
@@ -178,6 +187,7 @@ class LaneDriveInfo(NamedTuple):
     tiles: Int32[Array, ""]
     shortest: Int32[Array, ""]
     spl: Float[Array, ""]
+    collision: Bool[Array, ""] | None = None
 
 
 def next_movement(state: LaneDriveState) -> Movement:
@@ -258,6 +268,7 @@ def _begin(level: Level, start: _Start, params: LaneDriveParams) -> tuple[LaneDr
         wheels=still(params.robot),
         tiles=jnp.int32(0),
         steps=jnp.int32(0),
+        objects=level.objects,
         **start._asdict(),
     )
     return _observe(state, params), state
@@ -275,6 +286,7 @@ class _Moved(NamedTuple):
     success: Array
     off_road: Array
     along: Array
+    collision: Array | None
 
 
 @jax.jit
@@ -283,8 +295,8 @@ def _step(
 ) -> Transition:
     """Drives for one step of time.
 
-    The episode terminates at the goal of a route, on a dead end, and when either side of the robot leaves the road. It
-    is truncated at the limit. A robot that leaves its tile by another way than its movement continues on that way.
+    The episode terminates at the goal of a route, on a dead end, when either side of the robot leaves the road, and
+    when it touches an object, unless `LaneDriveParams.collision` is "cost". It is truncated at the limit. A robot that leaves its tile by another way than its movement continues on that way.
 
     Args:
       key: consumed, for noise and random turns.
@@ -300,13 +312,19 @@ def _step(
     costs = params.offset_cost * jnp.abs(d) + params.heading_cost * jnp.abs(phi) + params.oncoming_cost * oncoming
     reward = params.progress_reward * moved.along * own - costs * params.robot.dt
     reward += params.goal_reward * success - params.leaving_cost * off_road
+    terminated = success | off_road
+    if moved.collision is not None:
+        ends = params.collision == "terminate"
+        reward -= params.collision_cost * moved.collision * (1 if ends else params.robot.dt)
+        terminated |= moved.collision & ends
     tiles, steps = state.tiles + moved.entered, state.steps + 1
     after = state._replace(
         **{name: part for name, part in moved._asdict().items() if name in state._fields}, tiles=tiles, steps=steps
     )
     spl = success * state.shortest / jnp.maximum(jnp.maximum(tiles, state.shortest), 1)
-    info = LaneDriveInfo(success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32))
-    terminated = success | off_road
+    info = LaneDriveInfo(
+        success, off_road, own, oncoming, tiles, state.shortest, spl.astype(jnp.float32), moved.collision
+    )
     seen = _observe(after, params)
     reward = jnp.asarray(reward, jnp.float32)
     return Transition(seen, after, reward, terminated, ~terminated & (steps >= params.limit), info, seen)
@@ -327,12 +345,17 @@ def _move(key: Array, state: LaneDriveState, action: ArrayLike, params: LaneDriv
     laneless = (_turns_of(grid[here.row, here.column], here.heading) & 3) == 0
     off_road = ~success & (astray | laneless | ~(left & right))
     along = wheels.speed * robot.dt / TILE * jnp.cos(phi)
-    return _Moved(pose, wheels, movement, next_turn, d, phi, s, entered, success, off_road, along)
+    collision = None
+    if state.objects is not None:
+        collision = touches(state.objects, state.pose, pose, robot.width / 2)
+        if params.collision == "terminate":
+            success &= ~collision
+    return _Moved(pose, wheels, movement, next_turn, d, phi, s, entered, success, off_road, along, collision)
 
 
 def _observe(state: LaneDriveState, params: LaneDriveParams) -> LaneDriveObservation:
     if params.observe == "camera" and params.sight is not None:
-        image = look_around(state.pose, state.grid, params.sight).image
+        image = look_around(state.pose, state.grid, params.sight, state.objects).image
         return LaneDriveObservation(None, None, None, None, None, image)
     beyond = state.s + jnp.asarray(params.ahead, jnp.float32) > lane_length(state.movement.turn)
     curvature = jnp.where(beyond, lane_curvature(state.next_turn), lane_curvature(state.movement.turn))

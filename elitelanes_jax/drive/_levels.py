@@ -11,6 +11,7 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._distances import UNREACHABLE, distances, lane_nodes, shortest_ways
+from elitelanes_jax.drive._objects import Objects, make_objects
 from elitelanes_jax.drive.lanes import LaneNode, linked, movements
 from elitelanes_jax.formats.road_map import as_maps
 from elitelanes_jax.network.bits import check_key, randint, random_bits
@@ -27,6 +28,7 @@ class Level(NamedTuple):
       goal: node to be reached, with its heading.
       shortest: int32, tiles from the start to the goal.
       ways: uint8 ``[H, W]``, the turns of a shortest way from every node (see `shortest_ways`).
+      objects: of the map, for the cameras and collisions of `LaneDrive`; None without any.
     """
 
     grid: Int8[Array, "H W"]
@@ -34,6 +36,7 @@ class Level(NamedTuple):
     goal: LaneNode
     shortest: Int32[Array, ""]
     ways: UInt8[Array, "H W"]
+    objects: Objects | None = None
 
 
 def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
@@ -118,14 +121,15 @@ def make_levels(
       most: tiles from the start to the goal, 1 or more.
 
     Returns:
-      A batch of N levels, all of which `check_level` accepts.
+      A batch of N levels, all of which `check_level` accepts, with the objects of the maps.
 
     Raises:
       InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out
         of its range.
     """
     check_key(key)
-    maps = [road_map.codes for road_map in check_named("grids", as_maps, grids)]
+    given = check_named("grids", as_maps, grids)
+    maps = [road_map.codes for road_map in given]
     if len({grid.shape for grid in maps}) != 1:
         raise InputError(f"grids: expected one or more of one size, got {'several sizes' if maps else 'none'}")
     listed = np.stack(maps)
@@ -134,8 +138,10 @@ def make_levels(
         raise InputError(f"grids[{empty.argmax()}]: expected a map with a lane, got one without any movement")
     total = len(listed) if count is None else check_named("count", whole(1), count)
     least, most = check_named("least", whole(1), least), check_named("most", whole(1), most)
-    chosen = jnp.asarray(listed, jnp.int8)[np.arange(total) % len(listed)]
-    return _random_levels(jax.random.split(key, total), chosen, least, most)
+    map_of = np.arange(total) % len(listed)
+    chosen = jnp.asarray(listed, jnp.int8)[map_of]
+    levels = _random_levels(jax.random.split(key, total), chosen, least, most)
+    return levels._replace(objects=jax.tree.map(lambda part: part[map_of], make_objects(given)))
 
 
 @jax.jit

@@ -29,6 +29,9 @@ RECORD = "run.json"
 # The longer side of a map on the contact sheet, in pixels, and the range of a tile's side.
 _SHEET_PX, _SHEET_TILE_PX = 288, (16, 96)
 
+# Files of pictures with points, and with objects.
+_SOMETIMES = ("points.json", "instances.png")
+
 
 def write_maps(
     folder: Path,
@@ -61,9 +64,9 @@ def write_maps(
             road_map = replace(plain, drawn=Drawn(tiles.name, names, chosen[..., 1].tolist()))
             path = folder / "maps" / f"{index:04d}"
             path.mkdir(parents=True)
-            write_picture(path, render(plain.codes, tiles, tile_px=tile_px, chosen=chosen))
+            write_picture(path, render(plain, tiles, tile_px=tile_px, chosen=chosen))
             road_map.save(path / "map.json")
-            small.append(render(plain.codes, tiles, tile_px=sheet_px, chosen=chosen).image)
+            small.append(render(plain, tiles, tile_px=sheet_px, chosen=chosen).image)
             drawn.append(road_map)
             bar.count()
     sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
@@ -95,14 +98,14 @@ def foreign_to_picture(layers: Iterable[str]) -> Callable[[Path], str | None]:
     names = {*_picture_files(layers), "overlay.png"}
 
     def foreign(folder: Path) -> str | None:
-        missing = [name for name in _picture_files(()) if name != "points.json" and not (folder / name).is_file()]
+        missing = [name for name in _picture_files(()) if name not in _SOMETIMES and not (folder / name).is_file()]
         return foreign_file(folder, names.__contains__) or (f"no {missing[0]}" if missing else None)
 
     return foreign
 
 
 def _picture_files(layers: Iterable[str]) -> list[str]:
-    return [*(f"{name}.png" for name in ("image", *MASKS, "labels", *layers)), "points.json"]
+    return [*(f"{name}.png" for name in ("image", *MASKS, "labels", *layers)), *_SOMETIMES]
 
 
 def _caption(index: int, road_map: RoadMap) -> tuple[str, ...]:

@@ -1,6 +1,10 @@
 from .contact_sheet import write_text as write_text
 from .masking import mask_folder as mask_folder
 from .masking import propose_masks as propose_masks
+from .object_set import ObjectPictures as ObjectPictures
+from .object_set import ObjectSet as ObjectSet
+from .object_set import default_objects as default_objects
+from .object_set import load_objects as load_objects
 from .rendering import LABEL_COLOURS as LABEL_COLOURS
 from .rendering import LABELS as LABELS
 from .rendering import Picture as Picture

@@ -23,12 +23,13 @@ _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # by PNG's numbers for grey, RGB, pa
 _PASSES = ((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4), (0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2))
 
 
-def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
+def read_picture(file: Path, problems: list[str], *, opacity: bool = False) -> NDArray[np.uint8] | None:
     """Reads a PNG picture of 8 bits per channel.
 
     Args:
       file: the path.
       problems: gets a line if the file exists but is not such a picture.
+      opacity: whether the fourth channel of a picture with transparency is kept.
 
     Returns:
       uint8 ``[H, W, 3]`` or ``[H, W, 4]``, channels in RGB order, or ``[H, W]`` if it is grey; None if there is none.
@@ -52,7 +53,8 @@ def read_picture(file: Path, problems: list[str]) -> NDArray[np.uint8] | None:
         problems.append(f"{file}: expected a PNG picture of 8 bits a channel, got {got}")
         return None
     if picture.ndim == 3:
-        picture = cv2.cvtColor(picture, cv2.COLOR_BGRA2RGB if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB)
+        kept = cv2.COLOR_BGRA2RGBA if opacity else cv2.COLOR_BGRA2RGB
+        picture = cv2.cvtColor(picture, kept if picture.shape[2] == 4 else cv2.COLOR_BGR2RGB)
     return np.asarray(picture, np.uint8)
 
 

@@ -1,7 +1,7 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -13,10 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, is_whole, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
+from elitelanes_jax.tiles.object_set import ObjectSet, as_objects, lay_flat
+from elitelanes_jax.tiles.pasting import hide, paste
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 LABELS = ("background", "road", "stop line", "lane separator")
@@ -43,6 +46,8 @@ class Picture(NamedTuple):
       layers: uint8 ``[H·P, W·P]``, 0 or 255, further masks of the tile set, by name.
       points: float64 ``[N, 2]``, x to the right and y down in pixels from the top left corner of the image, by name;
         tile by tile, row by row.
+      instances: uint16 ``[H·P, W·P]``, 0, or the number of the object that is seen, its index on the map plus 1; None
+        without objects. Where there is an object, masks and labels are 0.
     """
 
     image: NDArray[np.uint8]
@@ -52,6 +57,7 @@ class Picture(NamedTuple):
     labels: NDArray[np.uint8]
     layers: Mapping[str, NDArray[np.uint8]] = {}
     points: Mapping[str, NDArray[np.float64]] = {}
+    instances: NDArray[np.uint16] | None = None
 
 
 def choose_tiles(grid: ArrayLike, tiles: TileSet, seed: int | list[int] = 0) -> NDArray[np.int_]:
@@ -97,8 +103,9 @@ def render(
     seed: int | None = None,
     chosen: UserValue = None,
     blend: bool | None = None,
+    objects: ObjectSet | str | Path | None = None,
 ) -> Picture:
-    """Draws a map.
+    """Draws a map, with its objects as seen from above.
 
     Args:
       grid: codes ``[H, W]``, each with a picture in the set; or a `RoadMap`, or the path of a map file.
@@ -108,10 +115,11 @@ def render(
         pictures as before, if the set has them; other maps have seed 0.
       chosen: the choice, instead of the seed's.
       blend: whether to blend the tiles: equal light, feathered seams (see `tiles.blend`); by default as the set says.
+      objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:
-      InputError: for a bad grid or file, a cell without picture in the set, a choice that does not show the grid, or a
-        size out of its range.
+      InputError: for a bad grid or file, a cell or an object without picture in its set, a choice that does not show
+        the grid, or a size out of its range.
     """
     tile_px = check_tile_px(tile_px)
     if not isinstance(tiles, TileSet):
@@ -131,11 +139,29 @@ def render(
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
         toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
+    things = getattr(grid, "objects", None)
+    instances = _lay_objects(layers, things, objects, tile_px, seed or 0) if things else None
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
         points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
+        instances=instances,
     )
+
+
+def _lay_objects(
+    layers: dict[str, NDArray[np.uint8]],
+    things: Sequence[MapObject],
+    objects: ObjectSet | str | Path | None,
+    tile_px: int,
+    seed: int,
+) -> NDArray[np.uint16]:
+    """Draws objects into the layers of a map, higher ones over lower ones; returns the mask of their numbers."""
+    order = sorted(range(len(things)), key=lambda index: things[index].height)
+    placed = lay_flat(things, as_objects(objects).choose(things, seed), tile_px)
+    owners, _ = paste(layers["image"], [placed[index] for index in order])
+    hide((mask for name, mask in layers.items() if name != "image"), owners)
+    return np.array([0, *(index + 1 for index in order)], np.uint16)[owners]
 
 
 @cache
@@ -193,6 +219,8 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 def write_picture(folder: str | Path, picture: Picture) -> None:
     """Writes a picture's files: image.png, a PNG file for each mask, labels.png, and points.json if it has points.
 
+    With objects also instances.png, of 16 bits a pixel.
+
     Args:
       folder: made if it does not exist. Files of the same names are replaced.
       picture: from `render`.
@@ -206,17 +234,19 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
         write_png(folder / f"{name}.png", getattr(picture, name))
     for name, mask in picture.layers.items():
         write_png(folder / f"{name}.png", mask)
+    if picture.instances is not None:
+        write_png(folder / "instances.png", picture.instances)
     if picture.points:
         points = {name: listed.tolist() for name, listed in picture.points.items()}
         (folder / "points.json").write_text(json.dumps(points) + "\n", encoding="utf-8")
 
 
-def write_png(file: str | Path, pixels: NDArray[np.uint8]) -> None:
+def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
     """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
     Path(file).write_bytes(png_of(pixels))
 
 
-def png_of(pixels: NDArray[np.uint8]) -> bytes:
+def png_of(pixels: NDArray[np.integer]) -> bytes:
     """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
     return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
 

@@ -46,7 +46,7 @@ _FILES = ("image", *MASKS)
 _KEYS = ("name", "licence", "blend", "opens")
 _MOST_TOML = 64 * KIB  # tomllib's time for a dotted key grows with the square of its length
 _TOUCHES = 0.1  # the least part of a side in road if a road crosses it
-_OUTPUT = ("labels", "overlay")  # names of pictures that are written next to the masks of a map
+_OUTPUT = ("labels", "overlay", "instances")  # names of pictures that are written next to the masks of a map
 _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 

@@ -20,9 +20,8 @@ from given_maps import random_maps, small
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset._formats import FORMATS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
-from elitelanes_jax.dataset._samples import write_sample
 from elitelanes_jax.dataset._tile_splits import tiles_by_split
 from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.dataset._views import View, warp

@@ -200,7 +200,7 @@ def test_sizes_out_of_range_are_refused(drawn_tiles, size):
 
 
 def test_pictures_are_plain_arrays(drawn_tiles):
-    assert Picture._fields == (*PIXELS, "layers", "points")
+    assert Picture._fields == (*PIXELS, "layers", "points", "instances")
     assert json.dumps(LABELS)
 
 

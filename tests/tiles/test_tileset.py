@@ -241,7 +241,8 @@ SPOILS = [
     ),
     (
         drawn("turn_1/labels.png", np.zeros((384, 384), np.uint8)),
-        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, got 'labels'",
+        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, instances, got "
+        "'labels'",
     ),
     (
         drawn("turn_1/Road.png", np.zeros((384, 384), np.uint8)),

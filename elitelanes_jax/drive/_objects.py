@@ -1,0 +1,220 @@
+"""Objects of maps as arrays: what the camera shows of them, and whether a robot touches one.
+
+In views an object is a picture that stands upright at its place, parallel to the view's rows. So without distortion a
+row of pixels shows one row of each picture, and one look-up for the row tells which of its pixels are opaque.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int32, UInt32
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.types import AnyArray, Numeric
+from elitelanes_jax.drive._once import once
+from elitelanes_jax.drive.lanes import Pose, wrap_angle
+from elitelanes_jax.drive.robot import TILE
+from elitelanes_jax.formats.objects import OBJECT_KINDS
+from elitelanes_jax.formats.road_map import RoadMap
+
+NEAR = 0.02
+"""Metres ahead of the camera under which no object is shown."""
+
+_SIDE = 64  # rows and columns of the pictures
+_VIEWS = 8  # evenly around an object
+_INDEX = 24  # bits of an index of a pixel of a picture
+_AWAY = -1e6  # tiles, the place of objects that fill up a batch
+
+
+class Objects(NamedTuple):
+    """The objects of a map. A batch has N in front of every shape, its maps filled up with objects far away.
+
+    Attributes:
+      kind: int32 ``[M]``, the index in `OBJECT_KINDS`.
+      x: float32 ``[M]``, tiles.
+      y: float32 ``[M]``, tiles.
+      angle: float32 ``[M]``, of its front, radians.
+      height: float32 ``[M]``, metres.
+      radius: float32 ``[M]``, of the disc around its footprint, metres; 0 for what lies on the floor.
+    """
+
+    kind: Int32[Array, " M"]
+    x: Float[Array, " M"]
+    y: Float[Array, " M"]
+    angle: Float[Array, " M"]
+    height: Float[Array, " M"]
+    radius: Float[Array, " M"]
+
+
+class Billboards(NamedTuple):
+    """Pictures of objects, for cameras: S x S pixels of all V views of all K kinds.
+
+    Attributes:
+      pixels: uint32 ``[K * V * S * S]``, red, green and blue from the lowest byte, row by row.
+      opaque: uint32 ``[K * V * S, S / 32]``, a bit for each pixel of a row, the first one the lowest.
+      aspect: float32 ``[K * V]``, width over height.
+    """
+
+    pixels: UInt32[Array, " N"]
+    opaque: UInt32[Array, "R W"]
+    aspect: Float[Array, " P"]
+
+
+def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
+    """Makes the objects of maps, a batch; None if no map has any."""
+    listed = [road_map.objects or () for road_map in maps]
+    most = max(map(len, listed))
+    if not most:
+        return None
+    values = np.zeros((len(listed), most, 6), np.float32)
+    values[..., 1:3] = _AWAY
+    kinds = list(OBJECT_KINDS)
+    for number, things in enumerate(listed):
+        for place, thing in enumerate(things):
+            radius = thing.radius if thing.height else 0
+            values[number, place] = kinds.index(thing.kind), thing.x, thing.y, thing.angle, thing.height, radius
+    kind, *rest = (jnp.asarray(values[..., part]) for part in range(6))
+    return Objects(kind.astype(jnp.int32), *rest)
+
+
+def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
+    """Makes the pictures that cameras show of objects; what has none is not shown.
+
+    Args:
+      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise from the front, as
+        `ObjectSet.views` has them.
+
+    Raises:
+      InputError: for unknown kinds, or arrays of other shapes.
+    """
+    pixels = np.zeros((len(OBJECT_KINDS), _VIEWS, _SIDE, _SIDE, 4), np.uint8)
+    aspect = np.ones((len(OBJECT_KINDS), _VIEWS), np.float32)
+    for name, pictures in views.items():
+        if name not in OBJECT_KINDS:
+            raise InputError(f"objects: expected kinds of {', '.join(OBJECT_KINDS)}, got {name!r}")
+        angles = np.array(list(pictures))
+        for view in range(_VIEWS if len(angles) else 0):
+            apart = np.abs((angles - 360 / _VIEWS * view + 180) % 360 - 180)
+            picture = np.asarray(pictures[int(angles[apart.argmin()])])
+            if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
+                raise InputError(f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}")
+            down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
+            place = list(OBJECT_KINDS).index(name), view
+            pixels[place] = picture[down.astype(int)[:, None], across.astype(int)]
+            aspect[place] = picture.shape[1] / picture.shape[0]
+    opaque = (pixels[..., 3] >= 128).reshape(-1, _SIDE // 32, 32)
+    words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
+    pixels[..., 3] = 0  # the label of what is no road
+    colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)
+    return Billboards(jnp.asarray(colours), jnp.asarray(words), jnp.asarray(aspect.reshape(-1)))
+
+
+class Rays(NamedTuple):
+    """The directions of a camera's rays: ``[rows, columns]``, or what broadcasts to it.
+
+    Attributes:
+      right: metres to the right for each metre of the camera's depth.
+      forward: metres ahead.
+      fall: metres downwards.
+    """
+
+    right: Float[Array, "..."]
+    forward: Float[Array, "..."]
+    fall: Float[Array, "..."]
+
+
+def stand(
+    pose: Pose, objects: Objects, billboards: Billboards, rays: Rays, height: Numeric, forward: Numeric, count: int
+) -> tuple[Bool[Array, "rows columns"], Int32[Array, "rows columns"], Int32[Array, "rows columns"]]:
+    """Finds the objects that are seen, among the nearest ones in front of a camera.
+
+    Args:
+      pose: of the middle between the wheels, in tiles.
+      objects: of the map, ``[M]``.
+      billboards: their pictures.
+      rays: of the camera.
+      height: of the camera, metres.
+      forward: metres from the middle between the wheels to the camera.
+      count: how many objects are shown at most; static.
+
+    Returns:
+      For each pixel, whether there is an object; the index in `Billboards.pixels`; and the object's index plus 1, or 0.
+    """
+    cosine, sine = jnp.cos(pose.theta), jnp.sin(pose.theta)
+    east, north = (objects.x - pose.x) * TILE, (pose.y - objects.y) * TILE
+    ahead, left = east * cosine + north * sine - forward, north * cosine - east * sine
+    towards = jnp.arctan2(-left, -ahead) + pose.theta - objects.angle
+    view = jnp.round(towards / (2 * jnp.pi / _VIEWS)).astype(jnp.int32) % _VIEWS
+    picture = objects.kind * _VIEWS + view
+    width = objects.height * billboards.aspect[picture]
+    # At the most oblique ray.
+    reach = ahead * jnp.abs(rays.right).max() / jnp.maximum(jnp.min(rays.forward), 1e-6) + width / 2
+    shown = (ahead > NEAR) & (objects.height > 0) & (jnp.abs(left) <= reach)
+    ahead = jnp.where(shown, ahead, jnp.inf)
+    near = jax.lax.top_k(-ahead, min(count, len(ahead)))[1]
+
+    def rows() -> tuple[Array, ...]:
+        """Computes all that is the same for a row of pixels, for each object."""
+        distance, wide, high, place = (part[near] for part in (ahead, width, objects.height, picture))
+        column = (..., *[None] * 2)
+        scale = jnp.where(rays.forward > 1e-6, distance[column] / jnp.maximum(rays.forward, 1e-6), jnp.inf)
+        scale = jnp.where(jnp.isfinite(scale), scale, 0)
+        up = height - scale * rays.fall
+        row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
+        hit = (row >= 0) & (row < _SIDE) & (scale > 0)
+        first = place[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
+        words = jnp.where(hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0)
+        pixels = _SIDE / jnp.where(wide > 0, wide, 1)
+        return scale * pixels[column], left[near] * pixels + _SIDE / 2, first * _SIDE, jnp.moveaxis(words, -1, 0)
+
+    slope, middle, first, words = once(rows)
+
+    def layers() -> Array:
+        """Lays the objects over each other, the nearest one last: its number from 1 and the index of its pixel."""
+        seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
+        for number in reversed(range(len(near))):
+            column = jnp.floor(slope[number] * rays.right + middle[number]).astype(jnp.int32)
+            word = words[0, number]
+            for part in range(1, _SIDE // 32):
+                word = jnp.where(column >= 32 * part, words[part, number], word)
+            opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
+            hit = opaque & (column >= 0) & (column < _SIDE)
+            seen = jnp.where(hit, ((number + 1) << _INDEX) + first[number] + column, seen)
+        return seen
+
+    seen = once(layers)
+    instances = jnp.concatenate([jnp.zeros(1, jnp.int32), near.astype(jnp.int32) + 1])[seen >> _INDEX]
+    return seen > 0, seen & ((1 << _INDEX) - 1), instances
+
+
+def touches(objects: Objects, start: Pose, end: Pose, radius: Numeric) -> Bool[Array, ""]:
+    """Returns whether a disc touches an object's disc anywhere on an arc between two poses.
+
+    Args:
+      objects: ``[M]``; those that lie on the floor are not touched.
+      start: in tiles.
+      end: in tiles; the robot turns by less than half a turn.
+      radius: of the robot's disc, metres.
+    """
+    turn = wrap_angle(end.theta - start.theta)
+    way = jnp.stack([end.x - start.x, start.y - end.y]) * TILE  # east and north, as what follows
+    length = jnp.hypot(*way)
+    offset = jnp.stack([(objects.x - start.x) * TILE, (start.y - objects.y) * TILE])
+    # Nearly straight arcs are lines: from them an arc is at most 1/4000 of its length away.
+    is_line = (jnp.abs(turn) < 1e-3) | (length < 1e-6)
+    share = jnp.clip(way @ offset / jnp.where(length > 0, length, 1) ** 2, 0, 1)
+    to_line = jnp.hypot(*(offset - share * way[:, None]))
+    half = jnp.where(is_line, 1, turn) / 2
+    left = jnp.stack([-way[1], way[0]])
+    centre = (way + left / jnp.tan(half)) / 2
+    round_it = offset - centre[:, None]
+    away = jnp.hypot(*round_it)
+    middle = -jnp.sign(half) * left / jnp.where(length > 0, length, 1)
+    beside = middle @ round_it >= away * jnp.cos(half)
+    ends = jnp.minimum(jnp.hypot(*offset), jnp.hypot(*(offset - way[:, None])))
+    to_arc = jnp.where(beside, jnp.abs(away - jnp.hypot(*centre)), ends)
+    reach = objects.radius + radius
+    return ((objects.radius > 0) & (jnp.where(is_line, to_line, to_arc) <= reach)).any()

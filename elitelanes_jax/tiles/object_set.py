@@ -1,0 +1,226 @@
+"""Object sets: folders with pictures of what stands on maps.
+
+An object set has a folder for each object, such as ``duckie_1``. Each has
+
+- ``object.toml``: ``kind``, one of `OBJECT_KINDS`; ``height`` and ``footprint = [length, width]``, in metres;
+- ``image.png``: the object from its front, with transparency. Its lowest row is the floor, its top row the height, and
+  its middle column the middle of the object. Tags on the floor, of height 0, have none;
+- ``image_45.png`` and other numbers of degrees, as many as there are: from a viewer so far counter-clockwise from the
+  object's front, as seen from above. The nearest view is drawn; with ``image.png`` alone all sides look the same;
+- ``top.png``: the object from above, as large as the footprint, its front to the right. Without it, views from above
+  show ``image.png``, lying on the floor, its top ahead.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.files import KIB, read_text
+from elitelanes_jax._util.types import UserValue
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.tiles.files import read_picture
+from elitelanes_jax.tiles.pasting import Placed
+
+_KEYS = ("kind", "height", "footprint")
+_MOST_TOML = 16 * KIB
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectPictures:
+    """The pictures of an object.
+
+    Attributes:
+      name: of its folder.
+      kind: one of `OBJECT_KINDS`.
+      height: metres from the lowest to the top row of the views.
+      footprint: length and width in metres of the picture from above.
+      views: uint8 ``[rows, columns, 4]``, RGB and opacity, by degrees counter-clockwise from the front; sorted.
+      top: uint8 ``[rows, columns, 4]``, from above, its front to the right.
+    """
+
+    name: str
+    kind: str
+    height: float
+    footprint: tuple[float, float]
+    views: Mapping[int, NDArray[np.uint8]]
+    top: NDArray[np.uint8]
+
+    def view(self, angle: float) -> NDArray[np.uint8]:
+        """Returns the view that is nearest to an angle, in radians counter-clockwise from the front."""
+        angles = np.array(list(self.views))
+        apart = np.abs((angles - np.degrees(angle) + 180) % 360 - 180)
+        return self.views[int(angles[apart.argmin()])]
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectSet:
+    """A set of pictures of objects.
+
+    Attributes:
+      name: of its folder.
+      pictures: sorted by name.
+    """
+
+    name: str
+    pictures: tuple[ObjectPictures, ...]
+
+    @cached_property
+    def kinds(self) -> dict[str, tuple[ObjectPictures, ...]]:
+        """The pictures of each kind in the set."""
+        kinds: dict[str, tuple[ObjectPictures, ...]] = {}
+        for one in self.pictures:
+            kinds[one.kind] = (*kinds.get(one.kind, ()), one)
+        return kinds
+
+    @property
+    def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
+        """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
+        return {kind: pictures[0].views for kind, pictures in self.kinds.items()}
+
+    @cached_property
+    def digest(self) -> str:
+        """A digest of all pictures and sizes."""
+        found = sha256()
+        for one in self.pictures:
+            found.update(repr((one.name, one.kind, one.height, one.footprint)).encode())
+            for angle, pixels in (*one.views.items(), ("top", one.top)):
+                found.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
+        return found.hexdigest()[:16]
+
+    def choose(self, objects: Sequence[MapObject], seed: int | list[int] = 0) -> list[ObjectPictures]:
+        """Chooses pictures for each object at random among those of its kind.
+
+        Raises:
+          InputError: for a kind without pictures in the set.
+        """
+        for thing in objects:
+            if thing.kind not in self.kinds:
+                known = ", ".join(self.kinds)
+                raise InputError(f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}")
+        lots = np.random.default_rng(seed).random(len(objects))
+        choices = [self.kinds[thing.kind] for thing in objects]
+        return [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
+
+
+def lay_flat(objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], tile_px: int) -> list[Placed]:
+    """Places objects on a map as seen from above, in pixels of the rendered map.
+
+    Args:
+      objects: of the map.
+      pictures: of each.
+      tile_px: side of a tile in pixels.
+    """
+    placed = []
+    for thing, one in zip(objects, pictures, strict=True):
+        rows, columns = one.top.shape[:2]
+        scale = tile_px / TILE_SIZE * (thing.height / one.height if one.height else 1)
+        cosine, sine = np.cos(thing.angle), np.sin(thing.angle)
+        turn = np.array([[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]])
+        size = np.diag([one.footprint[0] * scale / columns, one.footprint[1] * scale / rows, 1])
+        placed.append(Placed(one.top, turn @ size @ np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])))
+    return placed
+
+
+def default_objects() -> Path:
+    """Returns the folder of the object set that comes with the package."""
+    installed = Path(__file__).parent / "objects"
+    return installed if installed.is_dir() else Path(__file__).parents[2] / "objects"
+
+
+@cache
+def _own_objects() -> ObjectSet:
+    return _load(default_objects())
+
+
+def load_objects(folder: str | Path | None = None) -> ObjectSet:
+    """Loads an object set.
+
+    Args:
+      folder: of the set; by default the package's own.
+
+    Raises:
+      InputError: for a fault of the folder; the message names the file.
+    """
+    return _own_objects() if folder is None else _load(check_named("objects", path, folder))
+
+
+def as_objects(value: UserValue) -> ObjectSet:
+    """Returns an object set from one, from its folder, or from None for the package's own."""
+    return value if isinstance(value, ObjectSet) else load_objects(value)
+
+
+def _load(folder: Path) -> ObjectSet:
+    if not folder.is_dir():
+        raise InputError(f"{folder}: expected a folder of objects, got {'a file' if folder.exists() else 'none'}")
+    pictured = {file.parent for name in ("image.png", "object.toml") for file in folder.glob(f"*/{name}")}
+    if not pictured:
+        raise InputError(f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none")
+    return ObjectSet(folder.resolve().name, tuple(_load_pictures(place) for place in sorted(pictured)))
+
+
+def _load_pictures(place: Path) -> ObjectPictures:
+    kind, height, footprint = _about(place / "object.toml")
+    files = {file.stem: file for file in sorted(place.glob("*.png"))}
+    views = {
+        int(match[1] or 0): file
+        for name, file in files.items()
+        if (match := re.fullmatch(r"image(?:_(\d{1,3}))?", name))
+    }
+    if height and 0 not in views:
+        raise InputError(f"{place}: expected image.png, the view from the front, got none")
+    if "top" not in files and not height:
+        raise InputError(f"{place}: expected top.png, as the height is 0, got none")
+    if views and max(views) > 359:
+        raise InputError(f"{place}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
+    drawn = {angle: _read(views[angle]) for angle in sorted(views)}
+    if "top" in files:
+        return ObjectPictures(place.name, kind, height, footprint, drawn, _read(files["top"]))
+    front = drawn[0]
+    lying = height, height * front.shape[1] / front.shape[0]
+    return ObjectPictures(place.name, kind, height, lying, drawn, np.rot90(front, -1))
+
+
+def _about(file: Path) -> tuple[str, float, tuple[float, float]]:
+    try:
+        about = tomllib.loads(read_text(file, _MOST_TOML))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        got = "none" if isinstance(error, FileNotFoundError) else str(error)
+        raise InputError(f"{file}: expected a readable TOML file with {', '.join(_KEYS)}, got {got}") from None
+    for wrong in sorted({*about} ^ {*_KEYS}):
+        got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
+        raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
+    kind, height, footprint = (about[key] for key in _KEYS)
+    if kind not in OBJECT_KINDS:
+        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
+        raise InputError(
+            f"{file}: kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}"
+        )
+    flat = OBJECT_KINDS[kind].height == 0
+    if not is_real(height) or not (height == 0 if flat else 0 < height <= 10):
+        expected = "0, as it lies on the floor" if flat else "metres over 0, to 10"
+        raise InputError(f"{file}: height: expected {expected}, got {shorten(repr(height), 40)}")
+    if not isinstance(footprint, list) or [is_real(side) and 0 < side <= 10 for side in footprint] != [True, True]:
+        raise InputError(f"{file}: footprint: expected [length, width] in metres, got {shorten(repr(footprint), 40)}")
+    return kind, float(height), (float(footprint[0]), float(footprint[1]))
+
+
+def _read(file: Path) -> NDArray[np.uint8]:
+    problems: list[str] = []
+    picture = read_picture(file, problems, opacity=True)
+    if picture is None:
+        raise InputError(problems[0])
+    if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] > 127).any():
+        raise InputError(
+            f"{file}: expected a picture with transparency and some pixels that are opaque, got one without"
+        )
+    return picture

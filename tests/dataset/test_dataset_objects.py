@@ -1,0 +1,202 @@
+"""Objects in datasets: boxes by points that are projected one by one, masks by a slow renderer, and the layouts."""
+
+import json
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+from standing_oracle import TILE, TOWN, draw_back_to_front, some_objects
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.dataset import DatasetSpec, make_dataset
+from elitelanes_jax.dataset._robot_views import draw_viewpoint
+from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._viewpoints import Viewpoints
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
+from elitelanes_jax.tiles import load_objects
+
+PX = 32
+VIEWS = Viewpoints(rows=120, columns=160)
+
+
+def project_points(points, about, size):
+    """Where OpenCV sees points (metres ahead of the camera, to the left, upwards): columns, rows and depths."""
+    camera = about["camera"]
+    focal = size[0] / 2 / np.tan(np.radians(camera["field_of_view"]) / 2)
+    pitch = np.radians(camera["pitch"])
+    turn = np.array([[0, -1, 0], [-np.sin(pitch), 0, -np.cos(pitch)], [np.cos(pitch), 0, -np.sin(pitch)]])
+    there = (np.asarray(points) - [0, 0, camera["height"]]) @ turn.T
+    lens = np.array([[focal, 0, size[1] / 2], [0, focal, size[0] / 2], [0, 0, 1.0]])
+    seen, _ = cv2.projectPoints(there, np.zeros(3), np.zeros(3), lens, np.zeros(4))
+    return seen[:, 0], there[:, 2]
+
+
+def outline_of(thing, picture, about):
+    """The corners of every opaque pixel of an object's picture, in metres ahead of the camera, left and up."""
+    pose, camera = about["pose"], about["camera"]
+    east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
+    ahead = east * np.cos(pose["theta"]) + north * np.sin(pose["theta"]) - camera["forward"]
+    left = north * np.cos(pose["theta"]) - east * np.sin(pose["theta"])
+    metre = thing.height / picture.shape[0]
+    return [
+        (ahead, left + (picture.shape[1] / 2 - column - right) * metre, (picture.shape[0] - row - below) * metre)
+        for row, column in np.argwhere(picture[..., 3] >= 128)
+        for right in (0, 1)
+        for below in (0, 1)
+    ]
+
+
+def test_boxes_and_masks_are_those_of_projected_outlines_and_of_a_slow_renderer(drawn_tiles):
+    objects, boxes = load_objects(), 0
+    for number in range(6):
+        road_map = RoadMap(TOWN, objects=some_objects(10, number))
+        sample = draw_sample(road_map, drawn_tiles, number, tile_px=PX, camera=VIEWS, objects=objects)
+        plain = draw_sample(road_map, drawn_tiles, number, tile_px=PX, camera=VIEWS)
+        about, instances = sample.record, sample.layers["instances"]
+        pictures = objects.choose(road_map.objects, [0, number, 2])
+        views = {index: one.views for index, one in enumerate(pictures)}
+        things = [replace_kind(thing, index) for index, thing in enumerate(road_map.objects)]
+        camera = about["camera"] | {"rows": 120, "columns": 160}
+        pose = tuple(about["pose"][name] for name in ("x", "y", "theta"))
+        owners, _ = draw_back_to_front(things, views, pose, camera)
+        assert (owners != instances).sum() <= 2
+        hidden = instances > 0
+        for name in ("labels", "road", "red", "yellow"):
+            np.testing.assert_array_equal(sample.layers[name], np.where(hidden, 0, plain.layers[name]))
+        assert {one["instance"] for one in about["objects"]} == set(np.unique(instances)) - {0}
+        for one in about["objects"]:
+            index, mask = one["instance"] - 1, instances == one["instance"]
+            columns, rows = (np.flatnonzero(mask.any(axis=axis)) for axis in (0, 1))
+            x, y, wide, high = one["box"]
+            assert (x, y) == (columns[0], rows[0]) and (x + wide - 1, y + high - 1) == (columns[-1], rows[-1])
+            alone, _ = draw_back_to_front([things[index]], {index: views[index]}, pose, camera)
+            assert 0 < one["visible"] <= 1 and one["visible"] <= mask.sum() / (alone > 0).sum() + 1e-9
+            thing = road_map.objects[index]
+            there = np.hypot(thing.x - pose[0], thing.y - pose[1]) * TILE
+            assert abs(one["distance"] - there) <= 0.067
+            picture = view_of(pictures[index], thing, about)
+            points, depth = project_points(outline_of(thing, picture, about), about, (120, 160))
+            if (depth > 0.02).all():
+                whole = np.array(one["whole"])
+                np.testing.assert_allclose(
+                    [*whole[:2], *whole[:2] + whole[2:]], [*points.min(0), *points.max(0)], atol=0.5
+                )
+                boxes += 1
+                low, high = np.maximum(points.min(0), 0), np.minimum(points.max(0), (160, 120))
+                if one["visible"] > 0.999:  # nothing hides it
+                    np.testing.assert_allclose([x, y, x + wide, y + one["box"][3]], [*low, *high], atol=1)
+    assert boxes > 8
+
+
+def replace_kind(thing, kind):
+    return thing._replace(kind=kind)
+
+
+def view_of(pictures, thing, about):
+    pose, camera = about["pose"], about["camera"]
+    x = pose["x"] + camera["forward"] / TILE * np.cos(pose["theta"])
+    y = pose["y"] - camera["forward"] / TILE * np.sin(pose["theta"])
+    return pictures.view(np.arctan2(thing.y - y, x - thing.x) - thing.angle)
+
+
+def test_a_share_is_visible_of_what_is_cut_off_or_hidden(drawn_tiles):
+    viewpoint = draw_viewpoint(np.random.default_rng([0, 0, 1]), VIEWS, TOWN, PX)
+    drawn = draw_sample(RoadMap(TOWN), drawn_tiles, 0, tile_px=PX, camera=VIEWS).record
+    x, y, theta = (drawn["pose"][name] for name in ("x", "y", "theta"))
+    assert viewpoint.size == (120, 160)
+
+    def at(kind, ahead, left, height):
+        ahead, left = ahead / TILE, left / TILE
+        east, south = ahead * np.cos(theta) - left * np.sin(theta), -ahead * np.sin(theta) - left * np.cos(theta)
+        return MapObject(kind, x + east, y + south, theta + np.pi, height)
+
+    def seen(*things):
+        road_map = RoadMap(np.pad(TOWN, 0), objects=things)
+        record = draw_sample(road_map, drawn_tiles, 0, tile_px=PX, camera=VIEWS, objects=load_objects()).record
+        return {one["instance"]: one for one in record["objects"]}
+
+    (tree,) = seen(at("tree", 0.5, 0, 0.1)).values()
+    assert tree["visible"] == 1 and tree["distance"] == pytest.approx(0.5 - 0.066, abs=1e-6)
+    both = seen(at("tree", 0.5, 0, 0.1), at("truck", 0.4, 0, 0.06))
+    assert both[2]["visible"] == 1 and 0 < both[1]["visible"] < 0.8
+    near = seen(at("tree", 0.2, 0, 0.25))[1]
+    assert near["visible"] < 0.9 and near["whole"][1] < 0
+    assert not seen(at("tree", -0.5, 0, 0.1))
+
+
+SPEC = {"split": (0.5, 0, 0.5), "views": 3, "camera": ("rows=60", "columns=80"), "tile_px": 32, "seed": 1}
+
+
+@pytest.fixture(scope="module")
+def maps():
+    other = np.array([[6, 3, 0, 0], [10, 14, 5, 3], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)
+    return [RoadMap(codes, objects=some_objects(12)) for codes in (TOWN, other)]
+
+
+@pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning")  # of pycocotools
+@pytest.mark.parametrize("layout", ["coco", "imagefolder", "plain"])
+def test_layouts_have_the_boxes_and_masks(layout, maps, tmp_path):
+    pytest.importorskip("pycocotools")
+    out = tmp_path / "dataset"
+    spec = DatasetSpec(maps_from=maps, format=layout, furnish=["lane_duckies=9 lane_robots=3", "trees=0.5"], **SPEC)
+    make_dataset(spec, out, workers=1)
+    assert make_dataset(spec, out)["object_set"]["name"] == "objects"
+    metadata = out / ("metadata/train.jsonl" if layout == "coco" else "train/metadata.jsonl")
+    rows = [json.loads(line) for line in metadata.read_text().splitlines()]
+    assert len(rows) == 3
+    place = {"coco": "instances/train/{:06d}.png", "imagefolder": "train/instances/{:06d}.png"}.get(
+        layout, "train/{:06d}/instances.png"
+    )
+    total = 0
+    for row in rows:
+        instances = cv2.imread(str(out / place.format(row["number"])), cv2.IMREAD_UNCHANGED)
+        listed = row["objects"]
+        numbers = listed["id"] if layout == "imagefolder" else [one["instance"] for one in listed]
+        assert set(numbers) == set(np.unique(instances)) - {0}
+        total += len(numbers)
+        if layout == "imagefolder":
+            assert set(listed) == {"id", "category", "bbox", "whole", "visible", "distance"}
+            assert (out / "train" / row["instances_file_name"]).exists()
+    assert total > 3
+    card = (out / "README.md").read_text()
+    assert "image-segmentation, object-detection" in card and "- object set: objects" in card
+    if layout == "coco":
+        check_coco(out, rows)
+
+
+def check_coco(out, rows):
+    from pycocotools.coco import COCO
+
+    coco = COCO(out / "annotations" / "objects_train.json")
+    assert [one["name"] for one in coco.loadCats(coco.getCatIds())] == list(OBJECT_KINDS)
+    for row in rows:
+        instances = cv2.imread(str(out / f"instances/train/{row['number']:06d}.png"), cv2.IMREAD_UNCHANGED)
+        annotations = coco.loadAnns(coco.getAnnIds(row["number"]))
+        lines = (out / f"labels/train/{row['number']:06d}.txt").read_text().splitlines()
+        assert len(annotations) == len(lines) == len(row["objects"])
+        for annotation, line, one in zip(annotations, lines, row["objects"], strict=True):
+            np.testing.assert_array_equal(coco.annToMask(annotation), instances == one["instance"])
+            assert annotation["bbox"] == one["box"] and annotation["visible"] == one["visible"]
+            kind, *shares = map(float, line.split())
+            x, y, wide, high = np.array(shares) * (80, 60, 80, 60)
+            np.testing.assert_allclose([x - wide / 2, y - high / 2, wide, high], one["box"], atol=1e-3)
+            assert list(OBJECT_KINDS)[int(kind)] == one["kind"]
+    assert "train: images/train" in (out / "data.yaml").read_text()
+
+
+def test_a_set_without_a_kind_is_refused_before_anything_is_drawn(maps, tmp_path):
+    place = tmp_path / "mine" / "cone_1"
+    place.mkdir(parents=True)
+    cone = load_objects().kinds["cone"][0]
+    cv2.imwrite(str(place / "image.png"), cone.views[0])
+    (place / "object.toml").write_text('kind = "cone"\nheight = 0.08\nfootprint = [0.05, 0.05]\n')
+    with pytest.raises(InputError, match=r"objects: expected kinds that the set 'mine' has \(cone\), got duckie"):
+        make_dataset(DatasetSpec(maps_from=maps, objects=tmp_path / "mine", **SPEC), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="furnish: dragons: expected one of signs"):
+        DatasetSpec(furnish="dragons=2")
+    views = DatasetSpec(maps_from=[replace(one, objects=None) for one in maps], **SPEC)
+    assert "object_set" not in make_dataset(views, tmp_path / "bare")
+    assert not list((tmp_path / "bare").rglob("*instances*"))
+    assert "object" not in (tmp_path / "bare" / "README.md").read_text()

@@ -1,0 +1,135 @@
+"""Objects in the camera of the environments, by a slow renderer, and their collisions, by points along the arc."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some_poses
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive import Camera, LaneDrive, Pose, make, make_billboards, make_objects, make_sight
+from elitelanes_jax.drive._camera import look_around
+from elitelanes_jax.drive._objects import touches
+from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
+from elitelanes_jax.tiles import load_objects, scale_tiles
+
+# The pictures in a view have 64 x 64 pixels.
+SIDE = 64
+
+
+@pytest.fixture(scope="module")
+def sight(drawn_tiles):
+    scaled = scale_tiles(drawn_tiles, 16)
+    camera = Camera(rows=CAMERA["rows"], columns=CAMERA["columns"], objects=12)
+    return make_sight(scaled["image"], scaled["labels"], drawn_tiles.rotations, camera, load_objects().views)
+
+
+def shrink(picture):
+    rows, columns = (((np.arange(SIDE) + 0.5) * side // SIDE).astype(int) for side in picture.shape[:2])
+    return picture[rows[:, None], columns]
+
+
+@pytest.mark.parametrize("distortion", [None, (-0.1, 0.02)])
+def test_views_are_those_of_a_renderer_that_draws_back_to_front(sight, distortion):
+    things = some_objects(12)
+    (objects,) = (jax.tree.map(lambda part: part[0], make_objects([RoadMap(TOWN, objects=things)])),)
+    sight = sight._replace(camera=sight.camera.replace(distortion=distortion))
+    look = jax.jit(lambda pose: look_around(pose, TOWN, sight, objects))
+    plain = jax.jit(lambda pose: look_around(pose, TOWN, sight))
+    views, same, seen = load_objects().views, [], set()
+    for pose in some_poses(4):
+        view, road = jax.device_get((look(Pose(*map(jnp.float32, pose))), plain(Pose(*map(jnp.float32, pose)))))
+        owners, colours = draw_back_to_front(things, views, pose, CAMERA | {"distortion": distortion}, shrink)
+        agree = view.instances == owners
+        same.append(agree.mean())
+        seen |= set(np.unique(owners))
+        hidden = (owners > 0) & agree
+        assert (view.labels[hidden] == 0).all() and (view.image[hidden] == colours[hidden]).mean() > 0.99
+        left = (owners == 0) & agree
+        assert (view.labels[left] == road.labels[left]).all() and (view.image[left] == road.image[left]).all()
+    assert min(same) > 0.998 and len(seen) > 6
+
+
+def test_the_nearest_objects_are_shown(sight):
+    ahead = [MapObject("cone", 1.5 + 0.2 * number, 0.5, 0.0, 0.08) for number in range(1, 9)]
+    behind = [MapObject("house", 1.2, 0.5, 0.0, 0.3)]
+    pose = Pose(jnp.float32(1.3), jnp.float32(0.5), jnp.float32(0))
+    batch = make_objects([RoadMap(TOWN, objects=behind + ahead[::-1]), RoadMap(TOWN)])
+    first, second = (jax.tree.map(lambda part, index=index: part[index], batch) for index in (0, 1))
+    for count in (1, 3):
+        few = sight._replace(camera=sight.camera.replace(objects=count))
+        shown = set(np.unique(jax.jit(look_around)(pose, TOWN, few, first).instances)) - {0}
+        assert shown == {9 - index for index in range(count)}
+    empty = jax.jit(look_around)(pose, TOWN, sight, second)
+    assert not empty.instances.any()
+    np.testing.assert_array_equal(empty.image, jax.jit(look_around)(pose, TOWN, sight).image)
+    assert make_objects([RoadMap(TOWN)]) is None
+
+
+@jax.jit
+def part_of_the_way(start, commands, shares):
+    """The poses after shares of a step of 0.1 seconds."""
+    still = Wheels(jnp.float32(0), jnp.float32(0), None)
+    return jax.vmap(lambda share: drive(jax.random.key(0), start, still, commands, Robot().replace(dt=0.1 * share))[0])(
+        shares
+    )
+
+
+def test_a_disc_is_touched_where_a_point_of_the_arc_is_within_reach():
+    rng = np.random.default_rng(0)
+    check = jax.jit(touches)
+    outcomes = []
+    for number in range(120):
+        commands = rng.uniform(-1, 1, 2) if number % 4 else np.repeat(rng.uniform(-1, 1), 2)
+        start = Pose(*jnp.array([*rng.uniform(1, 2, 2), rng.uniform(-3.1, 3.1)], jnp.float32))
+        end = jax.tree.map(lambda part: part[0], part_of_the_way(start, jnp.array(commands), np.ones(1, np.float32)))
+        steps = part_of_the_way(start, jnp.array(commands), np.linspace(1e-6, 1, 200, dtype=np.float32))
+        away = rng.uniform(0, 0.2, 2) * rng.choice([-1, 1], 2)
+        thing = MapObject("duckie", float(start.x) + away[0], float(start.y) + away[1], 0.0, 0.08)
+        objects = jax.tree.map(lambda part: part[0], make_objects([RoadMap(TOWN, objects=[thing])]))
+        least = np.hypot(steps.x - thing.x, steps.y - thing.y).min() * TILE
+        reach = 0.03
+        if abs(least - reach - thing.radius) > 1e-3:
+            outcomes.append(bool(least < reach + thing.radius))
+            assert bool(check(objects, start, end, reach)) == outcomes[-1]
+    assert 5 < sum(outcomes) < len(outcomes) - 5
+
+
+@pytest.mark.parametrize("collision", ["terminate", "cost"])
+def test_lane_drive_ends_or_pays_where_an_object_is_touched(collision):
+    road = RoadMap(TOWN)
+    _, params = make("LaneDrive", road, count=1, task="lane", start_d=0.0, start_phi=0.0)
+    _, start = LaneDrive.reset(jax.random.key(0), params)
+    x, y, theta = (float(part) for part in start.pose)
+    ahead = MapObject("cone", x + 0.35 * np.cos(theta), y - 0.35 * np.sin(theta), 0.0, 0.08)
+    flat = MapObject("floor_tag", x + 0.1 * np.cos(theta), y - 0.1 * np.sin(theta), 0.0, 0.0)
+    _, params = make(
+        "LaneDrive", replace(road, objects=(flat, ahead)), count=1, task="lane", start_d=0.0, start_phi=0.0,
+        collision=collision, collision_cost=7.0,
+    )  # fmt: skip
+    _, state = LaneDrive.reset(jax.random.key(0), params)
+    free = make("LaneDrive", road, count=1, task="lane", start_d=0.0, start_phi=0.0)[1]
+    for _ in range(30):
+        before = state
+        done = LaneDrive.step(jax.random.key(1), state, jnp.array([0.5, 0.5]), params)
+        state = done.state
+        if done.info.collision:
+            break
+    gap = np.hypot(float(state.pose.x) - ahead.x, float(state.pose.y) - ahead.y) * TILE
+    assert done.info.collision and gap <= 0.075 + ahead.radius
+    assert bool(done.terminated) == (collision == "terminate")
+    other = LaneDrive.step(jax.random.key(1), before._replace(objects=None), jnp.array([0.5, 0.5]), free)
+    assert other.info.collision is None
+    cost = 7.0 if collision == "terminate" else 7.0 / 30
+    np.testing.assert_allclose(other.reward - done.reward, cost, rtol=1e-4)
+
+
+def test_faults_are_named():
+    with pytest.raises(InputError, match="objects: expected kinds of duckie, .* got 'dragon'"):
+        make_billboards({"dragon": {}})
+    with pytest.raises(InputError, match=r"objects: expected uint8 \[rows, columns, 4\], got float64 \(2, 2\)"):
+        make_billboards({"cone": {0: np.zeros((2, 2))}})
+    assert set(load_objects().views) == set(OBJECT_KINDS)

@@ -1,0 +1,153 @@
+"""Object sets: the drawn one, the script that draws it, faults of one's own, and objects on maps as seen from above."""
+
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.cli.main import main
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
+from elitelanes_jax.tiles import default_objects, load_objects, render
+from experiments.perception.draw_objects import draw_all
+
+TOWN = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
+TILE, PX = 0.585, 64
+
+
+def test_the_drawn_set_has_all_kinds_in_their_sizes():
+    objects = load_objects()
+    assert set(objects.kinds) == set(OBJECT_KINDS)
+    for one in objects.pictures:
+        usual = OBJECT_KINDS[one.kind]
+        assert (one.height, *one.footprint) == usual[:3]
+        for angle, picture in one.views.items():
+            rows, columns = picture.shape[:2]
+            opaque = picture[..., 3] >= 128
+            assert opaque[-2:].any() and opaque[:4].any()  # it stands on the floor, and is as high as it should be
+            turned = np.radians(angle)
+            wide = abs(np.sin(turned)) * usual.length + abs(np.cos(turned)) * usual.width
+            wide = usual.length if usual.is_round else wide
+            assert columns / rows == pytest.approx(wide / usual.height, abs=2 / rows)
+
+
+def test_the_script_draws_the_set(tmp_path):
+    kinds = ["duckie", "floor_tag", "sign_stop"]
+    draw_all(tmp_path, kinds)
+    folders = {folder.name for folder in default_objects().iterdir()}
+    assert {folder.name for folder in tmp_path.iterdir()} == {
+        name for name in folders if name.rpartition("_")[0] in kinds
+    }
+    for file in sorted(tmp_path.rglob("*.*")):
+        kept = default_objects() / file.relative_to(tmp_path)
+        if file.suffix == ".png":
+            drawn, kept = (cv2.imread(str(one), cv2.IMREAD_UNCHANGED) for one in (file, kept))
+            assert (np.abs(drawn.astype(int) - kept) > 2).mean() < 1e-3  # other machines round otherwise
+        else:
+            assert file.read_text() == kept.read_text()
+
+
+def slow_from_above(things, pictures, shape):
+    """1 + the index of the object that each pixel shows: lower ones first, each pixel looked up by its place."""
+    owners = np.zeros(shape, int)
+    y, x = ((index + 0.5) / PX for index in np.mgrid[: shape[0], : shape[1]])
+    for index in sorted(range(len(things)), key=lambda index: things[index].height):
+        thing, one = things[index], pictures[index]
+        east, north = (x - thing.x) * TILE, (thing.y - y) * TILE
+        ahead = east * np.cos(thing.angle) + north * np.sin(thing.angle)
+        left = north * np.cos(thing.angle) - east * np.sin(thing.angle)
+        scale = thing.height / one.height if one.height else 1
+        column = np.floor((ahead / (one.footprint[0] * scale) + 0.5) * one.top.shape[1])
+        row = np.floor((0.5 - left / (one.footprint[1] * scale)) * one.top.shape[0])
+        inside = (column >= 0) & (column < one.top.shape[1]) & (row >= 0) & (row < one.top.shape[0])
+        picked = one.top[np.where(inside, row, 0).astype(int), np.where(inside, column, 0).astype(int), 3]
+        owners[inside & (picked >= 128)] = index + 1
+    return owners
+
+
+def test_objects_lie_flat_from_above_and_hide_the_road(drawn_tiles):
+    rng = np.random.default_rng(0)
+    things = tuple(
+        MapObject(kind, *rng.uniform(0, 3, 2), rng.uniform(-3, 3), size.height * rng.uniform(0.8, 1.2))
+        for kind, size in OBJECT_KINDS.items()
+    )
+    seen = render(RoadMap(TOWN, objects=things), drawn_tiles, tile_px=PX, seed=3)
+    bare = render(TOWN, drawn_tiles, tile_px=PX, seed=3)
+    owners = slow_from_above(things, load_objects().choose(things, 3), seen.labels.shape)
+    assert (owners == seen.instances).mean() > 0.9999 and len(np.unique(owners)) > 20
+    hidden = seen.instances > 0
+    for name in ("road", "red", "yellow", "labels"):
+        np.testing.assert_array_equal(getattr(seen, name), np.where(hidden, 0, getattr(bare, name)))
+    near = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3))) > 0
+    assert (seen.image != bare.image).any(axis=-1)[~near].mean() < 0.01  # of poles thinner than a pixel
+    assert (seen.image != bare.image).any(axis=-1)[hidden].mean() > 0.9
+    assert bare.instances is None
+
+
+@pytest.fixture
+def own(tmp_path):
+    """A set of one object with one view, as photographs make it."""
+    place = tmp_path / "mine" / "duckie_1"
+    shutil.copytree(default_objects() / "duckie_1", place)
+    for file in (*place.glob("image_*"), place / "top.png"):
+        file.unlink()
+    return place
+
+
+def test_a_picture_alone_lies_on_the_floor_from_above(own, drawn_tiles):
+    objects = load_objects(own.parent)
+    (one,) = objects.pictures
+    np.testing.assert_array_equal(one.view(2.5), one.views[0])
+    thing = MapObject("duckie", 1.5, 1.5, 0.0, 0.3)
+    seen = render(RoadMap(TOWN, objects=[thing]), drawn_tiles, tile_px=PX, objects=objects)
+    columns, rows = (np.flatnonzero(seen.instances.any(axis=axis)) for axis in (0, 1))
+    assert np.ptp(columns) + 1 == pytest.approx(0.3 / TILE * PX, abs=2)
+    wide = np.ptp(np.flatnonzero((one.views[0][..., 3] >= 128).any(axis=0))) + 1
+    assert np.ptp(rows) + 1 == pytest.approx(0.3 / TILE * PX * wide / one.views[0].shape[0], abs=2)
+
+
+FAULTS = {
+    "no image": (lambda place: (place / "image.png").unlink(), "expected image.png, the view from the front, got none"),
+    "no toml": (lambda place: (place / "object.toml").unlink(), "object.toml: expected a readable TOML file with kind"),
+    "kind": (lambda place: write(place, 'kind = "duck"\nheight = 1\nfootprint = [1, 1]'), "kind: expected one of"),
+    "key": (lambda place: write(place, 'kind = "duckie"\nheight = 1'), "expected the keys .*, got no footprint"),
+    "height": (
+        lambda place: write(place, 'kind = "duckie"\nheight = 0\nfootprint = [1, 1]'),
+        "height: expected metres",
+    ),
+    "footprint": (lambda place: write(place, 'kind = "duckie"\nheight = 1\nfootprint = [1]'), "footprint: expected"),
+    "flat": (lambda place: write(place, 'kind = "floor_tag"\nheight = 0\nfootprint = [1, 1]'), "expected top.png"),
+    "opaque": (
+        lambda place: cv2.imwrite(str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)),
+        "image.png: expected a picture with transparency",
+    ),
+    "degrees": (lambda place: shutil.copy(place / "image.png", place / "image_400.png"), "got image_400.png"),
+    "empty": (lambda place: shutil.rmtree(place), "expected folders with object.toml and image.png"),
+}
+
+
+def write(place, text):
+    (place / "object.toml").write_text(text)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_faults_are_named(fault, own):
+    spoil, expected = FAULTS[fault]
+    spoil(own)
+    with pytest.raises(InputError, match=expected):
+        load_objects(own.parent)
+
+
+def test_render_draws_with_ones_own_set_or_says_what_it_lacks(own, tmp_path, capsys):
+    road_map = RoadMap(TOWN, objects=[MapObject("duckie", 1.5, 0.5, 0.0, 0.08)])
+    road_map.save(tmp_path / "map.json")
+    command = ["render", str(tmp_path / "map.json"), "--objects", str(own.parent), "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    instances = cv2.imread(str(tmp_path / "out" / "instances.png"), cv2.IMREAD_UNCHANGED)
+    assert instances.dtype == np.uint16 and instances.max() == 1
+    RoadMap(TOWN, objects=[MapObject("tree", 1.5, 0.5, 0.0, 0.25)]).save(tmp_path / "map.json")
+    capsys.readouterr()
+    assert main([*command, "--force"]) == 2
+    said = capsys.readouterr().err
+    assert "objects: expected kinds that the set 'mine' has (duckie), got tree" in said and said.count("\n") == 1
