@@ -104,20 +104,6 @@ def test_commands_are_accepted(page, tmp_path, monkeypatch):
             assert type(read_options(options, defaults)) is type(defaults)
 
 
-def test_commands_of_a_page_run_after_those_of_another():
-    """No two write the same file or folder."""
-    written = [
-        (page, command[command.index("--out") + 1])
-        for page in PAGES
-        if not page.startswith("experiments")
-        for command in commands(PAGES[page])
-        if "--out" in command
-    ]
-    assert len(written) > 60
-    twice = {out: [page for page, one in written if one == out] for _, out in written}
-    assert not {out: pages for out, pages in twice.items() if len(pages) > 1}
-
-
 def test_given_cells_on_the_page_are_those_of_the_file():
     (rows,) = re.findall(r"```json\n(.*?)```", PAGES["docs/generate.md"], re.DOTALL)
     assert rows == (DOCS / "examples" / "city.json").read_text()

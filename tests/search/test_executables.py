@@ -118,7 +118,8 @@ def other_programs(content):
 
 
 def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
-    expected = arrays(run())
+    first = partial(run, generations=0)  # needs no program of generations, which takes long to compile
+    expected = arrays(first())
     (file,) = folder.iterdir()
     whole = file.read_bytes()
     for spoilt in (flip(whole), other_programs(whole), whole[: len(whole) // 2], b"", b"{}\n" * 99):
@@ -127,10 +128,10 @@ def test_files_of_no_use_are_replaced_and_one_line_says_so(folder, capsys):
         jax.clear_caches()  # XLA does not serialise a program that has run
         capsys.readouterr()
         with reporting(Verbosity.NORMAL):
-            assert arrays(run()) == expected
+            assert arrays(first()) == expected
         line = rf"{re.escape(str(file))}: compiled programs cannot be loaded \(.+\); they are compiled again\n"
         assert re.fullmatch(line, capsys.readouterr().err)
-        assert set(load(file).programs) == NAMES
+        assert load(file).programs.keys() == {"start", "collect"}
 
 
 def test_a_file_is_found_by_all_that_its_programs_depend_on(folder, monkeypatch):
