@@ -5,7 +5,7 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax.formats.streets import Streets, Way, bounds, giving_way, lanes
+from elitelanes_jax.formats.streets import Streets, bounds, giving_way, lanes
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>',
@@ -36,13 +36,14 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, after, links = lanes(codes)
+    sides = [bounds(way, streets, len(links)) for way in ways]
     before: list[list[int]] = [[] for _ in ways]
     for index, others in enumerate(after):
         for other in others:
             before[other].append(index)
     numbers = count(len(ways) + 1)
     limit = next(numbers)
-    signs = [_sign(limit, _SPEED, f"<additionalValue>{streets.speed:.9g}</additionalValue>")]
+    signs = [_sign(limit, sides[0][1][0], _SPEED, f"<additionalValue>{streets.speed:.9g}</additionalValue>")]
     lights: list[str] = []
     intersections: list[str] = []
     rules: dict[int, str] = {}  # the reference to the sign or light at the end of a lanelet, by its index
@@ -64,7 +65,7 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
             if streets.right_of_way == "priority" and low:
                 sign = _YIELD if heading in low else _PRIORITY
             if sign:
-                signs.append(_sign(right := next(numbers), sign))
+                signs.append(_sign(right := next(numbers), sides[entering[0]][1][-1], sign))
                 rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{right}"/>')
             if streets.right_of_way == "traffic_light":
                 lights.append(_light(right := next(numbers), heading))
@@ -74,7 +75,7 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
     oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
     lanelets = []
     for index, way in enumerate(ways):
-        left, right_bound = bounds(way, streets, len(links))
+        left, right_bound = sides[index]
         between = links[way.tile] == 2
         other = oncoming[*way.tile, way.heading, way.exit]
         rule = rules.get(index, "")
@@ -92,7 +93,7 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
     reached = [0]
     for index in reached:
         reached += [one for one in after[index] if one not in reached]
-    problem = _problem(next(numbers), ways[0], reached[-1] + 1, streets, len(links))
+    problem = _problem(next(numbers), ways[0].heading, np.mean(sides[0], axis=0)[0], reached[-1] + 1)
     return "\n".join([*_HEAD, *lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
 
 
@@ -104,9 +105,10 @@ def _point(place: complex) -> str:
     return f"<point><x>{place.real:.6f}</x><y>{place.imag:.6f}</y></point>"
 
 
-def _sign(number: int, kind: str, value: str = "") -> str:
+def _sign(number: int, place: complex, kind: str, value: str = "") -> str:
     element = f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
-    return f'<trafficSign id="{number}">{element}<virtual>{"true" if value else "false"}</virtual></trafficSign>'
+    virtual = f"<virtual>{'true' if value else 'false'}</virtual>"
+    return f'<trafficSign id="{number}">{element}<position>{_point(place)}</position>{virtual}</trafficSign>'
 
 
 def _light(number: int, heading: int) -> str:
@@ -119,13 +121,12 @@ def _light(number: int, heading: int) -> str:
     return f'<trafficLight id="{number}"><cycle>{cycle}</cycle>{active}</trafficLight>'
 
 
-def _problem(number: int, start: Way, goal: int, streets: Streets, height: int) -> str:
-    """Returns a planning problem: from the start of a way to a lanelet, within an hour."""
-    left, right = bounds(start, streets, height)
-    values = {"orientation": (1 - start.heading) * np.pi / 2, "time": 0, "velocity": 0, "yawRate": 0, "slipAngle": 0}
+def _problem(number: int, heading: int, start: complex, goal: int) -> str:
+    """Returns a planning problem: from a pose to a lanelet, within an hour."""
+    values = {"orientation": (1 - heading) * np.pi / 2, "time": 0, "velocity": 0, "yawRate": 0, "slipAngle": 0}
     state = "".join(f"<{name}><exact>{value:.9g}</exact></{name}>" for name, value in values.items())
     time = "<time><intervalStart>0</intervalStart><intervalEnd>36000</intervalEnd></time>"
     return (
-        f'<planningProblem id="{number}"><initialState><position>{_point((left[0] + right[0]) / 2)}</position>{state}'
+        f'<planningProblem id="{number}"><initialState><position>{_point(start)}</position>{state}'
         f'</initialState><goalState>{time}<position><lanelet ref="{goal}"/></position></goalState></planningProblem>'
     )

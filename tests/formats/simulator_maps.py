@@ -1,6 +1,5 @@
 """The maps that simulators are checked with, and what their lanes should be, by the graph of tiles."""
 
-import math
 from functools import cache
 from itertools import permutations
 from pathlib import Path
@@ -8,6 +7,7 @@ from pathlib import Path
 import jax
 import networkx as nx
 import numpy as np
+import pytest
 from oracle import road_graph
 
 from elitelanes_jax._util.errors import InputError
@@ -27,6 +27,17 @@ _grow = jax.jit(grow_town, static_argnums=1)
 
 # Those of duckietown-world, where make duckietown has installed it.
 _PEOPLES = Path(__file__).parents[2].glob(".venv-duckietown/**/gd1/maps/*.yaml")
+
+
+KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
+RING = np.array([[6, 3], [12, 9]], np.int8)
+BLOCK = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # crossings next to crossings
+BATCHES = [*range(20), "people"]
+
+
+def maps(batch):
+    """Fifty maps of a batch's number, or those that people made."""
+    return (peoples_maps() if batch == "people" else maps_of(batch)) or pytest.skip("people's maps: make duckietown")
 
 
 @cache
@@ -83,17 +94,6 @@ def lane_graph(grid):
 def name(lane):
     row, column, into, out = lane
     return f"{row}_{column}_{SIDES[(into + 2) % 4]}_{TURNS[(out - into) % 4]}"
-
-
-def length(lane, streets):
-    """Metres along a lane's centre."""
-    middle = streets.lane / 2
-    return {
-        "straight": streets.tile,
-        "right": (streets.tile / 2 - middle) * math.pi / 2,
-        "left": (streets.tile / 2 + middle) * math.pi / 2,
-        "back": streets.tile + middle * math.pi,
-    }[TURNS[(lane[3] - lane[2]) % 4]]
 
 
 def distances(points, lane, grid, streets):
