@@ -85,6 +85,8 @@ FORMATS = {
     "sumo": _Format((".net.xml",), _sumo, _STREETS),
     "sumo-plain": _Format(_PLAIN, _sumo_plain, _STREETS),
     "opendrive": _Format((".xodr",), partial(_network, to="opendrive"), _STREETS),
+    "lanelet2": _Format((".osm",), partial(_network, to="lanelet2"), _STREETS),
+    "commonroad": _Format((".xml",), partial(_network, to="commonroad"), _STREETS),
 }
 TABLES = ("json", "csv")
 

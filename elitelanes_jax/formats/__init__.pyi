@@ -1,9 +1,11 @@
+from .commonroad import to_commonroad as to_commonroad
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .lanelet2 import to_lanelet2 as to_lanelet2
 from .opendrive import to_opendrive as to_opendrive
 from .road_map import RoadMap as RoadMap
 from .road_map import as_maps as as_maps

@@ -30,7 +30,7 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
     Returns:
       A text; the same grid gives the same text. x is east and y north of the grid's south-west corner, in metres.
       Lanelets are numbered from 1 in ascending order of row, column, heading and turn. The format demands a planning
-      problem: from the start of lanelet 1 to a lanelet that is farthest from there.
+      problem: from lanelet 1 to a lanelet that is farthest from there.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without any road.
@@ -93,7 +93,8 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
     reached = [0]
     for index in reached:
         reached += [one for one in after[index] if one not in reached]
-    problem = _problem(next(numbers), ways[0].heading, np.mean(sides[0], axis=0)[0], reached[-1] + 1)
+    start, then = np.mean(sides[0], axis=0)[:2]
+    problem = _problem(next(numbers), start, then, reached[-1] + 1)
     return "\n".join([*_HEAD, *lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
 
 
@@ -121,12 +122,12 @@ def _light(number: int, heading: int) -> str:
     return f'<trafficLight id="{number}"><cycle>{cycle}</cycle>{active}</trafficLight>'
 
 
-def _problem(number: int, heading: int, start: complex, goal: int) -> str:
-    """Returns a planning problem: from a pose to a lanelet, within an hour."""
-    values = {"orientation": (1 - heading) * np.pi / 2, "time": 0, "velocity": 0, "yawRate": 0, "slipAngle": 0}
+def _problem(number: int, one: complex, other: complex, goal: int) -> str:
+    """Returns a planning problem: from halfway between two points to a lanelet, within an hour."""
+    values = {"orientation": np.angle(other - one), "time": 0, "velocity": 0, "yawRate": 0, "slipAngle": 0}
     state = "".join(f"<{name}><exact>{value:.9g}</exact></{name}>" for name, value in values.items())
     time = "<time><intervalStart>0</intervalStart><intervalEnd>36000</intervalEnd></time>"
     return (
-        f'<planningProblem id="{number}"><initialState><position>{_point(start)}</position>{state}'
+        f'<planningProblem id="{number}"><initialState><position>{_point((one + other) / 2)}</position>{state}'
         f'</initialState><goalState>{time}<position><lanelet ref="{goal}"/></position></goalState></planningProblem>'
     )

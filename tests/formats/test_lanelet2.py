@@ -117,8 +117,8 @@ def test_lanelet2_routes_as_we_do(batch, tmp_path):
         lanelet2.traffic_rules.Locations.Germany, lanelet2.traffic_rules.Participants.Vehicle
     )
     file, earth = tmp_path / "city.osm", lanelet2.projection.UtmProjector(lanelet2.io.Origin(0, 9))
-    for grid in maps(batch):
-        streets = (Streets(), Streets(8, 3.2))[len(grid) % 2]
+    for number, grid in enumerate(maps(batch)):
+        streets = (Streets(), Streets(8, 3.2))[number % 2]
         file.write_text(to_lanelet2(grid, streets))
         city, errors = lanelet2.io.loadRobust(str(file), earth)
         assert not list(errors)
