@@ -1,3 +1,4 @@
+from .commonroad import to_commonroad as to_commonroad
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends
@@ -5,6 +6,7 @@ from .gltf import to_gltf as to_gltf
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .lanelet2 import to_lanelet2 as to_lanelet2
 from .movingai import to_movingai as to_movingai
 from .mujoco import to_mjcf as to_mjcf
 from .nav2 import to_nav2 as to_nav2
