@@ -71,11 +71,11 @@ rl: .venv-rl/.ready
 simulators: mujoco pogema
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
-# it ended. Maps that are hard for drivers have long detours and few loops (experiments/navigation).
+# it ended. Maps that are hard for drivers have few loops and few straights (experiments/navigation).
 PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
 PACK-city := --style town --size 24 24 --evaluations 20000
-PACK-hard := --size 12 12 --axes mean_detour:8 cyclomatic:8 --where cyclomatic=1..12 --evaluations 20000
+PACK-hard := --size 12 12 --where cyclomatic=1..8 straight_share=..0.3 --evaluations 50000
 PACKED := opendrive duckietown mujoco nav2 movingai
 
 pack-town: results/packs/town

@@ -1,3 +1,4 @@
+from .commonroad import to_commonroad as to_commonroad
 from .dt_maps import read_dt_maps as read_dt_maps
 from .dt_maps import to_dt_maps as to_dt_maps
 from .duckietown import from_duckietown as from_duckietown
@@ -7,6 +8,7 @@ from .gltf import to_gltf as to_gltf
 from .graph import Cell as Cell
 from .graph import reduced_graph as reduced_graph
 from .graph import tile_graph as tile_graph
+from .lanelet2 import to_lanelet2 as to_lanelet2
 from .movingai import to_movingai as to_movingai
 from .mujoco import to_mjcf as to_mjcf
 from .nav2 import to_nav2 as to_nav2

@@ -4,6 +4,7 @@ Places are complex numbers in metres, east + north·i, from the south-west corne
 lane's left bound is the middle of the road; its right bound is one width of a lane beside it.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -24,8 +25,7 @@ _RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light
 BACK = 3
 """The turn of a way that leaves a dead end by the side where it came in."""
 
-CHORDS = 8
-"""The number of lines that a quarter circle becomes where a format has no arcs."""
+_CHORDS = 8  # of a quarter circle, in formats that have no arcs: 0.5 % of its radius from it
 
 GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
 """Where maps lie on earth, for formats that need it: on the equator, on the central meridian of UTM's zone 32."""
@@ -157,26 +157,33 @@ AHEAD = (1j, 1, -1j, -1)
 """The unit vectors of headings."""
 
 
-def curve(way: Way, left: float, height: int) -> NDArray[np.complex128]:
-    """Returns the points of a line along a way: two on a straight, else `CHORDS` more for each quarter circle.
+def giving_way(ways: Iterable[Way]) -> set[int]:
+    """Returns the headings of a crossing's ways that cannot go straight on: at three arms one, at four none."""
+    ways = list(ways)
+    return {way.heading for way in ways} - {way.heading for way in ways if way.turn == 1}
 
-    Args:
-      way: which to follow.
-      left: distance to the left of the road's middle, in tiles.
-      height: rows of the grid.
+
+def bounds(way: Way, streets: Streets, height: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Returns the left and the right bound of a way, as many points each: `_CHORDS` lines for each quarter circle.
+
+    At a dead end the left bound leads around an island, a tenth of a lane wide.
     """
-    return middle_of_side(way.tile, (way.heading + 2) % 4, height) + AHEAD[way.heading] * _shape(way.turn, left)
+    start, ahead = middle_of_side(way.tile, way.heading - 2, height), AHEAD[way.heading]
+    left, right = (start + ahead * line for line in _bounds(way.turn, streets.lane / streets.tile))
+    return left * streets.tile, right * streets.tile
 
 
 @cache
-def _shape(turn: int, left: float) -> NDArray[np.complex128]:
-    """Returns the points of a way from the middle of a southern side, divided by i."""
-    start = 1j * left
+def _bounds(turn: int, lane: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    """Returns the bounds of a way that starts in 0, ahead in the direction of 1, in tiles."""
+    right = -1j * lane
     if turn == 1:
-        return np.array([start, 1 + start])
-    if turn == BACK:  # around the middle of the tile
-        around = 0.5 + start * np.exp(1j * np.linspace(0, np.pi, 2 * CHORDS + 1))
-        return np.concatenate([[start], around, [-start]])
+        return np.array([0, 1 + 0j]), np.array([right, right + 1])
+    if turn == BACK:
+        around = -1j * np.exp(1j * np.linspace(0, np.pi, 2 * _CHORDS + 1))
+        left = np.concatenate([[0], 0.5 + lane / 20 * around, [0]])
+        return left, np.concatenate([[right], 0.5 + lane * around, [-right]])
     bend = turn - 1  # to the left
     centre = bend * 0.5j
-    return centre + (start - centre) * np.exp(bend * 1j * np.linspace(0, np.pi / 2, CHORDS + 1))
+    turned = np.exp(bend * 1j * np.linspace(0, np.pi / 2, _CHORDS + 1))
+    return centre - centre * turned, centre + (right - centre) * turned

@@ -148,6 +148,8 @@ FORMATS = {
     "sumo": Format((".net.xml",), _sumo, _STREETS),
     "sumo-plain": Format(_PLAIN, _sumo_plain, _STREETS),
     "opendrive": Format((".xodr",), partial(_network, to="opendrive"), _STREETS),
+    "lanelet2": Format((".osm",), partial(_network, to="lanelet2"), _STREETS),
+    "commonroad": Format((".xml",), partial(_network, to="commonroad"), _STREETS),
     "gltf": Format((".glb",), _gltf, _FLOOR),
     "mujoco": Format((".xml", ".png"), _mujoco, _FLOOR),
     "nav2": Format((".pgm", ".yaml", ".geojson"), _nav2, ("tile_size", "cells")),

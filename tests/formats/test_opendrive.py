@@ -11,16 +11,13 @@ import pytest
 from conftest import grids
 from hypothesis import assume, example, given
 from oracle import road_graph
-from simulator_maps import STEPS, all_reach_all, distances, lane_graph, maps_of, name, peoples_maps
+from simulator_maps import BATCHES, BLOCK, KNOT, RING, STEPS, all_reach_all, distances, lane_graph, maps, name
 from sumo_drive import run
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.opendrive import to_opendrive
 from elitelanes_jax.formats.streets import Streets
 
-KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
-RING = np.array([[6, 3], [12, 9]], np.int8)
-BLOCK = np.array([[6, 7, 3], [14, 15, 11], [12, 13, 9]], np.int8)  # crossings next to crossings
 DUCKIETOWN = Streets(0.585, 0.234)
 QC = Path(__file__).parents[2] / ".venv-qc" / "bin" / "python"
 
@@ -166,7 +163,7 @@ def check_carla(grid, text, streets, places=1e-2):
     assert links == set(expected.edges)
     assert all_reach_all(nx.DiGraph(links), grid) and all(out for _, out in nx.DiGraph(links).out_degree())
     lanes = {}
-    for point in city.generate_waypoints(streets.tile / 8):
+    for point in city.generate_waypoints(streets.tile / 4):
         place = point.transform.location
         lanes.setdefault((point.road_id, point.lane_id), []).append(place.x - 1j * place.y)  # its y is south
     assert set(lanes) == set(expected)
@@ -211,24 +208,16 @@ def check_netconvert(text, folder):
     assert len(made) == len(turns)
 
 
-CHECKED = [*range(20), "people"]
-
-
-def maps(batch):
-    found = peoples_maps() if batch == "people" else maps_of(batch)
-    return found or pytest.skip("people's maps are not here: make duckietown")
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", CHECKED)
+@pytest.mark.parametrize("batch", BATCHES)
 def test_carla_reads_our_lanes(batch):
-    for grid in maps(batch):
-        for streets in (Streets(), Streets(8, 3.2)):
-            check_carla(grid, to_opendrive(grid, streets), streets)
+    for number, grid in enumerate(maps(batch)):
+        streets = (Streets(), Streets(8, 3.2))[number % 2]
+        check_carla(grid, to_opendrive(grid, streets), streets)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", CHECKED)
+@pytest.mark.parametrize("batch", BATCHES)
 def test_asams_checker_finds_no_error(batch, tmp_path):
     files = []
     for number, grid in enumerate(maps(batch)):
@@ -238,7 +227,7 @@ def test_asams_checker_finds_no_error(batch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", CHECKED)
+@pytest.mark.parametrize("batch", BATCHES)
 def test_netconvert_reads_it_back(batch, tmp_path):
     for grid in maps(batch):
         check_netconvert(to_opendrive(grid), tmp_path)

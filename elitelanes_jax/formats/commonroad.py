@@ -1,0 +1,133 @@
+"""Road networks as CommonRoad scenarios, version 2020a, without cars: a lanelet for each movement across a tile."""
+
+from itertools import count, groupby
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from elitelanes_jax.formats.streets import Streets, bounds, giving_way, lanes
+
+_HEAD = (
+    '<?xml version="1.0" encoding="UTF-8"?>',
+    '<commonRoad timeStepSize="0.1" commonRoadVersion="2020a" benchmarkID="ZAM_Tiles-1_1_T-1" date="1970-01-01" '
+    'author="elitelanes" affiliation="" source="elitelanes">',
+    "<location><geoNameId>-999</geoNameId><gpsLatitude>0</gpsLatitude><gpsLongitude>9</gpsLongitude></location>",
+    "<scenarioTags><urban/></scenarioTags>",
+)
+_SPEED, _YIELD, _PRIORITY = "274", "205", "306"  # signs
+_SIGNS = {"allway_stop": "206", "right_before_left": "102"}  # by right of way
+_CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))  # of a traffic light, in time steps
+_SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
+
+
+def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
+    """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
+
+    Args:
+      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+      streets: their measures.
+
+    Returns:
+      A text; the same grid gives the same text. x is east and y north of the grid's south-west corner, in metres.
+      Lanelets are numbered from 1 in ascending order of row, column, heading and turn. The format demands a planning
+      problem: from lanelet 1 to a lanelet that is farthest from there.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or one without any road.
+    """
+    ways, after, links = lanes(codes)
+    sides = [bounds(way, streets, len(links)) for way in ways]
+    before: list[list[int]] = [[] for _ in ways]
+    for index, others in enumerate(after):
+        for other in others:
+            before[other].append(index)
+    numbers = count(len(ways) + 1)
+    limit = next(numbers)
+    signs = [_sign(limit, sides[0][1][0], _SPEED, f"<additionalValue>{streets.speed:.9g}</additionalValue>")]
+    lights: list[str] = []
+    intersections: list[str] = []
+    rules: dict[int, str] = {}  # the reference to the sign or light at the end of a lanelet, by its index
+    for tile, group in groupby(range(len(ways)), lambda index: ways[index].tile):
+        across = {heading: list(some) for heading, some in groupby(group, lambda index: ways[index].heading)}
+        if links[tile] < 3:
+            continue
+        low = giving_way(ways[index] for some in across.values() for index in some)
+        incoming = {heading: next(numbers) for heading in across}
+        parts = []
+        for heading, some in across.items():
+            entering, from_right = before[some[0]], (heading + 3) % 4
+            parts.append(f'<incoming id="{incoming[heading]}">')
+            parts += [f'<incomingLanelet ref="{one + 1}"/>' for one in entering]
+            parts += [f'<{_SUCCESSORS[ways[index].turn]} ref="{index + 1}"/>' for index in some]
+            parts.append(f'<isLeftOf ref="{incoming[from_right]}"/>' if from_right in incoming else "")
+            parts.append("</incoming>")
+            sign = _SIGNS.get(streets.right_of_way)
+            if streets.right_of_way == "priority" and low:
+                sign = _YIELD if heading in low else _PRIORITY
+            if sign:
+                signs.append(_sign(right := next(numbers), sides[entering[0]][1][-1], sign))
+                rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{right}"/>')
+            if streets.right_of_way == "traffic_light":
+                lights.append(_light(right := next(numbers), heading))
+                rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{right}"/>')
+        intersections.append(f'<intersection id="{next(numbers)}">{"".join(parts)}</intersection>')
+
+    oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
+    lanelets = []
+    for index, way in enumerate(ways):
+        left, right_bound = sides[index]
+        between = links[way.tile] == 2
+        other = oncoming[*way.tile, way.heading, way.exit]
+        rule = rules.get(index, "")
+        stop = f"{_point(left[-1])}{_point(right_bound[-1])}<lineMarking>solid</lineMarking>{rule}"
+        parts = [
+            _bound("leftBound", left, "dashed" if between else "no_marking"),
+            _bound("rightBound", right_bound, "no_marking" if links[way.tile] > 2 else "solid"),
+            *(f'<predecessor ref="{one + 1}"/>' for one in before[index]),
+            *(f'<successor ref="{one + 1}"/>' for one in after[index]),
+            f'<adjacentLeft ref="{other}" drivingDir="opposite"/>' if between else "",
+            f"<stopLine>{stop}</stopLine>" if rule else "",
+            f'<laneletType>urban</laneletType><userOneWay>vehicle</userOneWay><trafficSignRef ref="{limit}"/>{rule}',
+        ]
+        lanelets.append(f'<lanelet id="{index + 1}">{"".join(parts)}</lanelet>')
+    reached = [0]
+    for index in reached:
+        reached += [one for one in after[index] if one not in reached]
+    start, then = np.mean(sides[0], axis=0)[:2]
+    problem = _problem(next(numbers), start, then, reached[-1] + 1)
+    return "\n".join([*_HEAD, *lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
+
+
+def _bound(side: str, line: NDArray[np.complex128], marking: str) -> str:
+    return f"<{side}>{''.join(map(_point, line.tolist()))}<lineMarking>{marking}</lineMarking></{side}>"
+
+
+def _point(place: complex) -> str:
+    return f"<point><x>{place.real:.6f}</x><y>{place.imag:.6f}</y></point>"
+
+
+def _sign(number: int, place: complex, kind: str, value: str = "") -> str:
+    element = f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
+    virtual = f"<virtual>{'true' if value else 'false'}</virtual>"
+    return f'<trafficSign id="{number}">{element}<position>{_point(place)}</position>{virtual}</trafficSign>'
+
+
+def _light(number: int, heading: int) -> str:
+    """Returns a traffic light. Those for north and south are green while the others are red."""
+    cycle = "".join(
+        f"<cycleElement><duration>{duration}</duration><color>{color}</color></cycleElement>"
+        for color, duration in (_CYCLE[2:] + _CYCLE[:2] if heading % 2 else _CYCLE)
+    )
+    active = "<direction>all</direction><active>true</active>"
+    return f'<trafficLight id="{number}"><cycle>{cycle}</cycle>{active}</trafficLight>'
+
+
+def _problem(number: int, one: complex, other: complex, goal: int) -> str:
+    """Returns a planning problem: from halfway between two points to a lanelet, within an hour."""
+    values = {"orientation": np.angle(other - one), "time": 0, "velocity": 0, "yawRate": 0, "slipAngle": 0}
+    state = "".join(f"<{name}><exact>{value:.9g}</exact></{name}>" for name, value in values.items())
+    time = "<time><intervalStart>0</intervalStart><intervalEnd>36000</intervalEnd></time>"
+    return (
+        f'<planningProblem id="{number}"><initialState><position>{_point((one + other) / 2)}</position>{state}'
+        f'</initialState><goalState>{time}<position><lanelet ref="{goal}"/></position></goalState></planningProblem>'
+    )

@@ -1,0 +1,129 @@
+"""CommonRoad's scenarios: lanelets by the graph of tiles; then what CommonRoad reads and plans (make simulators)."""
+
+import json
+import subprocess
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from conftest import grids
+from hypothesis import assume, example, given
+from oracle import road_graph
+from simulator_maps import BATCHES, BLOCK, KNOT, RING, distances, lane_graph, maps
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.commonroad import to_commonroad
+from elitelanes_jax.formats.streets import Streets
+
+OWN_ENVIRONMENT = Path(__file__).parents[2] / ".venv-commonroad" / "bin" / "python"
+QUARTERS = {1: 0, 0: 1, 3: 2, 2: 3}  # the turn of a lane by its quarter turns clockwise: right, straight, left, back
+
+
+def numbered(graph):
+    """Lanes by the numbers of their lanelets: in ascending order of row, column, heading and turn."""
+    ordered = sorted(graph, key=lambda lane: (*lane[:3], QUARTERS[(lane[3] - lane[2]) % 4]))
+    return dict(enumerate(ordered, 1))
+
+
+def points(element):
+    return [complex(float(point.find("x").text), float(point.find("y").text)) for point in element.findall("point")]
+
+
+def refs(element, tag):
+    return {int(one.get("ref")) for one in element.findall(tag)}
+
+
+@given(grids(thin=True))
+@example(KNOT)
+@example(RING)
+@example(BLOCK)
+def test_lanelets_are_the_movements(grid):
+    assume(road_graph(grid).number_of_edges())
+    streets = Streets()
+    root = ET.fromstring(to_commonroad(grid, streets))
+    graph = lane_graph(grid)
+    lanes = numbered(graph)
+    numbers = {lane: number for number, lane in lanes.items()}
+    lanelets = {int(one.get("id")): one for one in root.findall("lanelet")}
+    ids = [int(one.get("id")) for one in root.iter() if one.get("id")]
+    assert lanelets.keys() == lanes.keys() and len(set(ids)) == len(ids)
+    sides = {
+        number: [points(one.find(side)) for side in ("leftBound", "rightBound")] for number, one in lanelets.items()
+    }
+    for number, one in lanelets.items():
+        lane = lanes[number]
+        assert refs(one, "successor") == {numbers[other] for other in graph[lane]}
+        assert refs(one, "predecessor") == {numbers[other] for other in graph.predecessors(lane)}
+        centre = np.mean(sides[number], axis=0)
+        assert distances(centre, lane, grid, streets).max() < streets.lane / 40 * (lane[2] == (lane[3] + 2) % 4) + 1e-5
+        for other in refs(one, "successor"):
+            assert [side[-1] for side in sides[number]] == [side[0] for side in sides[other]]
+        for other in refs(one, "adjacentLeft"):
+            assert sides[other][0] == sides[number][0][::-1]
+    two = sum(road_graph(grid).degree(lane[:2]) == 2 for lane in graph)
+    assert sum(len(refs(one, "adjacentLeft")) for one in lanelets.values()) == two
+
+
+@pytest.mark.parametrize(
+    ("grid", "how", "signs"),
+    [
+        (KNOT, "allway_stop", ["206"] * 4 + ["274"]),
+        (KNOT, "right_before_left", ["102"] * 4 + ["274"]),
+        (KNOT, "priority", ["274"]),
+        (KNOT, "traffic_light", ["274"]),
+        (BLOCK, "priority", ["205"] * 4 + ["274"] + ["306"] * 8),
+    ],
+)
+def test_signs_and_lights_are_those_of_the_crossings(grid, how, signs):
+    root = ET.fromstring(to_commonroad(grid, Streets(right_of_way=how)))
+    assert sorted(one.text for one in root.iter("trafficSignID")) == signs
+    lights = [[one.text for one in light.iter("color")] for light in root.iter("trafficLight")]
+    assert (
+        sorted(lights) == [["green", "yellow", "red", "redYellow"]] * 2 + [["red", "redYellow", "green", "yellow"]] * 2
+        if how == "traffic_light"
+        else not lights
+    )
+    stops = [one for one in root.findall("lanelet") if one.find("stopLine") is not None]
+    assert len(stops) == (0 if len(signs) == 1 and not lights else 4 if grid is KNOT else 8 + 3 * 4)
+
+
+def test_texts_are_the_same_for_the_same_map():
+    assert to_commonroad(KNOT) == to_commonroad(KNOT.tolist())
+    with pytest.raises(InputError, match="grid: expected a road, two tiles that connect to each other, got none"):
+        to_commonroad([[4, 4], [0, 0]])
+
+
+# From here on by CommonRoad itself: make simulators.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", BATCHES)
+def test_commonroad_reads_and_plans(batch, tmp_path):
+    if not OWN_ENVIRONMENT.exists():
+        pytest.skip("CommonRoad is not here: make simulators")
+    streets, files = Streets(), []
+    for number, grid in enumerate(maps(batch)):
+        files.append(tmp_path / f"{number}.xml")
+        files[-1].write_text(to_commonroad(grid, streets))
+    program = Path(__file__).with_name("commonroad_checker.py")
+    done = subprocess.run([OWN_ENVIRONMENT, program, str(streets.lane), *files], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-2000:]
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    for grid, file, one in zip(maps(batch), files, said, strict=True):
+        graph = lane_graph(grid)
+        lanes = numbered(graph)
+        numbers = {lane: number for number, lane in lanes.items()}
+        assert one["errors"] == [] and one["off_road"] == 0 and one["cars"] >= len(lanes)
+        assert one["after"] == {
+            str(number): sorted(numbers[other] for other in graph[lane]) for number, lane in lanes.items()
+        }
+        degrees = [degree for _, degree in road_graph(grid).degree() if degree > 2]
+        assert one["intersections"] == sorted([degree - 1] * degree for degree in degrees)
+        goal = int(ET.parse(file).find("planningProblem/goalState/position/lanelet").get("ref"))
+        best = nx.shortest_path_length(graph, lanes[1], lanes[goal])
+        found = [[lanes[number] for number in route] for route in one["routes"]]
+        assert all(nx.is_path(graph, route) for route in found)
+        ours = [route for route in found if route[0] == lanes[1] and route[-1] == lanes[goal]]
+        assert min(map(len, ours)) == best + 1  # others start or end in lanelets that overlap these

@@ -1,0 +1,156 @@
+"""Lanelet2's maps: lanelets by the graph of tiles; then what Lanelet2 itself reads and routes (make simulators)."""
+
+import random
+import xml.etree.ElementTree as ET
+from itertools import pairwise
+
+import networkx as nx
+import pytest
+from conftest import grids
+from hypothesis import assume, example, given
+from oracle import road_graph
+from simulator_maps import BATCHES, BLOCK, KNOT, RING, distances, lane_graph, maps, name
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.lanelet2 import to_lanelet2
+from elitelanes_jax.formats.streets import Streets
+
+
+def read(text):
+    """Lanelets by name: their tags and the nodes of both bounds; rules by subtype; nodes as x + y·i."""
+    root = ET.fromstring(text)
+    tags = {part: {tag.get("k"): tag.get("v") for tag in part.findall("tag")} for part in root}
+    nodes = {
+        node.get("id"): complex(float(tags[node]["local_x"]), float(tags[node]["local_y"]))
+        for node in root.iter("node")
+    }
+    ways = {way.get("id"): [nd.get("ref") for nd in way.findall("nd")] for way in root.iter("way")}
+    lanelets, rules = {}, {}
+    for relation in root.iter("relation"):
+        members = [(member.get("role"), member.get("ref")) for member in relation.findall("member")]
+        if tags[relation]["type"] == "lanelet":
+            sides = dict(members)
+            lanelets[tags[relation]["name"]] = relation.get("id"), ways[sides["left"]], ways[sides["right"]], members
+        else:
+            rules[relation.get("id")] = tags[relation]["subtype"], members
+    assert len({part.get("id") for part in root}) == len(root)
+    return lanelets, rules, nodes
+
+
+def directed(nodes, bound, lane, grid, streets, left):
+    """A bound's nodes in the direction of its lane, which begins at the side of its tile."""
+    row, column, into, _ = lane
+    ahead = (1j, 1, -1j, -1)[into]
+    start = (column + 0.5 + (len(grid) - row - 0.5) * 1j - ahead / 2) * streets.tile
+    start += 0 if left else -1j * ahead * streets.lane
+    return bound if abs(nodes[bound[0]] - start) < 1e-5 else bound[::-1]
+
+
+@given(grids(thin=True))
+@example(KNOT)
+@example(RING)
+@example(BLOCK)
+def test_lanelets_join_as_movements_do(grid):
+    assume(road_graph(grid).number_of_edges())
+    streets = Streets()
+    lanelets, _, nodes = read(to_lanelet2(grid, streets))
+    graph = lane_graph(grid)
+    assert lanelets.keys() == {name(lane) for lane in graph}
+    ends = {}
+    for lane in graph:
+        _, left, right, _ = lanelets[name(lane)]
+        left = directed(nodes, left, lane, grid, streets, True)
+        right = directed(nodes, right, lane, grid, streets, False)
+        ends[lane] = (left[0], right[0]), (left[-1], right[-1])
+        centre = [(nodes[one] + nodes[other]) / 2 for one, other in zip(left, right, strict=True)]
+        island = streets.lane / 40 * (lane[2] != lane[3]) + 1e-5
+        assert distances(centre, lane, grid, streets).max() < island
+    joined = {(one, other) for one in graph for other in graph if ends[one][1] == ends[other][0]}
+    assert joined == set(graph.edges)
+
+
+@pytest.mark.parametrize(
+    ("how", "found"),
+    [
+        ("allway_stop", {"all_way_stop": 1}),
+        ("traffic_light", {"traffic_light": 4}),
+        ("priority", {}),
+        ("right_before_left", {}),
+    ],
+)
+def test_rules_are_those_of_the_crossings(how, found):
+    lanelets, rules, _ = read(to_lanelet2(KNOT, Streets(right_of_way=how)))
+    kinds = [kind for kind, _ in rules.values()]
+    assert {kind: kinds.count(kind) for kind in kinds} == found
+    ruled = {one for one, (*_, members) in lanelets.items() if "regulatory_element" in dict(members)}
+    assert ruled == {one for one in lanelets if one.startswith("1_1_") and found}
+
+
+def test_at_three_arms_the_third_gives_way():
+    lanelets, rules, _ = read(to_lanelet2(BLOCK, Streets(right_of_way="priority")))
+    names = {number: one for one, (number, *_) in lanelets.items()}
+    by_role = [{(role, names[ref]) for role, ref in members} for _, members in rules.values()]
+    assert len(rules) == 4 and by_role[0] == {
+        ("right_of_way", "0_1_east_straight"),
+        ("right_of_way", "0_1_east_left"),
+        ("right_of_way", "0_1_west_straight"),
+        ("right_of_way", "0_1_west_right"),
+        ("yield", "0_1_south_left"),
+        ("yield", "0_1_south_right"),
+    }
+
+
+def test_texts_are_the_same_for_the_same_map():
+    assert to_lanelet2(KNOT) == to_lanelet2(KNOT.tolist())
+    with pytest.raises(InputError, match="grid: expected a road, two tiles that connect to each other, got none"):
+        to_lanelet2([[4, 4], [0, 0]])
+
+
+# From here on by Lanelet2 itself: make simulators.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("batch", BATCHES)
+def test_lanelet2_routes_as_we_do(batch, tmp_path):
+    lanelet2 = pytest.importorskip("lanelet2", reason="Lanelet2 is not here: make simulators")
+    rules = lanelet2.traffic_rules.create(
+        lanelet2.traffic_rules.Locations.Germany, lanelet2.traffic_rules.Participants.Vehicle
+    )
+    file, earth = tmp_path / "city.osm", lanelet2.projection.UtmProjector(lanelet2.io.Origin(0, 9))
+    for number, grid in enumerate(maps(batch)):
+        streets = (Streets(), Streets(8, 3.2))[number % 2]
+        file.write_text(to_lanelet2(grid, streets))
+        city, errors = lanelet2.io.loadRobust(str(file), earth)
+        assert not list(errors)
+        assert max(abs(p.x - float(p.attributes["local_x"])) for p in city.pointLayer) < 2e-6
+        assert max(abs(p.y - float(p.attributes["local_y"])) for p in city.pointLayer) < 2e-6
+        routing = lanelet2.routing.RoutingGraph(city, rules)
+        assert not list(routing.checkValidity())
+        graph = lane_graph(grid)
+        lanelets = {one.attributes["name"]: one for one in city.laneletLayer}
+        assert set(lanelets) == {name(lane) for lane in graph}
+        for lane in graph:
+            after = {one.attributes["name"] for one in routing.following(lanelets[name(lane)])}
+            assert after == {name(other) for other in graph[lane]}
+        check_routes(routing, lanelets, graph)
+
+
+def check_routes(routing, lanelets, graph, pairs=100):
+    """Routes of Lanelet2 are as long as ours. It takes the length of a left bound for that of its lanelet."""
+    ours = {name(lane): lane for lane in graph}
+    lengths = {lane: left_length(lanelets[name(lane)]) for lane in graph}
+    nx.set_edge_attributes(graph, {edge: lengths[edge[0]] for edge in graph.edges}, "weight")
+    draw = random.Random(0)
+    for _ in range(pairs // 10):
+        start = draw.choice(sorted(graph))
+        best = nx.single_source_dijkstra_path_length(graph, start)
+        for goal in draw.choices(sorted(best), k=10):
+            path = routing.shortestPath(lanelets[name(start)], lanelets[name(goal)], 0, False)
+            lanes = [ours[one.attributes["name"]] for one in path]
+            assert lanes[0] == start and lanes[-1] == goal
+            assert sum(lengths[lane] for lane in lanes[:-1]) == pytest.approx(best[goal], abs=1e-3)
+
+
+def left_length(lanelet):
+    places = [complex(point.x, point.y) for point in lanelet.leftBound]
+    return sum(abs(other - one) for one, other in pairwise(places))
