@@ -33,6 +33,7 @@ ENVIRONMENTS = {
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
+    "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),
     "lowest": Environment(".venv-lowest", ("networkx", "numba")),
