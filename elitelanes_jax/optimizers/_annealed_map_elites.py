@@ -193,13 +193,13 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         mates = island_mates(bits.mate, chains.grids, annealing.chains_on(shape))
         mates = _draw_mates(groups, config, own_bits, cycles, archives, mates)
         elites = archives.grids[cycles.start]
-        varied = vary(bits, cycles.restarts, chains.grids, mates)
-        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
         temperature = jnp.where(
             cycles.directed,
             cooling.temperature(_DIRECTION_HOTTEST, _DIRECTION_COLDEST, shape),
             cooling.temperature(annealing.hottest, annealing.coldest, shape),
         )
+        varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
+        children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
         pursued = partial(_pursued_fitness, problem, groups.niches, config, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
@@ -304,11 +304,12 @@ def _vary(
     strip: Move | None,
     probability: Real[ArrayLike, ""],
     bits: StepBits,
+    temperature: Int32[Array, " C"],
     restarts: Bool[Array, " C"],
     grids: Int8[Array, "C H W"],
     mates: Int8[Array, "C H W"],
 ) -> Variation:
-    """Makes a move from each chain's grid. Chains form pairs, and a random chain of each pair makes the strip.
+    """Makes a move from each chain's grid. Chains form pairs, and the colder chain of each pair makes the strip.
 
     So every step computes each kind of move for half of the chains. If each chain drew for itself, both kinds would be
     computed for all.
@@ -325,8 +326,9 @@ def _vary(
         jax.tree.map(lambda array, part=part: array[part], chains)
         for part in (slice(half), slice(half, 2 * half), slice(2 * half, None))
     )
+    one, other = temperature[:half], temperature[half : 2 * half]
     # A chain uses these bits only when a cycle begins, and then makes no move.
-    turn = bits.fresh[:half] & 1 > 0
+    turn = (one < other) | (one == other) & (bits.fresh[:half] & 1 > 0)
     drawn, _, before, _ = select(turn, first, second)
     refitted = jax.vmap(strip.apply)(drawn[:, : strip.bits], before)
     mixed = mix(*concatenate(select(turn, second, first), left))

@@ -96,7 +96,8 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
 
     The search for fillings is exact: every valid filling has a probability over 0. A filling is valid if it has no
     mismatch, dead end, adjacent turns and adjacent crossings, inside or with the tiles around it. If there is none, and
-    on grids with fewer than three rows or columns, the grid does not change.
+    on grids with fewer than three rows or columns, the grid does not change. Short stretches of dense networks seldom
+    have another filling. So 7 of 8 stretches are made long enough for another one, which is then drawn.
 
     Args:
       empty: whether cells of a filling may be empty.
@@ -113,7 +114,6 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
         ends = jnp.where(bernoulli(bits[0], whole), jnp.stack([length * 0, length - 1]), randint(bits[2:4], length))
         rows, columns = np.arange(height)[:, None], np.arange(width)[None]
         line, along = jnp.where(upright, columns, rows) - first, jnp.where(upright, rows, columns)
-        inside = (line >= 0) & (line < LINES) & (along >= ends.min()) & (along <= ends.max())
 
         side = max(height, width)
         padded = materialize(
@@ -123,7 +123,10 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
         stride = side + 2
         tiles = lookup(padded, jnp.where(upright, steps * stride + lines, lines * stride + steps))
         tiles = materialize(jnp.where(upright, transpose_codes(tiles), tiles))
-        strip = materialize(_refitted(bits[4], tiles, ends.min(), ends.max(), empty=empty))
+        other = bits[0] >> 1 & 7 > 0
+        begin, strip = _refitted(bits[4], tiles, ends.min(), ends.max(), other, empty=empty)
+        strip = materialize(strip)
+        inside = (line >= 0) & (line < LINES) & (along >= begin) & (along <= ends.max())
         new = lookup(strip, jnp.broadcast_to(along, grid.shape)) >> 4 * jnp.clip(line, 0, LINES - 1) & 15
         new = jnp.where(upright, transpose_codes(new), new)
         return Variation(jnp.where(inside, new, grid).astype(jnp.int8), inside)
@@ -132,18 +135,27 @@ def refit_strip(*, empty: bool = True, whole: Real[ArrayLike, ""] = 0.5) -> Move
 
 
 def _refitted(
-    bits: UInt32[Array, ""], tiles: Int32[Array, "5 N"], west: Int32[Array, ""], east: Int32[Array, ""], *, empty: bool
-) -> Int32[Array, " N"]:
+    bits: UInt32[Array, ""],
+    tiles: Int32[Array, "5 N"],
+    west: Int32[Array, ""],
+    east: Int32[Array, ""],
+    other: Bool[Array, ""],
+    *,
+    empty: bool,
+) -> tuple[Int32[Array, ""], Int32[Array, " N"]]:
     """Draws a valid filling of the columns `west` to `east` of a strip, whose tiles include the lines above and below.
 
-    Returns columns as in `StripTables`; the same as before if there is no filling.
+    If `other`, `west` moves to the west until a column can show something else to the east, and the filling differs
+    from the present one.
+
+    Returns `west`, and columns as in `StripTables`; the same as before if there is no filling.
     """
     tables = jax.tree.map(jnp.asarray, strip_tables(empty=empty))
     length = tiles.shape[1]
     fives, fours = _SHOWN ** np.arange(LINES), 16 ** np.arange(LINES)
     around = jnp.asarray(_SOUTH)[tiles[0]] * _SHOWN + jnp.asarray(_NORTH)[tiles[-1]]
     strip = tiles[1:-1]
-    border = (jnp.asarray(_WEST)[strip] * fives[:, None]).sum(axis=0)
+    border, shown = ((jnp.asarray(side)[strip] * fives[:, None]).sum(axis=0) for side in (_WEST, _EAST))
     old = (strip * fours[:, None]).sum(axis=0)
     beside = tables.back[jnp.append(border[1:], 0)]
 
@@ -157,11 +169,18 @@ def _refitted(
     columns = jnp.arange(length)
     _, ahead = jax.lax.scan(back, jnp.zeros(2, jnp.uint32), (columns, around, beside), reverse=True)
 
-    def forth(carry: tuple[Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array], Array]:
-        shown, fits = carry
-        index, around, ahead, old = column
+    present = tables.forth[shown]
+    others = tables.after[around * 125 + jnp.append(0, shown[:-1])] & ahead & ~present
+    free = other & (others != 0).any(axis=1) & (columns <= east)
+    last = jnp.where(free, columns, -1).max()  # of the columns with which the filling can begin to differ
+    west = jnp.where(last < 0, west, jnp.minimum(west, last))
+
+    def forth(carry: tuple[Array, Array, Array], column: tuple[Array, ...]) -> tuple[tuple[Array, Array, Array], Array]:
+        shown, fits, same = carry
+        index, around, ahead, old, present = column
         draws = _hash(bits + (index * 8 + np.arange(7)).astype(jnp.uint32) * np.uint32(0x9E3779B9))
         possible = tables.after[around * 125 + shown] & ahead
+        possible &= ~jnp.where(same & (index == last), present, 0)
         behind = _draw_state(draws[:3], possible)
         pair = around * _STATES + behind
         ahead_of = _draw_state(draws[3:6], tables.between[pair] & tables.forth[shown])
@@ -172,10 +191,11 @@ def _refitted(
         fits &= ~inside | ((possible != 0).any() & (count > 0))
         new = jnp.where(inside, drawn, old)
         tiles = new >> 4 * np.arange(LINES) & 15
-        return ((jnp.asarray(_EAST)[tiles] * fives).sum(), fits), new
+        return ((jnp.asarray(_EAST)[tiles] * fives).sum(), fits, same & (new == old)), new
 
-    (_, fits), new = jax.lax.scan(forth, (jnp.int32(0), jnp.asarray(True)), (columns, around, ahead, old))
-    return jnp.where(fits, new, old)
+    yes = jnp.asarray(True)
+    (_, fits, _), new = jax.lax.scan(forth, (jnp.int32(0), yes, yes), (columns, around, ahead, old, present))
+    return west, jnp.where(fits, new, old)
 
 
 def _draw_state(bits: UInt32[Array, " 3"], states: UInt32[Array, " 2"]) -> Int32[Array, ""]:
