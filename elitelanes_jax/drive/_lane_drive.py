@@ -296,7 +296,8 @@ def _step(
     """Drives for one step of time.
 
     The episode terminates at the goal of a route, on a dead end, when either side of the robot leaves the road, and
-    when it touches an object, unless `LaneDriveParams.collision` is "cost". It is truncated at the limit. A robot that leaves its tile by another way than its movement continues on that way.
+    when it touches an object, unless `LaneDriveParams.collision` is "cost". It is truncated at the limit. A robot that
+    leaves its tile by another way than its movement continues on that way.
 
     Args:
       key: consumed, for noise and random turns.
