@@ -17,7 +17,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown gym-duckietown interop rl sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -108,6 +108,10 @@ everything: $(READY)
 duckietown: $(READY) .venv-duckietown/.ready
 	$(BIN)/python -m pytest -m slow tests/formats/test_duckietown.py
 
+# gym-duckietown and dt-maps, without a display: Debian's libegl1 and libglu1-mesa.
+gym-duckietown: $(READY) .venv-gym-duckietown/.ready
+	$(BIN)/python -m pytest -m slow tests/maps/test_gym_duckietown.py
+
 # A thousand towns, loaded by duckietown-world and driven through in SUMO; it goes on where it ended.
 towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	test -d results/towns || $(BIN)/elitelanes generate --style town --size 9 9 --maps 1000 --seeds 32 \
@@ -119,6 +123,12 @@ towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	rm -rf .venv-duckietown
 	$(PYTHON) -m venv .venv-duckietown
 	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
+.venv-gym-duckietown/.ready: tests/maps/gym_duckietown/requirements.txt
+	rm -rf .venv-gym-duckietown
+	$(PYTHON) -m venv .venv-gym-duckietown
+	.venv-gym-duckietown/bin/python -m pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
 lint: $(READY)

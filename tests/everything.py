@@ -32,6 +32,7 @@ ENVIRONMENTS = {
     "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxued")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
+    "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),
     "lowest": Environment(".venv-lowest", ("networkx", "numba")),

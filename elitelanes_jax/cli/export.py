@@ -45,6 +45,12 @@ def _duckietown(road_map: "RoadMap", **settings: UserValue) -> _Files:
     return _Files((to_duckietown(road_map.codes, objects=road_map.objects, **settings),))
 
 
+def _dt_maps(road_map: "RoadMap", **settings: UserValue) -> _Files:
+    from elitelanes_jax.formats.dt_maps import to_dt_maps
+
+    return _Files(tuple(to_dt_maps(road_map, **settings).values()))
+
+
 def _graphml(road_map: "RoadMap", reduced: bool) -> _Files:
     from elitelanes_jax.formats.graph import reduced_graph, tile_graph, to_graphml
 
@@ -62,11 +68,16 @@ def _sumo(road_map: "RoadMap", to: str, **measures: UserValue) -> _Files:
 
 
 _STREETS = ("tile_size", "lane", "speed", "right_of_way")
+_DT_MAPS = (
+    *("/frames.yaml", "/tile_maps.yaml", "/tiles.yaml", "/traffic_signs.yaml", "/ground_tags.yaml", "/citizens.yaml"),
+    *("/vehicles.yaml", "/decorations.yaml"),
+)
 _PLAIN = (".nod.xml", ".edg.xml", ".con.xml")
 
 # By the names that --to takes: the formats of a map, and those of tables.
 FORMATS = {
     "duckietown": _Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
+    "dt-maps": _Format(_DT_MAPS, _dt_maps, ("tile_size",)),
     "graphml": _Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": _Format((".graphml",), partial(_graphml, reduced=True)),
     "sumo": _Format((".net.xml",), partial(_sumo, to="net"), _STREETS),
@@ -192,6 +203,7 @@ def _write_maps(
         with output_folder(out, {"command": "export"}) as work:
             for file, road_map, place in zip(files, maps, places, strict=True):
                 for suffix, text in zip(target.suffixes, texts(file, road_map), strict=True):
+                    (work.files / (place + suffix)).parent.mkdir(exist_ok=True)
                     write_atomic(work.files / (place + suffix), text.encode())
     return warnings
 

@@ -1,3 +1,5 @@
+from .dt_maps import read_dt_maps as read_dt_maps
+from .dt_maps import to_dt_maps as to_dt_maps
 from .duckietown import from_duckietown as from_duckietown
 from .duckietown import to_duckietown as to_duckietown
 from .duckietown import without_dead_ends as without_dead_ends

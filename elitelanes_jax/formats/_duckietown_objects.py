@@ -19,7 +19,9 @@ from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
 TAG_SIZE = 0.065
 """The side of an AprilTag in metres."""
 
-_FAMILY = "36h11"
+TAG_FAMILY = "36h11"
+"""The family of all tags."""
+
 _OF_MAP = {
     "sign_1_way_left": "sign_oneway_left",
     "sign_1_way_right": "sign_oneway_right",
@@ -56,7 +58,7 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
         lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
         lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
         if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
-            lines.append(f"    tag: {{~TagInstance: {{family: {_FAMILY}, size: {TAG_SIZE}, tag_id: {thing.tag}}}}}")
+            lines.append(f"    tag: {{~TagInstance: {{family: {TAG_FAMILY}, size: {TAG_SIZE}, tag_id: {thing.tag}}}}}")
         lines += ["    static: false"] * (not thing.static)
     return "".join(f"{line}\n" for line in ("objects:", *lines)) if objects else ""
 
@@ -93,30 +95,31 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}")
     x, y, angle = _pose(value, rows, tile_size)
     usual = OBJECT_KINDS[kind].height
-    height = _real(value, "height", usual) if usual else 0.0
+    height = real_of(value, "height", usual) if usual else 0.0
     if kind == "trafficlight":
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
     tag = None
     if "tag" in value:
-        tag = int(_real(_table(value["tag"], "~TagInstance"), "tag_id"))
+        tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id"))
     static = str(value.get("static", True)).lower() not in ("false", "no", "off")
     return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, static)
 
 
 def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[float, float, float]:
     """Returns x, y and the angle of an object."""
-    rotate = radians(_real(value, "rotate", 0.0))
+    rotate = radians(real_of(value, "rotate", 0.0))
     if "attach" in value:  # before the pose, whose position it replaces
         attach = _table(value, "attach")
         column, row = _pair(attach, "tile")
-        slot = _real(attach, "slot")
+        slot = real_of(attach, "slot")
         if slot not in range(len(_SLOTS)):
             raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot:g}")
         east, north = _SLOTS[int(slot)]
-        turned = radians(_real(_table(value["pose"], "~SE2Transform"), "theta_deg", 0.0)) if "pose" in value else rotate
-        return column + east / tile_size, rows - row - north / tile_size, turned
+        if "pose" in value:
+            rotate = radians(real_of(_table(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
+        return column + east / tile_size, rows - row - north / tile_size, rotate
     if "pos" in value:
         return *_pair(value, "pos"), rotate
     if "pose" in value:
@@ -133,8 +136,8 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
 def _transform(value: Plain) -> tuple[float, float, float]:
     inner = _table(value, "~SE2Transform")
     if "theta" in inner:
-        return *_pair(inner, "p", (0.0, 0.0)), _real(inner, "theta")
-    return *_pair(inner, "p", (0.0, 0.0)), radians(_real(inner, "theta_deg", 0.0))
+        return *_pair(inner, "p", (0.0, 0.0)), real_of(inner, "theta")
+    return *_pair(inner, "p", (0.0, 0.0)), radians(real_of(inner, "theta_deg", 0.0))
 
 
 def _table(value: Plain, name: str) -> dict[str, Plain]:
@@ -149,10 +152,15 @@ def _pair(values: Mapping[str, Plain], name: str, default: tuple[float, float] |
     if not isinstance(listed, list | tuple) or len(listed) not in (2, 3):
         raise InputError(f"{name}: expected two numbers, got {shorten(repr(listed), 40)}")
     first, second = ({name: one} for one in listed[:2])
-    return _real(first, name), _real(second, name)
+    return real_of(first, name), real_of(second, name)
 
 
-def _real(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:
+def real_of(values: Mapping[str, Plain], name: str, default: float | None = None) -> float:
+    """Returns the number under a name.
+
+    Raises:
+      InputError: if there is no finite number; the message starts with the name.
+    """
     text = values.get(name, default)
     try:
         number = float(text) if isinstance(text, str | int | float) and "_" not in str(text) else float("nan")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap, read_map
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap, read_map, to_duckietown
 
 GRID = np.array([[6, 12], [3, 9]], np.int8)
 OBJECTS = (
@@ -58,3 +58,65 @@ def test_wrong_objects_are_named(objects, words):
     """One message names the object, its field, what was expected and what came."""
     with pytest.raises(InputError, match=words):
         RoadMap(GRID, objects=objects)
+
+
+TILES = "tiles:\n- [curve_left/W, curve_left/N]\n- [curve_left/S, curve_left/E]\n- [grass, grass]\n"
+
+
+def test_four_ways_to_say_where_an_object_is(tmp_path):
+    """All are read as a position from the north-west corner, in tiles, and an angle from east."""
+    file = tmp_path / "map.yaml"
+    file.write_text(
+        "tile_size: 0.5\n" + TILES + "objects:\n"
+        "  a: {kind: duckie, pos: [1.5, 0.25], rotate: 90, height: 0.06, optional: true, static: False}\n"
+        "  b: {kind: sign_1_way_left, pose: {~SE2Transform: {p: [0.75, 1.375], theta_deg: 450}}}\n"
+        "  c: {kind: truck, height: 0.2, place: {tile: [1, 2],\n"
+        "      relative: {~SE2Transform: {p: [0.05, -0.05], theta: 1.5}}}}\n"
+        "  d: {kind: sign_stop, attach: {tile: [1, 2], slot: 4}, pose: {~SE2Transform: {theta_deg: 180}},\n"
+        "      tag: {~TagInstance: {family: 36h11, tag_id: 31, size: 0.08}}}\n",
+        encoding="utf-8",
+    )
+    found = read_map(file).objects
+    expected = [
+        MapObject("duckie", 1.5, 0.25, math.pi / 2, 0.06, static=False),
+        MapObject("sign_oneway_left", 1.5, 0.25, math.pi / 2, 0.18),
+        MapObject("truck", 1.6, 0.6, 1.5, 0.2),
+        MapObject("sign_stop", 1 - 0.18, 1 + 0.07, math.pi, 0.18, tag=31),
+    ]
+    for one, other in zip(found, expected, strict=True):
+        assert one[1:5] == pytest.approx(other[1:5])
+        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+
+
+def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
+    """A traffic light is at its stand here, and at the middle of its mesh there."""
+    objects = (*OBJECTS, MapObject("trafficlight", 0.5, 1.75, 0.75, 0.4))
+    file = tmp_path / "map.yaml"
+    file.write_text(to_duckietown(GRID, objects=objects, tile_size=0.6), encoding="utf-8")
+    for one, other in zip(read_map(file).objects, objects, strict=True):
+        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
+        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    assert "objects" not in to_duckietown(GRID)
+
+
+@pytest.mark.parametrize(
+    ("objects", "words"),
+    [
+        ("3", "objects: expected a list or a table of objects, got '3'"),
+        ("[3]", 'objects: 0: expected {"kind": ...}'),
+        ("[{kind: dragon, pos: [1, 1]}]", "objects: 0: kind: expected one of .*got 'dragon'"),
+        ("{a: {kind: duckie}}", "objects: a: expected a pose, pos, place or attach"),
+        ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
+        ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),
+        ("[{kind: duckie, pos: [1, nan]}]", "pos: expected a number"),
+        ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
+        ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
+        ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),
+    ],
+)
+def test_objects_that_cannot_be_read_are_named(tmp_path, objects, words):
+    """One message names the file, the object, and what was expected."""
+    file = tmp_path / "map.yaml"
+    file.write_text(f"tile_size: 0.5\n{TILES}objects: {objects}\n", encoding="utf-8")
+    with pytest.raises(InputError, match=f"map.yaml: .*{words}"):
+        read_map(file)

@@ -1,0 +1,197 @@
+"""Duckietown's newer maps: a folder with a YAML file for each layer, which the library dt-maps 0.1.0 reads.
+
+Poses are in the layer ``frames``: metres from the south-west corner, and yaw counter-clockwise. At yaw 0 a straight
+tile leads from north to south, a curve from south to east, and a 3-way tile has no west side, as in ``get_tile_graph``.
+"""
+
+from collections.abc import Mapping
+from math import cos, pi, remainder, sin
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import MIB, read_text
+from elitelanes_jax._util.types import Plain
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, TAG_SIZE, real_of
+from elitelanes_jax.formats._yaml_tree import yaml_tree
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
+
+LAYERS = ("frames", "tile_maps", "tiles", "traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
+"""The layers of a map, each a file. The library has no type for decorations, and keeps them as they are."""
+
+_MAP = "map_0"
+_ROADS = {"straight": NORTH | SOUTH, "curve": SOUTH | EAST, "3way": NORTH | EAST | SOUTH, "4way": 15}
+_GROUNDS = ("grass", "floor", "asphalt")
+_TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in _ROADS.items() for turns in (3, 2, 1, 0)}
+_SIGNS = {
+    "sign_4_way_intersect": "four_way_intersect",
+    "sign_T_intersect": "t_intersection",
+    "sign_left_T_intersect": "left_t_intersect",
+    "sign_right_T_intersect": "right_t_intersect",
+} | {
+    f"sign_{name}": name
+    for name in (
+        *("stop", "yield", "do_not_enter", "no_left_turn", "no_right_turn", "oneway_left", "oneway_right"),
+        *("duck_crossing", "pedestrian", "parking", "t_light_ahead"),
+    )
+}
+_KIND_OF_SIGN = {name: kind for kind, name in _SIGNS.items()}
+
+
+def to_dt_maps(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
+    """Returns the texts of a map's layers, by their names in `LAYERS`.
+
+    Args:
+      road_map: a map.
+      tile_size: in metres, 0.01 to 100.
+
+    Raises:
+      InputError: for a tile with one connection, as Duckietown has none, or a bad tile size.
+    """
+    if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
+        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {shorten(repr(tile_size))}")
+    size, rows = float(tile_size), len(road_map.codes)
+    layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
+    layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
+    layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
+    for (row, column), code in np.ndenumerate(road_map.codes.astype(int)):
+        if code and int(code) not in _TILE:
+            raise InputError(
+                f"grid: expected tiles with two or more connections, as Duckietown has no other, got a dead end at row "
+                f"{row}, column {column}; without_dead_ends leaves such roads out"
+            )
+        i, j, (kind, turns) = column, rows - 1 - row, _TILE[int(code)] if code else ("grass", 0)
+        name = f"{_MAP}/tile_{i}_{j}"
+        layers["tiles"][name] = {"i": i, "j": j, "type": kind}
+        layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
+    for index, thing in enumerate(road_map.objects or ()):
+        name = f"{_MAP}/{thing.kind}_{index}"
+        layer, values = _entry(thing)
+        layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
+        layers["frames"][name] = _frame(_MAP, thing.x * size, (rows - thing.y) * size, thing.angle)
+    return {
+        name: yaml.safe_dump({"version": "1.0", name: values}, sort_keys=False, default_flow_style=None, width=200)
+        for name, values in layers.items()
+    }
+
+
+def read_dt_maps(folder: str | Path) -> RoadMap:
+    """Reads a folder of layers: its tiles and objects.
+
+    All frames have to be relative to the map's, or to frames that are. Watchtowers and layers of other names are not
+    read. An object has its usual height, unless the file says "height".
+
+    Raises:
+      InputError: if a file cannot be read, or anything in it is not as it should be; the message names the file.
+    """
+    place = check_named("folder", path, folder)
+    layers = {name: _layer(place, name) for name in LAYERS}
+    maps = list(layers["tile_maps"])
+    if len(maps) != 1:
+        raise InputError(f"{place / 'tile_maps.yaml'}: expected one map, got {len(maps)}")
+    frames = {name: value for name, value in layers["frames"].items() if name != maps[0]}
+    try:
+        size = real_of(layers["tile_maps"][maps[0]].get("tile_size", {}), "x")
+        if not 0.01 <= size <= 100:
+            raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {size}")
+        cells = {name: (int(real_of(one, "i")), int(real_of(one, "j"))) for name, one in layers["tiles"].items()}
+        sides = [max((cell[axis] for cell in cells.values()), default=-1) + 1 for axis in (0, 1)]
+        if min(sides) < 1 or max(sides) > 1024 or min(min(cell) for cell in cells.values()) < 0:
+            raise InputError(f"tiles: expected sides of 1 to 1024 tiles, from i = 0 and j = 0 on, got {sides}")
+        codes = np.zeros(sides[::-1], np.int8)
+        for name, (i, j) in cells.items():
+            codes[sides[1] - 1 - j, i] = _code(layers["tiles"][name].get("type"), _pose(frames, name, maps[0])[2])
+        objects = [
+            _object(layer, name, layers[layer][name], _pose(frames, name, maps[0]), sides[1], size)
+            for name in frames
+            for layer in LAYERS[3:]
+            if name in layers[layer]
+        ]
+        return RoadMap(codes, objects=tuple(objects) or None)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+
+
+def _layer(folder: Path, name: str) -> dict[str, dict[str, Plain]]:
+    file = folder / f"{name}.yaml"
+    if name in LAYERS[3:] and not file.exists():
+        return {}
+    try:
+        values = yaml_tree(read_text(file, 32 * MIB))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: expected a readable YAML file, got: {getattr(error, 'strerror', error)}") from None
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
+    found = values.get(name) if isinstance(values, dict) else None
+    found = {} if found in ("", "~", "null") else found
+    if not isinstance(found, dict) or not all(isinstance(one, dict) for one in found.values()):
+        raise InputError(f"{file}: expected a table of tables under {name!r}, got {shorten(repr(found), 40)}")
+    return found
+
+
+def _frame(relative_to: str | None, x: float, y: float, yaw: float) -> dict[str, Plain]:
+    yaw = remainder(yaw, 2 * pi)
+    pose = {"x": round(x, 6), "y": round(y, 6), "z": 0.0, "roll": 0.0, "pitch": 0.0, "yaw": round(yaw, 6)}
+    return {"relative_to": relative_to, "pose": pose}
+
+
+def _pose(frames: Mapping[str, dict[str, Plain]], name: str, root: str) -> tuple[float, float, float]:
+    """Returns x, y and yaw of a frame in the frame of the map."""
+    x = y = yaw = 0.0
+    for _ in range(len(frames) + 1):
+        if name == root:
+            return x, y, yaw
+        if name not in frames:
+            break
+        pose = frames[name].get("pose")
+        if not isinstance(pose, dict):
+            raise InputError(f"frames: {name}: expected a pose, got {shorten(repr(pose), 40)}")
+        turn = real_of(pose, "yaw")
+        x, y = cos(turn) * x - sin(turn) * y + real_of(pose, "x"), sin(turn) * x + cos(turn) * y + real_of(pose, "y")
+        yaw += turn
+        name = str(frames[name].get("relative_to"))
+    raise InputError(f"frames: expected frames relative to {root}, got one relative to {shorten(name, 40)}")
+
+
+def _code(kind: Plain, yaw: float) -> int:
+    if kind in _GROUNDS:
+        return 0
+    turns = round(yaw / (pi / 2))
+    if kind not in _ROADS or abs(yaw - turns * pi / 2) > 0.01:
+        kinds, got = ", ".join((*_ROADS, *_GROUNDS)), shorten(repr(kind), 40)
+        raise InputError(f"tiles: expected {kinds}, at a right angle, got {got} with yaw {yaw:g}")
+    return int(rotate_codes(_ROADS[str(kind)], turns % 4))
+
+
+def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
+    """Returns the layer of an object, and what that says of its kind."""
+    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
+    if thing.kind in _SIGNS:
+        return "traffic_signs", {"type": _SIGNS[thing.kind]} | tag
+    if thing.kind == "floor_tag":
+        return "ground_tags", {"size": TAG_SIZE} | tag
+    if thing.kind == "duckie":
+        return "citizens", {"color": "yellow"}
+    if thing.kind == "duckiebot":
+        return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
+    return "decorations", {"type": thing.kind} | tag
+
+
+def _object(
+    layer: str, name: str, values: dict[str, Plain], pose: tuple[float, float, float], rows: int, size: float
+) -> MapObject:
+    usual = {"citizens": "duckie", "vehicles": "duckiebot", "ground_tags": "floor_tag"}
+    given = str(values.get("type"))
+    kind = usual.get(layer) or (_KIND_OF_SIGN.get(given) if layer == "traffic_signs" else given)
+    if kind not in OBJECT_KINDS:
+        raise InputError(f"{layer}: {name}: type: expected a known kind, got {shorten(repr(given), 40)}")
+    height = real_of(values, "height", OBJECT_KINDS[kind].height)
+    tag = int(real_of(values, "id")) if "id" in values and layer not in ("citizens", "vehicles") else None
+    static = str(values.get("static", True)).lower() != "false"
+    return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)

@@ -1,0 +1,83 @@
+"""The folder of layers of dt-maps: there and back."""
+
+import math
+
+import numpy as np
+import pytest
+
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, read_dt_maps, to_dt_maps
+from elitelanes_jax.network.codes import ROAD_ALPHABET
+
+ROW = np.array([[*ROAD_ALPHABET, 0]], np.int8)
+
+
+def write(folder, road_map, **settings):
+    for name, text in to_dt_maps(road_map, **settings).items():
+        (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
+
+
+def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
+    """In every field; poses with six decimals."""
+    objects = [
+        MapObject(
+            kind, 0.3 * index, 0.5, 0.1 * index - 1, usual.height * 1.5, 7 if "sign" in kind else None, index % 2 > 0
+        )
+        for index, (kind, usual) in enumerate(OBJECT_KINDS.items())
+    ]
+    write(tmp_path, RoadMap(ROW, objects=objects), tile_size=0.6)
+    found = read_dt_maps(tmp_path)
+    np.testing.assert_array_equal(found.codes, ROW)
+    for one, other in zip(found.objects, objects, strict=True):
+        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
+        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+
+
+def test_frames_are_relative_to_others(tmp_path):
+    """An object on another one's frame moves with it."""
+    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=[MapObject("duckie", 0.5, 1.5, math.pi / 2, 0.08)]), tile_size=1)
+    frames, citizens = (tmp_path / f"{name}.yaml" for name in ("frames", "citizens"))
+    child = "  map_0/child: {relative_to: map_0/duckie_0, pose: {x: 0.25, y: 0.0, z: 0, roll: 0, pitch: 0, yaw: 0.5}}\n"
+    frames.write_text(frames.read_text(encoding="utf-8") + child, encoding="utf-8")
+    citizens.write_text(citizens.read_text(encoding="utf-8") + "  map_0/child: {color: red}\n", encoding="utf-8")
+    assert read_dt_maps(tmp_path).objects[1][1:4] == pytest.approx((0.5, 1.25, math.pi / 2 + 0.5), abs=1e-5)
+
+
+def test_dead_ends_and_sizes_are_refused():
+    """As for Duckietown's other maps."""
+    with pytest.raises(InputError, match="got a dead end at row 0, column 0"):
+        to_dt_maps(RoadMap([[2, 8]]))
+    with pytest.raises(InputError, match="tile_size: expected metres"):
+        to_dt_maps(RoadMap([[6, 3], [12, 9]]), tile_size=0)
+
+
+@pytest.mark.parametrize(
+    ("layer", "old", "new", "words"),
+    [
+        ("tiles", "type: curve", "type: bend", "tiles: expected straight, curve"),
+        ("tiles", "i: 1", "i: 2000", "tiles: expected sides of 1 to 1024"),
+        ("tiles", "i: 1", "i: one", "i: expected a number, got 'one'"),
+        ("frames", "yaw: 1.570796", "yaw: 1.2", "at a right angle, got 'curve' with yaw 1.2"),
+        ("frames", "relative_to: map_0", "relative_to: map_1", "frames: expected frames relative to map_0"),
+        ("frames", "pose: {", "pose: 3 #", "frames.yaml: expected readable YAML|expected a pose"),
+        ("citizens", "citizens:", "people:", "citizens.yaml: expected a table of tables under 'citizens'"),
+        ("tile_maps", "x: 1.0", "x: 0", "tile_size: expected metres"),
+        ("traffic_signs", "type: stop", "type: go", "type: expected a known kind, got 'go'"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):
+    """One message names the folder or the file."""
+    objects = [MapObject("duckie", 1, 1, 0, 0.08), MapObject("sign_stop", 1, 1, 0, 0.18, 1)]
+    write(tmp_path, RoadMap([[6, 3], [12, 9]], objects=objects), tile_size=1)
+    file = tmp_path / f"{layer}.yaml"
+    text = file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        read_dt_maps(tmp_path)
+
+
+def test_a_folder_without_layers_is_refused(tmp_path):
+    """The first file that is missing is named."""
+    with pytest.raises(InputError, match="frames.yaml: expected a readable YAML file, got: No such file"):
+        read_dt_maps(tmp_path)
