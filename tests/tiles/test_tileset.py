@@ -282,7 +282,7 @@ SPOILS = {
     ),
     "a mask named as a map's labels": (
         lambda folder: write(folder, "turn_1/labels.png", np.zeros((384, 384), np.uint8)),
-        r"turn_1/labels.png: expected a mask's name in small letters, .* none of labels, overlay, instances, got 'labels'",
+        r"turn_1/labels.png: expected a mask's name .* none of labels, overlay, instances, got 'labels'",
     ),
     "a mask named as another in capitals": (
         lambda folder: write(folder, "turn_1/Road.png", np.zeros((384, 384), np.uint8)),
