@@ -33,7 +33,7 @@ def test_the_drawn_set_has_all_kinds_in_their_sizes():
 
 
 def test_the_script_draws_the_set(tmp_path):
-    kinds = ["duckie", "floor_tag", "sign_stop"]
+    kinds = ["cone", "floor_tag", "sign_stop"]
     draw_all(tmp_path, kinds)
     folders = {folder.name for folder in default_objects().iterdir()}
     assert {folder.name for folder in tmp_path.iterdir()} == {
