@@ -142,7 +142,7 @@ def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
         (["--to", "duckietown"], "0001/map.json: grid: expected tiles with two or more connections"),
         (
             ["--to", "paper"],
-            "--to: expected one of duckietown, graphml, graphml-reduced, sumo, sumo-plain, opendrive, json",
+            "--to: expected one of duckietown, dt-maps, graphml, graphml-reduced, sumo, sumo-plain, opendrive, json",
         ),
         (["--to", "csv", "--ground", "grass"], "--ground: expected it with duckietown alone, got it with csv"),
         (["--to", "csv", "--lane", "3"], "--lane: expected it with sumo, sumo-plain, opendrive alone, got it with csv"),
