@@ -86,7 +86,7 @@ pack-hard: results/packs/hard
 results/packs/%: $(PROGRAM)
 	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 8 --tile-px 16 \
 	  --out results/pack-maps/$*
-	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --out $@
+	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --tile-px 32 --out $@
 
 # MuJoCo and trimesh; MuJoCo draws by EGL, without a display (Debian's libegl1).
 mujoco: .venv-mujoco/.ready
