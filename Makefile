@@ -75,7 +75,7 @@ simulators: mujoco pogema
 PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
 PACK-city := --style town --size 24 24 --evaluations 20000
-PACK-hard := --size 12 12 --where cyclomatic=1..8 straight_share=..0.3 --evaluations 50000
+PACK-hard := --size 12 12 --where cyclomatic=1..14 straight_share=..0.6 --evaluations 100000
 PACKED := opendrive duckietown mujoco nav2 movingai
 
 pack-town: results/packs/town
@@ -86,7 +86,7 @@ pack-hard: results/packs/hard
 results/packs/%: $(PROGRAM)
 	test -d results/pack-maps/$* || $(BIN)/elitelanes generate $(PACK-$*) --maps 100 --seeds 8 --tile-px 16 \
 	  --out results/pack-maps/$*
-	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --out $@
+	test -d $@ || $(BIN)/elitelanes pack results/pack-maps/$* --to $(PACKED) --tile-px 32 --out $@
 
 # MuJoCo and trimesh; MuJoCo draws by EGL, without a display (Debian's libegl1).
 mujoco: .venv-mujoco/.ready
