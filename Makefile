@@ -17,7 +17,7 @@ TESTED := dev,docs,experiments,training
 NEWEST ?= $(shell for minor in 15 14 13 12; do python3.$$minor -c '' 2>/dev/null && echo python3.$$minor && break; done)
 OLDEST ?= python3.11
 
-.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
+.PHONY: demo test test-slow notebooks explorer marimo duckietown interop rl sumo simulators newest lowest everything towns lint docs dist benchmark compare scaling optimum certify segmentation navigation realism references throughput driving-speed clean
 
 demo: $(PROGRAM)
 	rm -rf $(DEMO)
@@ -55,6 +55,11 @@ sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
 	  tests/experiments/test_references.py -k 'sumo or references'
 
+# CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
+simulators: .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
+	.venv-simulators/bin/python -m pytest -n auto -m slow tests/formats/test_opendrive.py \
+	  tests/formats/test_lanelet2.py tests/formats/test_commonroad.py
+
 # marimo.
 marimo: .venv-marimo/.ready explorer/node_modules/.ready
 	.venv-marimo/bin/python -m pytest -m slow tests/explorer/test_explorer_widget.py
@@ -68,14 +73,17 @@ rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
 EXTRAS-sumo := dev,plots,sumo
+EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
+MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,sumo marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,sumo simulators marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
-	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]'
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \
+	  $(MORE-$*)
 	touch $@
 
 # The newest Python on the PATH, with the newest versions that pip finds today.
@@ -119,6 +127,13 @@ towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	rm -rf .venv-duckietown
 	$(PYTHON) -m venv .venv-duckietown
 	.venv-duckietown/bin/python -m pip install --quiet --disable-pip-version-check --no-deps -r $<
+	touch $@
+
+# Programs that tests call, with packages that do not fit ours: NumPy below 2, and an old protobuf.
+.venv-asam/.ready .venv-commonroad/.ready: .venv-%/.ready: tests/formats/requirements-%.txt
+	rm -rf .venv-$*
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
 lint: $(READY)
