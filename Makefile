@@ -55,6 +55,11 @@ sumo: .venv-sumo/.ready
 	.venv-sumo/bin/python -m pytest -m slow tests/formats/test_sumo.py tests/docs/test_notebooks.py \
 	  tests/experiments/test_references.py -k 'sumo or references'
 
+# CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
+simulators: mujoco pogema .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
+	.venv-simulators/bin/python -m pytest -n auto -m slow tests/formats/test_opendrive.py \
+	  tests/formats/test_lanelet2.py tests/formats/test_commonroad.py
+
 # marimo.
 marimo: .venv-marimo/.ready explorer/node_modules/.ready
 	.venv-marimo/bin/python -m pytest -m slow tests/explorer/test_explorer_widget.py
@@ -67,11 +72,8 @@ interop: .venv-interop/.ready
 rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
-# The simulators that read our maps.
-simulators: mujoco pogema
-
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
-# it ended. Maps that are hard for drivers have few loops and few straights (experiments/navigation).
+# it ended. Maps that are hard for drivers have at most 14 loops and 60 % straights (experiments/navigation).
 PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
 PACK-city := --style town --size 24 24 --evaluations 20000
@@ -104,14 +106,17 @@ pogema: $(READY) .venv-pogema/.ready
 
 EXTRAS-mujoco := dev,mujoco
 EXTRAS-sumo := dev,plots,sumo
+EXTRAS-simulators := dev,sumo
 EXTRAS-marimo := dev,marimo
 EXTRAS-interop := dev,interop,plots
 EXTRAS-rl := dev,rl
+MORE-simulators := carla==0.9.16 lanelet2==1.2.3
 
-$(patsubst %,.venv-%/.ready,mujoco sumo marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
+$(patsubst %,.venv-%/.ready,mujoco sumo simulators marimo interop rl): .venv-%/.ready: pyproject.toml $(CONSTRAINTS)
 	rm -rf .venv-$*
 	$(PYTHON) -m venv .venv-$*
-	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]'
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -c $(CONSTRAINTS) -e '.[$(EXTRAS-$*)]' \
+	  $(MORE-$*)
 	touch $@
 
 # The newest Python on the PATH, with the newest versions that pip finds today.
@@ -165,6 +170,13 @@ towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
 	rm -rf .venv-gym-duckietown
 	$(PYTHON) -m venv .venv-gym-duckietown
 	.venv-gym-duckietown/bin/python -m pip install --quiet --disable-pip-version-check -r $<
+	touch $@
+
+# Programs that tests call, with packages that do not fit ours: NumPy below 2, and an old protobuf.
+.venv-asam/.ready .venv-commonroad/.ready: .venv-%/.ready: tests/formats/requirements-%.txt
+	rm -rf .venv-$*
+	$(PYTHON) -m venv .venv-$*
+	.venv-$*/bin/python -m pip install --quiet --disable-pip-version-check -r $<
 	touch $@
 
 lint: $(READY)

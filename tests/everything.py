@@ -31,6 +31,7 @@ ENVIRONMENTS = {
     "interop": Environment(".venv-interop", ("qdax", "evosax", "ribs")),
     "rl": Environment(".venv-rl", ("gymnasium", "gymnax", "rejax", "jaxued")),
     "sumo": Environment(".venv-sumo", ("eclipse-sumo",)),
+    "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),

@@ -5,7 +5,7 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax.formats.streets import Streets, bounds, giving_way, lanes
+from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>',
@@ -37,6 +37,9 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
     """
     ways, after, links = lanes(codes)
     sides = [bounds(way, streets, len(links)) for way in ways]
+    for way, (left, right) in zip(ways, sides, strict=True):
+        if way.turn == BACK:  # the outline of a lanelet must not touch itself
+            left[[0, -1]] += 1e-5 * (right - left)[[0, -1]]
     before: list[list[int]] = [[] for _ in ways]
     for index, others in enumerate(after):
         for other in others:
@@ -65,24 +68,24 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
             if streets.right_of_way == "priority" and low:
                 sign = _YIELD if heading in low else _PRIORITY
             if sign:
-                signs.append(_sign(right := next(numbers), sides[entering[0]][1][-1], sign))
-                rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{right}"/>')
+                signs.append(_sign(number := next(numbers), sides[entering[0]][1][-1], sign))
+                rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{number}"/>')
             if streets.right_of_way == "traffic_light":
-                lights.append(_light(right := next(numbers), heading))
-                rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{right}"/>')
+                lights.append(_light(number := next(numbers), heading))
+                rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{number}"/>')
         intersections.append(f'<intersection id="{next(numbers)}">{"".join(parts)}</intersection>')
 
     oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
     lanelets = []
     for index, way in enumerate(ways):
-        left, right_bound = sides[index]
+        left, right = sides[index]
         between = links[way.tile] == 2
         other = oncoming[*way.tile, way.heading, way.exit]
         rule = rules.get(index, "")
-        stop = f"{_point(left[-1])}{_point(right_bound[-1])}<lineMarking>solid</lineMarking>{rule}"
+        stop = f"{_point(left[-1])}{_point(right[-1])}<lineMarking>solid</lineMarking>{rule}"
         parts = [
             _bound("leftBound", left, "dashed" if between else "no_marking"),
-            _bound("rightBound", right_bound, "no_marking" if links[way.tile] > 2 else "solid"),
+            _bound("rightBound", right, "no_marking" if links[way.tile] > 2 else "solid"),
             *(f'<predecessor ref="{one + 1}"/>' for one in before[index]),
             *(f'<successor ref="{one + 1}"/>' for one in after[index]),
             f'<adjacentLeft ref="{other}" drivingDir="opposite"/>' if between else "",

@@ -14,13 +14,15 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import sumo
 from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.formats.road_map import map_to_json as map_json
-from elitelanes_jax.formats.sumo import Network, Streets, plain_xml
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.formats.sumo import Network, plain_xml
 from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
 from elitelanes_jax.formats.text import draw_text
 from elitelanes_jax.network.metrics import measure
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
+NETWORKS = "sumo, sumo-plain, opendrive, lanelet2, commonroad"
 
 
 @pytest.fixture
@@ -96,8 +98,8 @@ def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatc
     warnings = ("Warning: " + "a" * 999, "Warning: b")
     monkeypatch.setattr(sumo, "network", lambda *_: Network("text", warnings))
     out = tmp_path / "out"
-    assert main(["export", *maps, "--to", "opendrive", "--out", str(out)]) == 0
-    assert (out / "0000.xodr").read_text() == "text"
+    assert main(["export", *maps, "--to", "sumo", "--out", str(out)]) == 0
+    assert (out / "0000.net.xml").read_text() == "text"
     told = capsys.readouterr().err.splitlines()
     assert (
         len(told) == 4

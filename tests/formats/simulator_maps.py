@@ -13,6 +13,7 @@ from oracle import road_graph
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.growth import grow_town
 from elitelanes_jax.network.repairing import repair
@@ -44,7 +45,7 @@ def maps(batch):
 
 @cache
 def maps_of(batch, number=25):
-    """Some of a thousand maps of three sources: WFC, dead ends among them; repaired noise; grown towns."""
+    """Some of a thousand maps of three sources: WFC, half of them with dead ends; repaired noise; grown towns."""
     if not KEPT.exists():
         KEPT.parent.mkdir(exist_ok=True)
         part = KEPT.with_suffix(f".{os.getpid()}.npz")
@@ -58,7 +59,8 @@ def draw(seed):
     side = _SIZES[seed // 3 % len(_SIZES)]
     key = jax.random.fold_in(jax.random.key(36), seed)
     if seed % 3 == 0:
-        return generate_batch(np.random.default_rng(seed), 1, (side, side), border="closed").grid[0]
+        codes = range(16) if seed % 2 else ROAD_ALPHABET
+        return generate_batch(np.random.default_rng(seed), 1, (side, side), alphabet=codes, border="closed").grid[0]
     if seed % 3 == 1:
         return np.asarray(repair(random_grids(key, 1, (side, side))[0], fill=True))
     return np.asarray(_grow(key, (side, side)))

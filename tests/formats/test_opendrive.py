@@ -19,7 +19,7 @@ from elitelanes_jax.formats.opendrive import to_opendrive
 from elitelanes_jax.formats.streets import Streets
 
 DUCKIETOWN = Streets(0.585, 0.234)
-QC = Path(__file__).parents[2] / ".venv-qc" / "bin" / "python"
+QC = Path(__file__).parents[2] / ".venv-asam" / "bin" / "python"
 
 
 def pose_at(piece, s):
