@@ -33,7 +33,7 @@ CODES = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
 DRAWN = Drawn("s", [["turn_1"] * 3] * 3, [[0] * 3] * 3)
 MAP = map_to_json(RoadMap(CODES, {"edges": 8}, -3, {"edges": 8}, [0], (1, 2), DRAWN)).encode()
 POINTS = b'{"a": [[1, 2], [3.5, 4]]}'
-YAML = to_duckietown(CODES).encode() + b"objects: {a: {pos: [1, 2]}}\n"
+YAML = to_duckietown(CODES).encode() + b"objects: {a: {kind: duckie, pos: [1, 2]}}\n"
 TOML = b'name = "a"\nlicence = "b"\n[opens]\nturn = "SW"\nturn_1 = "SW"\n'
 MASK = png_of(np.full((9, 8), [0, 255] * 4, np.uint8))
 ARRAYS = {"grids": CODES[None, None], "fitness": np.zeros((1, 1), np.int32)}
