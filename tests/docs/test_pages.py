@@ -38,7 +38,7 @@ PAGES = {file.relative_to(ROOT).as_posix(): file.read_text(encoding="utf-8") for
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 
 # Pages whose programs other tests run.
-RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "sumo", "tiles")]
+RUN_ELSEWHERE = [f"docs/{name}.md" for name in ("benchmark", "exports", "interop", "plots", "scaling", "tiles")]
 PROGRAMS = [
     pytest.param(page, text, marks=[pytest.mark.slow] if page.startswith("experiments") else [])
     for page in PAGES
@@ -47,7 +47,7 @@ PROGRAMS = [
 ]
 
 # What a program imports that not every environment has.
-EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget"}
+EXTRAS = {"import gymnasium": "gymnasium", "import show": "anywidget", "convert(": "sumo"}
 
 
 @pytest.mark.parametrize(("page", "program"), PROGRAMS)
