@@ -38,12 +38,13 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
 
 def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[MapObject, ...]:
     space = Space(codes)
-    free = [crossing for crossing in crossings(codes) if has_free_corners(codes, crossing)]
+    found = crossings(codes)
+    free = [crossing for crossing in found if has_free_corners(codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])
     order, corners = random.permutation(len(free)), random.integers(4, size=len(free))
     lit = [int(index) for index in order[: round(spec.lights * len(free))]]
     if spec.signs != "none":
-        signs = place_signs(codes, spec.signs, {free[index] for index in lit})
+        signs = place_signs(found, set(free), spec.signs, {free[index] for index in lit})
         for sign in with_tags(signs, unique=spec.unique_tags):
             space.add(sign)
     for index in sorted(lit):

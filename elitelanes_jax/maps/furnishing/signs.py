@@ -9,6 +9,7 @@ at the far right corner and the control at the far left one, farther from the cr
 0.2 m above its middle.
 """
 
+from collections.abc import Mapping
 from math import atan2
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.graph import Cell, linked_tiles
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
-from elitelanes_jax.network.codes import CORNERS, SIDES
+from elitelanes_jax.network.codes import CORNERS, SIDE_TOWARDS, SIDES
 
 # From the corner of the crossing, in tiles along both sides of the cell next to it. Signs of human-made maps have 0.04
 # to 0.08. Here 0.08 keeps the whole foot on the cell, and 0.2 keeps the second sign clear of the first one.
@@ -29,9 +30,8 @@ _TOPOLOGY = {0: "sign_T_intersect", 1: "sign_left_T_intersect", 3: "sign_right_T
 
 def crossings(codes: NDArray[np.int8]) -> dict[Cell, list[int]]:
     """Returns the sides, as indices of `SIDES`, by which each crossing is linked, in the order of rows."""
-    toward = {(side.down, side.right): index for index, side in enumerate(SIDES)}
     return {
-        (row, column): [toward[other[0] - row, other[1] - column] for other in others]
+        (row, column): [SIDES.index(SIDE_TOWARDS[other[0] - row, other[1] - column]) for other in others]
         for (row, column), others in linked_tiles(codes).items()
         if len(others) > 2
     }
@@ -44,20 +44,21 @@ def has_free_corners(codes: NDArray[np.int8], crossing: Cell) -> bool:
     return not any(codes[cell] for cell in cells if 0 <= cell[0] < height and 0 <= cell[1] < width)
 
 
-def place_signs(codes: NDArray[np.int8], which: str, lit: set[Cell]) -> list[MapObject]:
+def place_signs(found: Mapping[Cell, list[int]], free: set[Cell], which: str, lit: set[Cell]) -> list[MapObject]:
     """Returns the signs of all crossings, without tags: for each stop line the topology, then the control.
 
     Args:
-      codes: int8 ``[H, W]``.
-      which: "all", or "possible" to leave crossings out that have a road at a corner.
+      found: the crossings with their sides.
+      free: those without a road at a corner.
+      which: "all", or "possible" to leave out all others.
       lit: the crossings with traffic lights.
 
     Raises:
       InputError: for "all" if a crossing has a road at a corner.
     """
     signs = []
-    for crossing, sides in crossings(codes).items():
-        if has_free_corners(codes, crossing):
+    for crossing, sides in found.items():
+        if crossing in free:
             control = "sign_t_light_ahead" if crossing in lit else "sign_stop"
             signs += [sign for side in sides for sign in _signs_for(crossing, sides, (side + 2) % 4, control)]
         elif which == "all":

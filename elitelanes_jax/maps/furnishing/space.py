@@ -63,7 +63,7 @@ class Space:
         return True
 
     def add(self, thing: MapObject) -> None:
-        """Adds an object wherever it is."""
+        """Adds an object without checking whether it fits."""
         self.objects.append(thing)
         corners = outline(thing)
         for cell in _cells(corners, _CLEARANCE):

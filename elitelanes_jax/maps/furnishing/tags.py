@@ -37,8 +37,7 @@ def with_tags(signs: list[MapObject], *, unique: bool) -> list[MapObject]:
             count = sum(one.kind == sign.kind for one in signs)
             raise InputError(f"unique_tags: expected at most {len(numbers)} of {sign.kind}, got {count}")
         place = (sign.x, sign.y)
-        distances = [-min((dist(place, other) for other in uses.get(number, ())), default=inf) for number in numbers]
-        tag = numbers[distances.index(min(distances))]
+        tag = max(numbers, key=lambda number: min((dist(place, other) for other in uses.get(number, ())), default=inf))
         uses.setdefault(tag, []).append(place)
         tagged.append(sign._replace(tag=tag))
     return tagged
