@@ -206,12 +206,10 @@ def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
         number, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
         height, width = record["pixels"]
         images.append({"id": number, "file_name": f"{number:06d}.png", "height": height, "width": width})
-        annotations += [
-            {"id": len(annotations) + 1 + index, "image_id": number} | one for index, one in enumerate(found)
-        ]
+        annotations += [{"image_id": number} | one for one in found]
         if runs is not None:
             own = [_category(one) | shape for one, shape in zip(record["objects"], runs, strict=True)]
-            objects += [{"id": place, "image_id": number} | one for place, one in enumerate(own, len(objects) + 1)]
+            objects += [{"image_id": number} | one for one in own]
             _write_yolo(folder / "labels" / _SHORT[split] / f"{number:06d}.txt", own, height, width)
         rows.append(record)
     categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
@@ -224,7 +222,8 @@ def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
 
 
 def _write_coco(file: Path, images: list[Record], annotations: list[Record], categories: list[Record]) -> None:
-    table = {"images": images, "annotations": annotations, "categories": categories}
+    numbered = [{"id": number} | one for number, one in enumerate(annotations, 1)]
+    table = {"images": images, "annotations": numbered, "categories": categories}
     write_atomic(file, json.dumps(table).encode() + b"\n")
 
 
@@ -248,8 +247,8 @@ def _write_yolo(file: Path, objects: list[Record], height: int, width: int) -> N
 
 def _write_data(folder: Path) -> None:
     """Writes the file that Ultralytics reads, with the splits that are there."""
-    keys = {split: place for split, place in zip(_SHORT, _SHORT, strict=True) if (folder / "images" / place).is_dir()}
-    lines = ["path: .", *(f"{split}: images/{place}" for split, place in keys.items()), "names:"]
+    splits = [split for split in _SHORT if (folder / "images" / split).is_dir()]
+    lines = ["path: .", *(f"{split}: images/{split}" for split in splits), "names:"]
     lines += [f"  {place}: {name}" for place, name in enumerate(OBJECT_KINDS)]
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
 

@@ -12,9 +12,10 @@ from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
+from elitelanes_jax.formats.objects import NEAR
 from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.tiles.object_set import ObjectSet, lay_flat
-from elitelanes_jax.tiles.pasting import NEAR, Placed, hide, paste
+from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat
+from elitelanes_jax.tiles.pasting import paste_objects
 from elitelanes_jax.tiles.rendering import LABELS, choose_tiles, render
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
@@ -72,9 +73,8 @@ def draw_sample(
     if camera is None:
         about, near = {}, 0.0
         seen = {"image": warp(picture.image, view, ground)} | {name: warp(mask, view) for name, mask in masks.items()}
-        order = sorted(range(len(things)), key=lambda index: things[index].height)
-        flat = lay_flat(things, pictures, tile_px)
-        placed = [Placed(flat[index].pixels, view.matrix @ flat[index].matrix) for index in order]
+        flat, order = lay_all_flat(things, pictures, tile_px)
+        placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
@@ -87,9 +87,7 @@ def draw_sample(
     instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
         seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
-        owners, found = paste(seen["image"], placed, near)
-        hide((mask for name, mask in seen.items() if name != "image"), owners)
-        instances["instances"] = np.array([0, *(index + 1 for index in order)], np.uint16)[owners]
+        instances["instances"], found = paste_objects(seen, placed, order, near)
         about = about | {
             "objects": [
                 {"kind": things[index].kind, "instance": index + 1, **one._asdict(), **further}

@@ -10,9 +10,9 @@ import numpy as np
 
 from elitelanes_jax.dataset._robot_views import Viewpoint, project
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.objects import NEAR, MapObject
 from elitelanes_jax.tiles.object_set import ObjectPictures, lay_flat
-from elitelanes_jax.tiles.pasting import NEAR, Placed
+from elitelanes_jax.tiles.pasting import Placed
 
 
 def stand(
@@ -31,14 +31,14 @@ def stand(
     """
     pose, camera = viewpoint.about["pose"], viewpoint.about["camera"]
     cosine, sine = np.cos(pose["theta"]), np.sin(pose["theta"])
-    flat = lay_flat(objects, pictures, tile_px)
     found = []
     for index, (thing, one) in enumerate(zip(objects, pictures, strict=True)):
         east, north = (thing.x - pose["x"]) * TILE, (pose["y"] - thing.y) * TILE
         ahead, left = east * cosine + north * sine - camera["forward"], north * cosine - east * sine
         distance = float(np.hypot(ahead, left))
         if not one.height:
-            found.append((np.inf, -index, Placed(one.top, viewpoint.matrix @ flat[index].matrix), distance))
+            flat = lay_flat(thing, one, tile_px)
+            found.append((np.inf, -index, flat._replace(matrix=viewpoint.matrix @ flat.matrix), distance))
         elif ahead > NEAR:
             towards = np.arctan2(-left, -ahead) + pose["theta"] - thing.angle
             pixels = one.view(towards)

@@ -17,11 +17,8 @@ from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.objects import OBJECT_KINDS
+from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, nearest_view
 from elitelanes_jax.formats.road_map import RoadMap
-
-NEAR = 0.02
-"""Metres ahead of the camera under which no object is shown."""
 
 _SIDE = 64  # rows and columns of the pictures
 _VIEWS = 8  # evenly around an object
@@ -38,7 +35,7 @@ class Objects(NamedTuple):
       y: float32 ``[M]``, tiles.
       angle: float32 ``[M]``, of its front, radians.
       height: float32 ``[M]``, metres.
-      radius: float32 ``[M]``, of the disc around its footprint, metres; 0 for what lies on the floor.
+      radius: float32 ``[M]``, of the disc around its footprint, metres; 0 for tags on the floor.
     """
 
     kind: Int32[Array, " M"]
@@ -95,17 +92,15 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     for name, pictures in views.items():
         if name not in OBJECT_KINDS:
             raise InputError(f"objects: expected kinds of {', '.join(OBJECT_KINDS)}, got {name!r}")
-        angles = np.array(list(pictures))
-        for view in range(_VIEWS if len(angles) else 0):
-            apart = np.abs((angles - 360 / _VIEWS * view + 180) % 360 - 180)
-            picture = np.asarray(pictures[int(angles[apart.argmin()])])
+        for view in range(_VIEWS if pictures else 0):
+            picture = np.asarray(pictures[nearest_view(pictures, 360 / _VIEWS * view)])
             if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
                 raise InputError(f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}")
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
             place = list(OBJECT_KINDS).index(name), view
             pixels[place] = picture[down.astype(int)[:, None], across.astype(int)]
             aspect[place] = picture.shape[1] / picture.shape[0]
-    opaque = (pixels[..., 3] >= 128).reshape(-1, _SIDE // 32, 32)
+    opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
     pixels[..., 3] = 0  # the label of what is no road
     colours = np.ascontiguousarray(pixels).view("<u4").reshape(-1).astype(np.uint32)

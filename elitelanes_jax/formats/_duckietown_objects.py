@@ -14,7 +14,7 @@ from math import cos, degrees, isfinite, pi, radians, remainder, sin
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, check_kind
 
 TAG_SIZE = 0.065
 """The side of an AprilTag in metres."""
@@ -90,9 +90,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
         raise InputError(f'expected {{"kind": ...}}, got {shorten(repr(value))}')
-    kind = _OF_MAP.get(value["kind"], value["kind"])
-    if kind not in OBJECT_KINDS:
-        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}")
+    kind = check_kind(_OF_MAP.get(value["kind"], value["kind"]))
     x, y, angle = _pose(value, rows, tile_size)
     usual = OBJECT_KINDS[kind].height
     height = real_of(value, "height", usual) if usual else 0.0

@@ -1,6 +1,6 @@
 """Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import hypot, isfinite
 from typing import NamedTuple
 
@@ -10,6 +10,12 @@ from elitelanes_jax._util.types import Plain, UserValue
 
 BEYOND = 1.0
 """How far from the map an object may be, in tiles: signs at a map's border are outside it."""
+
+NEAR = 0.02
+"""Metres ahead of a camera under which no object is drawn."""
+
+OPAQUE = 128
+"""The least opacity, of 255, of the pixels of a picture that belong to its object."""
 
 MOST_OBJECTS = 2**18
 """The most objects of a map."""
@@ -102,6 +108,19 @@ class MapObject(NamedTuple):
         return length / 2 if OBJECT_KINDS[self.kind].is_round else hypot(length, width) / 2
 
 
+def check_kind(kind: UserValue) -> str:
+    """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
+    if not isinstance(kind, str) or kind not in OBJECT_KINDS:
+        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
+        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
+    return kind
+
+
+def nearest_view(angles: Iterable[int], angle: float) -> int:
+    """Returns the first of the views of an object that are nearest to an angle, all in degrees."""
+    return min(angles, key=lambda one: abs((one - angle + 180) % 360 - 180))
+
+
 def check_objects(values: UserValue, height: int, width: int) -> tuple[MapObject, ...]:
     """Returns the objects of a map, checked.
 
@@ -144,10 +163,7 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
             raise InputError(
                 f"expected the fields {fields}, got {shorten(repr(name))}{suggest(str(name), MapObject._fields)}"
             )
-    kind = values["kind"]
-    if not isinstance(kind, str) or kind not in OBJECT_KINDS:
-        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
-        raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
+    kind = check_kind(values["kind"])
     usual = OBJECT_KINDS[kind].height
     found = {
         "x": _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles"),

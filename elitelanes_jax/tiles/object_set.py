@@ -17,17 +17,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from hashlib import sha256
+from math import degrees
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, path
-from elitelanes_jax._util.errors import InputError, shorten, suggest
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, check_kind, nearest_view
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed
 
@@ -57,9 +58,7 @@ class ObjectPictures:
 
     def view(self, angle: float) -> NDArray[np.uint8]:
         """Returns the view that is nearest to an angle, in radians counter-clockwise from the front."""
-        angles = np.array(list(self.views))
-        apart = np.abs((angles - np.degrees(angle) + 180) % 360 - 180)
-        return self.views[int(angles[apart.argmin()])]
+        return self.views[nearest_view(self.views, degrees(angle))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,23 +111,22 @@ class ObjectSet:
         return [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
 
 
-def lay_flat(objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], tile_px: int) -> list[Placed]:
-    """Places objects on a map as seen from above, in pixels of the rendered map.
+def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed:
+    """Places an object on a map as seen from above, in pixels of the rendered map; `tile_px` is a tile's side."""
+    rows, columns = pictures.top.shape[:2]
+    scale = tile_px / TILE_SIZE * (thing.height / pictures.height if pictures.height else 1)
+    cosine, sine = np.cos(thing.angle), np.sin(thing.angle)
+    turn = np.array([[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]])
+    size = np.diag([pictures.footprint[0] * scale / columns, pictures.footprint[1] * scale / rows, 1])
+    return Placed(pictures.top, turn @ size @ np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]]))
 
-    Args:
-      objects: of the map.
-      pictures: of each.
-      tile_px: side of a tile in pixels.
-    """
-    placed = []
-    for thing, one in zip(objects, pictures, strict=True):
-        rows, columns = one.top.shape[:2]
-        scale = tile_px / TILE_SIZE * (thing.height / one.height if one.height else 1)
-        cosine, sine = np.cos(thing.angle), np.sin(thing.angle)
-        turn = np.array([[cosine, sine, thing.x * tile_px], [-sine, cosine, thing.y * tile_px], [0, 0, 1]])
-        size = np.diag([one.footprint[0] * scale / columns, one.footprint[1] * scale / rows, 1])
-        placed.append(Placed(one.top, turn @ size @ np.array([[1, 0, -columns / 2], [0, 1, -rows / 2], [0, 0, 1]])))
-    return placed
+
+def lay_all_flat(
+    objects: Sequence[MapObject], pictures: Sequence[ObjectPictures], tile_px: int
+) -> tuple[list[Placed], list[int]]:
+    """Places the objects of a map as `lay_flat` does; returns them and their indices, higher ones after lower ones."""
+    order = sorted(range(len(objects)), key=lambda index: objects[index].height)
+    return [lay_flat(objects[index], pictures[index], tile_px) for index in order], order
 
 
 def default_objects() -> Path:
@@ -200,14 +198,13 @@ def _about(file: Path) -> tuple[str, float, tuple[float, float]]:
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
     kind, height, footprint = (about[key] for key in _KEYS)
-    if kind not in OBJECT_KINDS:
-        hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
-        raise InputError(
-            f"{file}: kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}"
-        )
+    try:
+        check_kind(kind)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
     flat = OBJECT_KINDS[kind].height == 0
     if not is_real(height) or not (height == 0 if flat else 0 < height <= 10):
-        expected = "0, as it lies on the floor" if flat else "metres over 0, to 10"
+        expected = "0 for tags on the floor" if flat else "metres over 0, to 10"
         raise InputError(f"{file}: height: expected {expected}, got {shorten(repr(height), 40)}")
     if not isinstance(footprint, list) or [is_real(side) and 0 < side <= 10 for side in footprint] != [True, True]:
         raise InputError(f"{file}: footprint: expected [length, width] in metres, got {shorten(repr(footprint), 40)}")
@@ -219,7 +216,7 @@ def _read(file: Path) -> NDArray[np.uint8]:
     picture = read_picture(file, problems, opacity=True)
     if picture is None:
         raise InputError(problems[0])
-    if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] > 127).any():
+    if picture.ndim != 3 or picture.shape[2] != 4 or not (picture[..., 3] >= OPAQUE).any():
         raise InputError(
             f"{file}: expected a picture with transparency and some pixels that are opaque, got one without"
         )

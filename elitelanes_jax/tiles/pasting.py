@@ -1,11 +1,10 @@
 """Pasting flat pictures into a picture, each through a 3 x 3 matrix, with an exact mask of what is seen of each.
 
-A pixel of the picture belongs to an object if the object's picture is opaque, by 128 of 255 or more, where the pixel's
-centre lies on it: the nearest pixel of the object's picture, so that masks need no interpolation. Colours are averaged
-over four samples a pixel.
+A pixel of the picture belongs to an object if its centre is on an opaque pixel of the object's picture. So masks need
+no interpolation. Colours are averaged over four samples a pixel.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -13,11 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped, UInt8
 from numpy.typing import NDArray
 
-NEAR = 0.02
-"""Metres from the camera under which nothing is drawn."""
+from elitelanes_jax.formats.objects import OPAQUE
 
 _FINER = 2  # samples a pixel in each direction
-_OPAQUE = 128
 
 
 class Placed(NamedTuple):
@@ -25,8 +22,8 @@ class Placed(NamedTuple):
 
     Attributes:
       pixels: uint8 ``[rows, columns, 4]``, RGB and opacity.
-      matrix: float64 ``[3, 3]``, maps (column, row) of it to (x, y) of the picture that it is pasted into, with a third
-        coordinate that is over 0 in front of the camera.
+      matrix: float64 ``[3, 3]``, maps its (column, row) to (x, y) in the other picture. The third coordinate is
+        positive in front of the camera.
     """
 
     pixels: UInt8[NDArray, "rows columns 4"]
@@ -76,7 +73,7 @@ def paste(
 
 def outline(pixels: UInt8[NDArray, "rows columns 4"]) -> Int[NDArray, "N 2"]:
     """Returns the corners (column, row) of the opaque pixels at the edges of their rows."""
-    opaque = pixels[..., 3] >= _OPAQUE
+    opaque = pixels[..., 3] >= OPAQUE
     rows = np.flatnonzero(opaque.any(axis=1))
     first, last = opaque[rows].argmax(axis=1), opaque.shape[1] - opaque[rows, ::-1].argmax(axis=1)
     below = rows + 1
@@ -129,7 +126,7 @@ def _cover(one: Placed, window: _Window, near: float) -> Bool[NDArray, "h w"]:
     u, v = u * depth, v * depth
     inside = ahead & (u >= 0) & (u < columns) & (v >= 0) & (v < rows)
     u, v = (np.where(inside, part, 0).astype(int) for part in (u, v))
-    return inside & (one.pixels[v, u, 3] >= _OPAQUE)
+    return inside & (one.pixels[v, u, 3] >= OPAQUE)
 
 
 def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: float) -> None:
@@ -169,7 +166,7 @@ def _seen(
     points = points[points[:, 2] > near]
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     if (low < 0).any() or (high > size[::-1]).any():  # the area of its pixels, also beyond the edges
-        v, u = np.nonzero(one.pixels[..., 3] >= _OPAQUE)
+        v, u = np.nonzero(one.pixels[..., 3] >= OPAQUE)
         depth = project(np.column_stack([u + 0.5, v + 0.5]), one.matrix)[:, 2]
         area = (abs(np.linalg.det(one.matrix)) / depth[depth > near] ** 3).sum()
         covered = max(covered, round(float(area)))
@@ -178,7 +175,23 @@ def _seen(
     return Seen(box, (*low.tolist(), *(high - low).tolist()), int(mask.sum()) / covered)
 
 
-def hide(layers: Iterable[NDArray[np.uint8]], owners: NDArray[np.uint16]) -> None:
-    """Sets masks and labels ``[h, w]`` to 0 where an object is seen."""
-    for layer in layers:
-        layer[owners > 0] = 0
+def paste_objects(
+    layers: Mapping[str, NDArray[np.uint8]], placed: Sequence[Placed], order: Sequence[int], near: float = 0.0
+) -> tuple[NDArray[np.uint16], list[Seen]]:
+    """Pastes objects into the layers of a picture: into "image", and 0 into the masks and labels.
+
+    Args:
+      layers: uint8 ``[h, w, 3]`` and ``[h, w]``, by name; are changed.
+      placed: from back to front.
+      order: the objects' indices on the map.
+      near: as in `paste`.
+
+    Returns:
+      uint16 ``[h, w]``: 1 + the index on the map of the object that is seen at each pixel, or 0; and what is seen of
+      each.
+    """
+    owners, seen = paste(layers["image"], placed, near)
+    for name, layer in layers.items():
+        if name != "image":
+            layer[owners > 0] = 0
+    return np.array([0, *(index + 1 for index in order)], np.uint16)[owners], seen

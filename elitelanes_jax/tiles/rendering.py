@@ -1,7 +1,7 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, is_whole, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
-from elitelanes_jax.tiles.object_set import ObjectSet, as_objects, lay_flat
-from elitelanes_jax.tiles.pasting import hide, paste
+from elitelanes_jax.tiles.object_set import ObjectSet, as_objects, lay_all_flat
+from elitelanes_jax.tiles.pasting import paste_objects
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
 LABELS = ("background", "road", "stop line", "lane separator")
@@ -139,29 +138,16 @@ def render(
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
         toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
-    things = getattr(grid, "objects", None)
-    instances = _lay_objects(layers, things, objects, tile_px, seed or 0) if things else None
+    instances = None
+    if things := getattr(grid, "objects", None):
+        placed, order = lay_all_flat(things, as_objects(objects).choose(things, seed or 0), tile_px)
+        instances, _ = paste_objects(layers, placed, order)
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
         points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
         instances=instances,
     )
-
-
-def _lay_objects(
-    layers: dict[str, NDArray[np.uint8]],
-    things: Sequence[MapObject],
-    objects: ObjectSet | str | Path | None,
-    tile_px: int,
-    seed: int,
-) -> NDArray[np.uint16]:
-    """Draws objects into the layers of a map, higher ones over lower ones; returns the mask of their numbers."""
-    order = sorted(range(len(things)), key=lambda index: things[index].height)
-    placed = lay_flat(things, as_objects(objects).choose(things, seed), tile_px)
-    owners, _ = paste(layers["image"], [placed[index] for index in order])
-    hide((mask for name, mask in layers.items() if name != "image"), owners)
-    return np.array([0, *(index + 1 for index in order)], np.uint16)[owners]
 
 
 @cache
