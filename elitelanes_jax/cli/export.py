@@ -11,7 +11,7 @@ from elitelanes_jax._util.errors import InputError, pluralize, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.cli.arguments import Commands, add_options, checked_by, naming_options, read_options
 from elitelanes_jax.cli.program import say, warn
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import RoadMap, read_map
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, Format, FormatOptions, as_bytes
 
 TABLES = ("json", "csv")
@@ -43,8 +43,6 @@ def add_export(commands: Commands) -> None:
 
 
 def _export(options: argparse.Namespace) -> int:
-    from elitelanes_jax.formats.road_map import read_map
-
     if options.to not in (*FORMATS, *TABLES):
         raise InputError(f"--to: expected one of {', '.join((*FORMATS, *TABLES))}, got {shorten(repr(options.to))}")
     settings = read_options(options, FormatOptions()).given()
@@ -105,7 +103,6 @@ def _write_maps(
         with output_folder(out, {"command": "export"}) as work:
             for file, road_map, stem in zip(files, maps, names, strict=True):
                 for suffix, content in zip(target.suffixes, contents(file, road_map, stem), strict=True):
-                    (work.files / (stem + suffix)).parent.mkdir(exist_ok=True)
                     write_atomic(work.files / (stem + suffix), as_bytes(content))
     return warnings
 
@@ -160,7 +157,6 @@ def add_show(commands: Commands) -> None:
 def _show(options: argparse.Namespace) -> int:
     import textwrap
 
-    from elitelanes_jax.formats.road_map import read_map
     from elitelanes_jax.formats.table import measure_maps
     from elitelanes_jax.formats.text import draw_text
 

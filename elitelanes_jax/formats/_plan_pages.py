@@ -102,7 +102,7 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
         for kind, turns, x, y in tiles
         for tape in tapes_of(kind, turns, tile_size)
     ]
-    # The tape that lies on others is the last one. White tape on white paper needs an outline.
+    # The last tape covers the others. White tape on white paper needs an outline.
     inks = (("red", "#d9202c", 0.0), ("yellow", "#f5c71a", 0.0), ("white", _FAINT, 0.6), ("white", "#ffffff", 0.0))
     for colour, ink, outline in inks:
         lines = [line for of, line in strips if of == colour]

@@ -1,5 +1,6 @@
 """Road networks as CommonRoad scenarios, version 2020a, without cars: a lanelet for each movement across a tile."""
 
+from collections import deque
 from itertools import count, groupby
 
 import numpy as np
@@ -93,11 +94,14 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
             f'<laneletType>urban</laneletType><userOneWay>vehicle</userOneWay><trafficSignRef ref="{limit}"/>{rule}',
         ]
         lanelets.append(f'<lanelet id="{index + 1}">{"".join(parts)}</lanelet>')
-    reached = [0]
-    for index in reached:
-        reached += [one for one in after[index] if one not in reached]
+    reached = {0: None}  # in the order in which they are found
+    waiting = deque(reached)
+    while waiting:
+        found = dict.fromkeys(one for one in after[waiting.popleft()] if one not in reached)
+        reached |= found
+        waiting += found
     start, then = np.mean(sides[0], axis=0)[:2]
-    problem = _problem(next(numbers), start, then, reached[-1] + 1)
+    problem = _problem(next(numbers), start, then, next(reversed(reached)) + 1)
     return "\n".join([*_HEAD, *lanelets, *signs, *lights, *intersections, problem, "</commonRoad>\n"])
 
 

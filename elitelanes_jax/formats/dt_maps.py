@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from elitelanes_jax._util.checks import check_named, is_real, path
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, TAG_SIZE, real_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
@@ -54,8 +54,7 @@ def to_dt_maps(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, 
     Raises:
       InputError: for a tile with one connection, as Duckietown has none, or a bad tile size.
     """
-    if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
-        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {shorten(repr(tile_size))}")
+    check_tile_size(tile_size)
     size, rows = float(tile_size), len(road_map.codes)
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}

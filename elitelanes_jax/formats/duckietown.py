@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, is_real, real
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.types import Plain
+from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.graph import linked_tiles
@@ -43,6 +43,13 @@ _TILE = {_CODE[tile]: tile for tile in ("straight/N", "straight/E", "4way")} | {
 }
 
 
+def check_tile_size(tile_size: UserValue, least: float = 0.01, most: float = 100) -> None:
+    """Raises an `InputError` unless the side of a tile is a number of metres in a range."""
+    if not is_real(tile_size) or not least <= tile_size <= most:
+        got = shorten(repr(tile_size))
+        raise InputError(f"tile_size: expected metres, a number from {least:g} to {most:g}, got {got}")
+
+
 def to_duckietown(
     codes: ArrayLike,
     *,
@@ -69,8 +76,7 @@ def to_duckietown(
       InputError: for a bad grid (see `check_grid`) or option; the message names refused tiles; or if no road is left.
     """
     grid = np.asarray(check_grid(codes))
-    if not is_real(tile_size) or not 0.01 <= tile_size <= 100:
-        raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {shorten(repr(tile_size))}")
+    check_tile_size(tile_size)
     if ground not in GROUNDS:
         raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
     if dead_ends not in ("refuse", "grass"):

@@ -5,9 +5,7 @@ import struct
 
 import numpy as np
 
-from elitelanes_jax._util.checks import is_real
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 
 _FLOATS, _SHORTS = 5126, 5123  # types of components
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # linear, with mipmaps, to the edge
@@ -28,8 +26,7 @@ def to_gltf(shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE
     Raises:
       InputError: for a bad size.
     """
-    if not is_real(tile_size) or not 0.01 <= tile_size <= 1000:
-        raise InputError(f"tile_size: expected metres, a number from 0.01 to 1000, got {shorten(repr(tile_size))}")
+    check_tile_size(tile_size, most=1000)
     depth, width = np.array(shape, np.float32) * np.float32(tile_size)
     places = np.stack([_CORNERS[:, 0] * width, 0 * _CORNERS[:, 0], (_CORNERS[:, 1] - 1) * depth], axis=-1)
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))

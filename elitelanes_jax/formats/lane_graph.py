@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.formats.streets import AHEAD
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import EXIT, list_movements
@@ -14,7 +15,7 @@ from elitelanes_jax.network.roads import LANE_OFFSET
 LENGTHS = np.array([(0.5 - LANE_OFFSET) * np.pi / 2, 1, (0.5 + LANE_OFFSET) * np.pi / 2])
 """float64 ``[3]``: the length of a movement in tiles, to the right, straight on and to the left."""
 
-_AHEAD = np.array([1j, 1, -1j, -1])  # of a heading, east + north·i
+_AHEAD = np.array(AHEAD)
 _DOWN, _RIGHT = (np.array([getattr(side, name) for side in SIDES]) for name in ("down", "right"))
 
 

@@ -9,9 +9,7 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
-from elitelanes_jax._util.checks import is_real
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 
@@ -80,8 +78,7 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str
     Raises:
       InputError: for a bad grid (see `check_grid`), one without a lane, or a bad size.
     """
-    if not is_real(tile_size) or not 0.1 <= tile_size <= 1000:
-        raise InputError(f"tile_size: expected metres, a number from 0.1 to 1000, got {shorten(repr(tile_size))}")
+    check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape
     before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
     direction = after - before

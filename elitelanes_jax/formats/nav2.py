@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, is_real, whole
-from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.movements import linked_codes
@@ -78,8 +77,7 @@ def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: i
     Raises:
       InputError: for a bad grid (see `check_grid`), one without a lane, or a bad setting.
     """
-    if not is_real(tile_size) or not 0.01 <= tile_size <= 1000:
-        raise InputError(f"tile_size: expected metres, a number from 0.01 to 1000, got {shorten(repr(tile_size))}")
+    check_tile_size(tile_size, most=1000)
     graph = lane_graph(codes)
     road = road_cells(codes, cells)
     pixels = np.where(road, _FREE, _OCCUPIED).astype(np.uint8)

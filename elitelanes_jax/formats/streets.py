@@ -154,7 +154,7 @@ def middle_of_side(tile: Cell, side: int, height: int) -> complex:
 
 
 AHEAD = (1j, 1, -1j, -1)
-"""The unit vectors of headings."""
+"""The unit vectors of headings, east + north·i."""
 
 
 def giving_way(ways: Iterable[Way]) -> set[int]:

@@ -17,7 +17,7 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.lane_graph import LENGTHS, lane_graph
+from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
 from elitelanes_jax.formats.table import table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
@@ -83,13 +83,14 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
                     niche = f"niche {one.niche}, map {number} of {len(packed)} from 0"
                     raise InputError(f"{niche}: {error}") from None
                 bar.count()
+        members = {name: [one for one in packed if one.split == name] for name in SPLITS}
         about["splits"] = {
-            name: {"maps": len(ids), "niches": len({one.niche for one in packed if one.split == name})}
-            for name in SPLITS
-            if (ids := [one.id for one in packed if one.split == name])
+            name: {"maps": len(held), "niches": len({one.niche for one in held})}
+            for name, held in members.items()
+            if held
         }
-        for name in SPLITS:
-            listed = "".join(f"{one.id}\n" for one in packed if one.split == name)
+        for name, held in members.items():
+            listed = "".join(f"{one.id}\n" for one in held)
             write_atomic(work.files / "splits" / f"{name}.txt", listed.encode())
         write_atomic(work.files / "maps.csv", table_to_csv(rows).encode())
         write_json(work.files / RECORD, about)
@@ -126,7 +127,8 @@ def _split(spec: PackSpec, maps: Sequence[RoadMap]) -> list[_Packed]:
 
 def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
     """Writes the files of a map that are not there yet; returns its row of the table."""
-    trips = _trips(spec, one)
+    graph = lane_graph(one.road_map.codes)
+    trips = _trips(spec, one, graph)
     for to in spec.to:
         files = [folder / to / one.niche / f"{one.id}{suffix}" for suffix in FORMATS[to].suffixes]
         if not all(file.exists() for file in files):
@@ -138,16 +140,14 @@ def _write(spec: PackSpec, one: _Packed, folder: Path) -> dict[str, Plain]:
     height, width = one.road_map.codes.shape
     mean = float(np.mean([trip["length"] for trip in trips]))
     about = {"id": one.id, "niche": one.niche, "split": one.split, "height": height, "width": width}
-    lanes = len(lane_graph(one.road_map.codes).edges)
-    return {**about, "lanes": lanes, "trip": round(mean, 3), **(one.road_map.metrics or {})}
+    return {**about, "lanes": len(graph.edges), "trip": round(mean, 3), **(one.road_map.metrics or {})}
 
 
-def _trips(spec: PackSpec, one: _Packed) -> list[dict[str, Plain]]:
+def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Plain]]:
     """Draws starts and goals between the tiles, with the exact length of the shortest way, in tiles."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import dijkstra
 
-    graph = lane_graph(one.road_map.codes)
     rng = np.random.default_rng([spec.seed, int(one.id, 16)])
     count = len(graph.nodes)
     ways = csr_array((LENGTHS[graph.turns], graph.edges.T), shape=(count, count))
