@@ -121,7 +121,7 @@ def make_levels(
       most: tiles from the start to the goal, 1 or more.
 
     Returns:
-      A batch of N levels, all of which `check_level` accepts, with the objects of the maps.
+      A batch of N levels with the objects of the maps. `check_level` accepts each.
 
     Raises:
       InputError: for anything but a key, a bad grid, grids of several sizes, a map without any lane, or a number out

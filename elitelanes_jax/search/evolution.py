@@ -240,7 +240,7 @@ def check_keys(key: UserValue, seeds: int | None) -> tuple[UInt32[np.ndarray, "S
             check_named("seeds", check_seeds, SEEDS if seeds is None else seeds),
         )
     elif seeds is not None and isinstance(key, jax.Array):
-        raise InputError(f"seeds: expected none with keys, of which each is a seed, got {seeds!r}")
+        raise InputError(f"seeds: expected none with keys, because each key is a seed, got {seeds!r}")
     if isinstance(key, jax.Array) and key.dtype == jnp.uint32 and key.ndim and key.shape[-1] == 2:
         key = jax.random.wrap_key_data(key)
     if not isinstance(key, jax.Array) or not jnp.issubdtype(key.dtype, jax.dtypes.prng_key):
