@@ -233,8 +233,10 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:
-    """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or in RGB with opacity ``[H, W, 4]``."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., [2, 1, 0, 3]] if pixels.shape[2] == 4 else pixels[..., ::-1]
+    return cv2.imencode(".png", pixels)[1].tobytes()
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
