@@ -15,9 +15,7 @@ from math import cos, degrees, isfinite, pi, radians, remainder, sin
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, check_kind
-
-TAG_SIZE = 0.065
-"""The side of an AprilTag in metres."""
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 
 TAG_FAMILY = "36h11"
 """The family of all tags."""
@@ -26,6 +24,9 @@ _OF_MAP = {
     "sign_1_way_left": "sign_oneway_left",
     "sign_1_way_right": "sign_oneway_right",
 }  # in duckietown-world
+
+# gym-duckietown needs a picture of each sign, and has none of street names.
+_STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
 
 # Metres from the corner east and north, by slot.
 _LONG, _SHORT = 0.09, 0.035
@@ -54,7 +55,7 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
             offset = _STAND * thing.height
             x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
         turned = _number(degrees(remainder(angle, 2 * pi)))
-        lines += [f"  {thing.kind}_{index}:", f"    kind: {thing.kind}"]
+        lines += [f"  {thing.kind}_{index}:", f"    kind: {_BLANK if thing.kind == _STREET_NAME else thing.kind}"]
         lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
         lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
         if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
@@ -98,9 +99,9 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
-    tag = None
-    if "tag" in value:
-        tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id"))
+    tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id")) if "tag" in value else None
+    if kind == _BLANK and tag in STREET_NAMES:
+        kind = _STREET_NAME
     static = str(value.get("static", True)).lower() not in ("false", "no", "off")
     return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, static)
 

@@ -15,11 +15,12 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, TAG_SIZE, real_of
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.tags import TAG_SIZE
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
 
 LAYERS = ("frames", "tile_maps", "tiles", "traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")

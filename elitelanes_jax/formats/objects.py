@@ -7,6 +7,7 @@ from typing import NamedTuple
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats.tags import LARGEST_TAG
 
 BEYOND = 1.0
 """How far from the map an object may be, in tiles: signs at a map's border are outside it."""
@@ -19,8 +20,6 @@ OPAQUE = 128
 
 MOST_OBJECTS = 2**18
 """The most objects of a map."""
-
-_LARGEST_TAG = 586  # of the family 36h11
 
 
 class ObjectKind(NamedTuple):
@@ -42,7 +41,8 @@ class ObjectKind(NamedTuple):
 
 
 # Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. There a house has
-# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs.
+# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs. Street name
+# signs have the widest one of the manual, 7.2 inches.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
     *("stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect", "t_light_ahead", "yield"),
@@ -64,6 +64,7 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "checkerboard": ObjectKind(0.17, 0.171, 0.171),
     "floor_tag": ObjectKind(0.0, 0.065, 0.065),
     **{f"sign_{name}": _SIGN for name in _SIGNS},
+    "sign_street_name": ObjectKind(0.18, 0.056, 0.183),
 }
 """The kinds of objects by name. Names are those of gym-duckietown and duckietown-world."""
 
@@ -172,9 +173,9 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
         "height": _number("height", values.get("height", usual), 0.001 if usual else 0, 10 if usual else 0, "metres"),
     }
     tag, static = values.get("tag"), values.get("static", True)
-    if tag is not None and not (is_whole(tag) and 0 <= tag <= _LARGEST_TAG):
+    if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
         raise InputError(
-            f"tag: expected a number of the family 36h11, 0 to {_LARGEST_TAG}, got {shorten(repr(tag), 40)}"
+            f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {shorten(repr(tag), 40)}"
         )
     if not isinstance(static, bool):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")
