@@ -23,6 +23,7 @@ from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
 from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
 from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
+from elitelanes_jax.formats.tags import SIGN_TAGS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metric_names import METRIC_NAMES
@@ -371,7 +372,7 @@ def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> P
         "version": __version__,
         "title": title,
         "tiles": _tile_values(tiles, tile_px),
-        "objects": _object_values(runs),
+        "objects": _object_values(),
         "plan": plan_values(),
         # The first numbers that `choose_tiles` and `ObjectSet.choose` draw for seed 0.
         "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
@@ -453,15 +454,16 @@ def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
     return found
 
 
-def _object_values(runs: Sequence[_Finds]) -> dict[str, Plain]:
-    """Returns the sizes of all kinds of objects, and pictures from above of the kinds that are on the maps."""
-    kinds = {thing.kind for run in runs for *_, road_map in run.maps for thing in road_map.objects or ()}
-    pictures: dict[str, Plain] = {
-        kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
-        for kind, pictures in (load_objects().kinds if kinds else {}).items()
-        if kind in kinds
+def _object_values() -> dict[str, Plain]:
+    """Returns the size of each kind of object, the tag numbers of signs, and the pictures of objects from above."""
+    return {
+        "kinds": dict(OBJECT_KINDS),
+        "tags": dict(SIGN_TAGS),
+        "pictures": {
+            kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
+            for kind, pictures in load_objects().kinds.items()
+        },
     }
-    return {"kinds": {kind: list(size) for kind, size in OBJECT_KINDS.items()}, "pictures": pictures}
 
 
 def plan_values() -> dict[str, Plain]:

@@ -33,7 +33,9 @@ export interface TileValues {
 
 export interface ObjectValues {
   readonly kinds: ObjectKinds;
-  /** The pictures from above of the kinds that are on the maps. The front is on the right. Lengths are in metres. */
+  /** The tag numbers of each kind of sign that has some. */
+  readonly tags: Readonly<Record<string, readonly number[]>>;
+  /** The pictures from above by kind. The front is on the right. Lengths are in metres. */
   readonly pictures: Readonly<
     Record<
       string,

@@ -1,6 +1,6 @@
 /** Names and meanings of quantities, and numbers as text. */
 import { isShare, SHARE_UNIT, unitOf, type Axis } from "./network/features";
-import type { MapObject } from "./network/objects";
+import { degreesOf, type MapObject } from "./network/objects";
 
 interface Words {
   readonly name: string;
@@ -83,9 +83,9 @@ export function objectName(kind: string): string {
   return name.startsWith("sign ") ? `${name.slice(5)} sign` : name;
 }
 
-/** Describes an object: its kind, its tag and its position in tiles. */
-export const describeObject = ({ kind, tag, x, y }: MapObject): string =>
-  `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}, x ${number(x)}, y ${number(y)}`;
+/** Describes an object: its kind, its tag, its position in tiles and its angle. */
+export const describeObject = ({ kind, tag, x, y, angle }: MapObject): string =>
+  `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}, x ${number(x)}, y ${number(y)}, angle ${degreesOf(angle)}°`;
 
 /** Words for the two bins of a flag. */
 const FLAGS: Readonly<Record<string, readonly [string, string]>> = {

@@ -8,10 +8,12 @@ import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "../src/
 import { alphabetMask, METRIC_NAMES, fitness, measure, type MetricName, type Weights } from "../src/network/measure";
 import {
   byKind,
+  degreesOf,
   edgeOf,
-  moveObject,
+  newObject,
   nextObject,
   objectAt,
+  radiansOf,
   type MapObject,
   type ObjectKinds,
 } from "../src/network/objects";
@@ -134,23 +136,30 @@ describe("objects", () => {
     { kind: "sign_stop", x: 0.5, y: -0.08, angle: 0, height: 0.18, tag: 3 },
   ];
 
-  test("are moved in hundredths of a tile, and not outside the map", () => {
-    const moved = moveObject(things, 1, [3.4567, -1], grid);
-    expect(moved).toEqual([things[0], { ...things[1], x: 3.46, y: -1 }, things[2]]);
-    expect(moved[0]).toBe(things[0]);
-    expect(() => moveObject(things, 1, [4.01, 1], grid)).toThrow("at most 1 tile outside it, got x 4.01, y 1");
-    expect(() => moveObject(things, 1, [NaN, 1], grid)).toThrow(FileError);
+  test("are added with the first free tag of their kind", () => {
+    const tags = { sign_stop: [3, 5] };
+    expect(newObject("sign_stop", [1, 2], things, kinds, tags)).toMatchObject({ x: 1, y: 2, height: 0.18, tag: 5 });
+    expect(newObject("sign_stop", [1, 2], [{ ...things[2], tag: 5 }, things[2]], kinds, tags).tag).toBe(3);
+    expect(newObject("duckie", [1, 2], things, kinds, tags)).not.toHaveProperty("tag");
+  });
+
+  test("have angles of at most half a turn", () => {
+    expect([90, 195, -195, 720, 359.5].map((degrees) => degreesOf(radiansOf(degrees)))).toEqual([
+      90, -165, 165, 0, -0.5,
+    ]);
   });
 
   test("are found where they are, the nearest first", () => {
-    expect([objectAt(things, kinds, 2.02, 1), objectAt(things, kinds, 2.15, 1)]).toEqual([0, 1]);
-    expect([objectAt(things, kinds, 0.5, 0.05), objectAt(things, kinds, 0.5, 0.5)]).toEqual([2, -1]);
+    expect([objectAt(things, kinds, [2.02, 1]), objectAt(things, kinds, [2.15, 1])]).toEqual([things[0], things[1]]);
+    expect([objectAt(things, kinds, [0.5, 0.05]), objectAt(things, kinds, [0.5, 0.5])]).toEqual([things[2], undefined]);
   });
 
   test("are walked through in reading order, all of them", () => {
-    expect([nextObject(things, -1, 1), nextObject(things, -1, -1), nextObject([], -1, 1)]).toEqual([2, 1, -1]);
-    expect([2, 0, 1].map((index) => nextObject(things, index, 1))).toEqual([0, 1, 2]);
-    expect([2, 0, 1].map((index) => nextObject(things, index, -1))).toEqual([1, 2, 0]);
+    const [house, duckie, sign] = things;
+    expect([nextObject(things, undefined, 1), nextObject(things, undefined, -1)]).toEqual([sign, duckie]);
+    expect(nextObject([], undefined, 1)).toBeUndefined();
+    expect([sign, house, duckie].map((thing) => nextObject(things, thing, 1))).toEqual([house, duckie, sign]);
+    expect([sign, house, duckie].map((thing) => nextObject(things, thing, -1))).toEqual([duckie, sign, house]);
   });
 
   test("are listed by kind, and have room at the border", () => {

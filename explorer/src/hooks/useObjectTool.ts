@@ -1,73 +1,110 @@
 import { useState } from "preact/hooks";
+import { useShared } from "../context";
 import { done, type Editor } from "../editor";
 import { FileError } from "../network/errors";
-import { moveObject, nextObject, objectAt, type MapObject, type ObjectKinds } from "../network/objects";
+import {
+  checkObject,
+  degreesOf,
+  hundredths,
+  newObject,
+  nextObject,
+  objectAt,
+  radiansOf,
+  type MapObject,
+  type Position,
+} from "../network/objects";
 import { describeObject } from "../words";
-
-type Position = readonly [x: number, y: number];
 
 interface Drag {
   readonly before: Editor;
+  /** The object that is moved, or null if the drag adds one. */
+  readonly old: MapObject | null;
+  readonly thing: MapObject;
   /** From the pointer to the object. */
   readonly offset: Position;
 }
 
-interface ObjectTool {
+export interface ObjectTool {
   readonly selected: MapObject | undefined;
+  /** The kind of the objects that are added. */
+  readonly kind: string;
+  readonly setKind: (kind: string) => void;
+  /** Changes fields of the selected object. Says what is wrong with them and returns false if they are refused. */
+  readonly change: (fields: { readonly [name in keyof MapObject]?: MapObject[name] | undefined }) => boolean;
+  readonly remove: () => void;
   /** The editor before the drag of the moment, or null. */
   readonly before: Editor | null;
   readonly down: (position: Position) => void;
   readonly move: (position: Position) => void;
   readonly up: () => void;
-  /** Selects, moves or deletes an object. `step` is the step of an arrow key, or null. */
+  /** Obeys a key. `step` is the step of an arrow key, or null. */
   readonly press: (event: KeyboardEvent, step: Position | null) => void;
 }
 
-/** Returns the object that is selected in the editor, and what pointer and keys do with it. Positions are in tiles. */
-export function useObjectTool(
-  editor: Editor,
-  onEdit: (editor: Editor) => void,
-  kinds: ObjectKinds,
-  say: (text: string, unseen?: boolean) => void,
-): ObjectTool {
-  const [index, setIndex] = useState(-1);
+/** Returns the object that is selected in the editor, and what pointer, keys and fields do with objects. */
+export function useObjectTool(editor: Editor, onEdit: (editor: Editor) => void): ObjectTool {
+  const { data, say } = useShared();
+  const { kinds, tags } = data.objects;
+  const { objects, grid } = editor;
+  const [kind, setKind] = useState(Object.keys(kinds)[0]);
+  const [chosen, choose] = useState<MapObject | undefined>();
   const [drag, setDrag] = useState<Drag | null>(null);
-  const { objects } = editor;
-  const selected: MapObject | undefined = objects[index];
-  const place = (before: Editor, position: Position) => {
+  const selected = chosen && objects.includes(chosen) ? chosen : undefined;
+  const put = (before: Editor, old: MapObject | null, next: object): boolean => {
     try {
-      const next = moveObject(before.objects, index, position, before.grid);
-      onEdit(done(before, { ...before, objects: next }));
-      say(describeObject(next[index]), true);
+      const thing = checkObject(next, kinds, before.grid);
+      const others = old ? before.objects.map((one) => (one === old ? thing : one)) : [...before.objects, thing];
+      onEdit(done(before, { ...before, objects: others }));
+      choose(thing);
+      say(describeObject(thing), true);
+      return true;
     } catch (error) {
       if (!(error instanceof FileError)) throw error;
       say(error.message);
+      return false;
     }
   };
+  const placed = (thing: MapObject, [x, y]: Position): MapObject => ({ ...thing, x: hundredths(x), y: hundredths(y) });
+  const change: ObjectTool["change"] = (fields) => !!selected && put(editor, selected, { ...selected, ...fields });
+  const remove = () => {
+    if (!selected) return;
+    onEdit(done(editor, { ...editor, objects: objects.filter((thing) => thing !== selected) }));
+    say(`Deleted: ${describeObject(selected)}`);
+  };
+  const down = (position: Position) => {
+    const found = objectAt(objects, kinds, position);
+    const thing = found ?? placed(newObject(kind, position, objects, kinds, tags), position);
+    if (found) choose(found);
+    else if (!put(editor, null, thing)) return;
+    setDrag({ before: editor, old: found ?? null, thing, offset: [thing.x - position[0], thing.y - position[1]] });
+  };
   const press = (event: KeyboardEvent, step: Position | null) => {
-    const deletes = event.key === "Delete" || event.key === "Backspace";
-    if (!step && !deletes) return;
+    if (event.ctrlKey || event.metaKey || event.altKey) return;
+    if (step && event.shiftKey) {
+      if (selected) change(placed(selected, [selected.x + step[0] / 20, selected.y + step[1] / 20]));
+    } else if (step) {
+      const next = nextObject(objects, selected, step[0] + step[1] > 0 ? 1 : -1);
+      choose(next);
+      if (next) say(describeObject(next), true);
+    } else if (event.key === "Enter" || event.key === " ") {
+      const { x, y } = selected ?? { x: grid.width / 2, y: grid.height / 2 };
+      put(editor, null, newObject(kind, [Math.min(x + (selected ? 0.25 : 0), grid.width), y], objects, kinds, tags));
+    } else if (event.key.toLowerCase() === "r") {
+      if (selected) change({ angle: radiansOf(degreesOf(selected.angle) + (event.shiftKey ? -15 : 15)) });
+    } else if (event.key === "Delete" || event.key === "Backspace") remove();
+    else return;
     event.preventDefault();
-    if (step && event.shiftKey && selected) place(editor, [selected.x + step[0] / 20, selected.y + step[1] / 20]);
-    else if (step) {
-      const next = nextObject(objects, index, step[0] + step[1] > 0 ? 1 : -1);
-      setIndex(next);
-      if (next >= 0) say(describeObject(objects[next]), true);
-    } else if (selected) {
-      onEdit(done(editor, { ...editor, objects: objects.filter((thing) => thing !== selected) }));
-      setIndex(-1);
-      say(`Deleted: ${describeObject(selected)}`);
-    }
   };
   return {
     selected,
+    kind,
+    setKind,
+    change,
+    remove,
     before: drag?.before ?? null,
-    down: ([x, y]) => {
-      const found = objectAt(objects, kinds, x, y);
-      setIndex(found);
-      if (found >= 0) setDrag({ before: editor, offset: [objects[found].x - x, objects[found].y - y] });
-    },
-    move: ([x, y]) => drag && place(drag.before, [x + drag.offset[0], y + drag.offset[1]]),
+    down,
+    move: ([x, y]) =>
+      drag && void put(drag.before, drag.old, placed(drag.thing, [x + drag.offset[0], y + drag.offset[1]])),
     up: () => setDrag(null),
     press,
   };

@@ -64,7 +64,7 @@ function objectLines(objects: readonly MapObject[], rows: number): string[] {
     const degrees = (angle - 2 * Math.PI * whole) * (180 / Math.PI);
     return [
       `  ${kind}_${index}:`,
-      `    kind: ${kind}`,
+      `    kind: ${kind === "sign_street_name" ? "sign_blank" : kind}`, // gym-duckietown has no picture of street names
       `    pose: {~SE2Transform: {p: [${text(x)}, ${text(y)}], theta_deg: ${text(degrees)}}}`,
       ...(height ? [`    height: ${text(height)}`] : []),
       ...(tag !== undefined && (kind === "floor_tag" || kind.startsWith("sign_"))

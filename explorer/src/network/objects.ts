@@ -1,6 +1,6 @@
 /** Objects of a map. Positions are in tiles, x to the east and y to the south; angles are counter-clockwise from east. */
 import type { Grid } from "./codes";
-import { check } from "./errors";
+import { check, FileError } from "./errors";
 
 /** The side of a tile in metres. */
 export const TILE_SIZE = 0.585;
@@ -31,9 +31,21 @@ export const NO_OBJECTS: readonly MapObject[] = [];
 
 type Size = Pick<Grid, "height" | "width">;
 
+/** In tiles. */
+export type Position = readonly [x: number, y: number];
+
 /** Returns whether an object may be at a position. */
 export const isWithin = (x: number, y: number, { height, width }: Size): boolean =>
   x >= -BEYOND && x <= width + BEYOND && y >= -BEYOND && y <= height + BEYOND;
+
+/** Returns a number rounded to hundredths. */
+export const hundredths = (value: number): number => Math.round(100 * value) / 100;
+
+/** Returns an angle in degrees, rounded to hundredths. */
+export const degreesOf = (radians: number): number => hundredths((180 / Math.PI) * radians);
+
+/** Returns an angle in radians, at most half a turn, from one in degrees. */
+export const radiansOf = (degrees: number): number => (Math.PI / 180) * (degrees - 360 * Math.round(degrees / 360));
 
 /** Returns the length and the width of an object's footprint, in tiles. */
 export function footprint({ kind, height }: MapObject, kinds: ObjectKinds): [length: number, width: number] {
@@ -42,77 +54,81 @@ export function footprint({ kind, height }: MapObject, kinds: ObjectKinds): [len
   return [length * scale, width * scale];
 }
 
+/** Returns an object's fields, checked. Messages begin with the field. */
+export function checkObject(value: unknown, kinds: ObjectKinds, { height, width }: Size): MapObject {
+  const fields = (value ?? {}) as Record<string, unknown>;
+  const expect = (name: string, holds: boolean, expected: string) =>
+    check(holds, `${name}: expected ${expected}, got ${textOf(fields[name])}`);
+  const number = (name: string, low: number, high: number, usual?: number): number => {
+    const one = name in fields ? fields[name] : usual;
+    expect(name, typeof one === "number" && one >= low && one <= high, `a number from ${low} to ${high}`);
+    return one as number;
+  };
+  const { kind, tag, static: still, ...others } = fields;
+  expect("kind", typeof kind === "string" && Object.hasOwn(kinds, kind), "a kind of object that Duckietown has");
+  const [usual] = kinds[kind as string];
+  for (const name of Object.keys(others))
+    expect(name, ["x", "y", "angle", "height"].includes(name), "only fields of an object");
+  const isTag = Number.isInteger(tag) && (tag as number) >= 0 && (tag as number) <= LARGEST_TAG;
+  expect("tag", tag == null || isTag, `a whole number from 0 to ${LARGEST_TAG}`);
+  expect("static", still === undefined || typeof still === "boolean", "true or false");
+  return {
+    kind: kind as string,
+    x: number("x", -BEYOND, width + BEYOND),
+    y: number("y", -BEYOND, height + BEYOND),
+    angle: number("angle", -7, 7, 0),
+    height: number("height", usual ? 0.001 : 0, usual ? 10 : 0, usual),
+    ...(tag != null && { tag: tag as number }),
+    ...(still === false && { static: false }),
+  };
+}
+
 /** Returns the objects of a map file, checked. Messages begin with `file`. */
-export function checkObjects(
-  values: unknown,
-  kinds: ObjectKinds,
-  { height, width }: Size,
-  file: string,
-): readonly MapObject[] {
+export function checkObjects(values: unknown, kinds: ObjectKinds, size: Size, file: string): readonly MapObject[] {
   const expected = `${file}objects: expected a list of at most ${MOST_OBJECTS}`;
   check(Array.isArray(values) && values.length <= MOST_OBJECTS, expected);
   return (values as unknown[]).map((value, index) => {
-    const fields = (value ?? {}) as Record<string, unknown>;
-    const expect = (name: string, holds: boolean, expected: string) =>
-      check(holds, `${file}objects: object ${index}: ${name}: expected ${expected}, got ${textOf(fields[name])}`);
-    const number = (name: string, low: number, high: number, usual?: number): number => {
-      const one = name in fields ? fields[name] : usual;
-      expect(name, typeof one === "number" && one >= low && one <= high, `a number from ${low} to ${high}`);
-      return one as number;
-    };
-    const { kind, tag, static: still, ...others } = fields;
-    expect("kind", typeof kind === "string" && Object.hasOwn(kinds, kind), "a kind of object that Duckietown has");
-    const [usual] = kinds[kind as string];
-    for (const name of Object.keys(others))
-      expect(name, ["x", "y", "angle", "height"].includes(name), "only fields of an object");
-    const isTag = Number.isInteger(tag) && (tag as number) >= 0 && (tag as number) <= LARGEST_TAG;
-    expect("tag", tag == null || isTag, `a whole number from 0 to ${LARGEST_TAG}`);
-    expect("static", still === undefined || typeof still === "boolean", "true or false");
-    return {
-      kind: kind as string,
-      x: number("x", -BEYOND, width + BEYOND),
-      y: number("y", -BEYOND, height + BEYOND),
-      angle: number("angle", -7, 7, 0),
-      height: number("height", usual ? 0.001 : 0, usual ? 10 : 0, usual),
-      ...(tag != null && { tag: tag as number }),
-      ...(still === false && { static: false }),
-    };
+    try {
+      return checkObject(value, kinds, size);
+    } catch (error) {
+      throw new FileError(`${file}objects: object ${index}: ${(error as Error).message}`);
+    }
   });
 }
 
 const textOf = (value: unknown): string => (value === undefined ? "none" : JSON.stringify(value).slice(0, 40));
 
-/** Returns objects of which one was moved, in steps of a hundredth of a tile. Refuses positions outside the map. */
-export function moveObject(
+/** Returns a new object of the usual height. A sign has the first tag number of its kind that no other object has. */
+export function newObject(
+  kind: string,
+  [x, y]: Position,
   objects: readonly MapObject[],
-  index: number,
-  [x, y]: readonly [x: number, y: number],
-  grid: Size,
-): readonly MapObject[] {
-  const rounded = (place: number) => Math.round(100 * place) / 100;
-  const expected = `Expected a position on the map or at most ${BEYOND} tile outside it`;
-  check(isWithin(x, y, grid), `${expected}, got x ${rounded(x)}, y ${rounded(y)}`);
-  return objects.map((thing, one) => (one === index ? { ...thing, x: rounded(x), y: rounded(y) } : thing));
+  kinds: ObjectKinds,
+  tags: Readonly<Record<string, readonly number[]>>,
+): MapObject {
+  const numbers = tags[kind] ?? [];
+  const tag = numbers.find((one) => objects.every((thing) => thing.tag !== one)) ?? numbers[0];
+  return { kind, x, y, angle: 0, height: kinds[kind][0], ...(tag !== undefined && { tag }) };
 }
 
-/** Returns the index of the object nearest to a position among those that it touches, or -1. */
-export function objectAt(objects: readonly MapObject[], kinds: ObjectKinds, x: number, y: number): number {
+/** Returns the object nearest to a position among the objects that it touches. */
+export function objectAt(objects: readonly MapObject[], kinds: ObjectKinds, [x, y]: Position): MapObject | undefined {
   const reach = 0.08; // tiles beside small objects
-  let nearest = -1;
-  let least = Infinity;
-  objects.forEach((thing, index) => {
-    const distance = Math.hypot(thing.x - x, thing.y - y);
-    if (distance >= least || distance > Math.hypot(...footprint(thing, kinds)) / 2 + reach) return;
-    [nearest, least] = [index, distance];
-  });
-  return nearest;
+  const distance = (thing: MapObject) => Math.hypot(thing.x - x, thing.y - y);
+  return objects
+    .filter((thing) => distance(thing) <= Math.hypot(...footprint(thing, kinds)) / 2 + reach)
+    .sort((one, other) => distance(one) - distance(other))[0];
 }
 
-/** Returns the index of the next object in reading order, or the one before; from none the first or the last. */
-export function nextObject(objects: readonly MapObject[], index: number, step: 1 | -1): number {
-  const order = objects.map((_, one) => one).sort((a, b) => objects[a].y - objects[b].y || objects[a].x - objects[b].x);
-  const now = order.indexOf(index);
-  return order.at(now < 0 ? (step > 0 ? 0 : -1) : (now + step) % order.length) ?? -1;
+/** Returns the next object in reading order, or the one before. Without a selected object: the first or the last. */
+export function nextObject(
+  objects: readonly MapObject[],
+  selected: MapObject | undefined,
+  step: 1 | -1,
+): MapObject | undefined {
+  const order = [...objects].sort((one, other) => one.y - other.y || one.x - other.x);
+  const now = selected ? order.indexOf(selected) : -1;
+  return order.at(now < 0 ? (step > 0 ? 0 : -1) : (now + step) % order.length);
 }
 
 /** Returns the objects of each kind, by name. */

@@ -3,13 +3,14 @@ import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { mapShapes, objectShapes, overlayShapes, paint, ringShapes } from "../drawing";
 import { between, done, redo, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
-import { useObjectTool } from "../hooks/useObjectTool";
+import type { ObjectTool } from "../hooks/useObjectTool";
 import { KIND_OF, type Grid } from "../network/codes";
 import { edgeOf } from "../network/objects";
 import { fittedStyle, useFittedCanvas } from "./canvas";
 
 export const TILE_KEYS = "Arrow keys move, with Shift they draw, Enter sets a tile, Delete empties it.";
-export const OBJECT_KEYS = "Arrow keys select an object, with Shift they move it, Delete removes it.";
+export const OBJECT_KEYS =
+  "Arrow keys select an object, with Shift they move it, R turns it, Delete removes it, Enter adds one.";
 const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
@@ -21,12 +22,13 @@ interface CanvasProps {
   readonly editor: Editor;
   readonly onEdit: (editor: Editor) => void;
   readonly tool: Tool;
+  readonly objectTool: ObjectTool;
   readonly tile: number;
   readonly mends: boolean;
   readonly fills: boolean;
 }
 
-export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
+export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fills }: CanvasProps) {
   const { data, view, say } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
   const [cursor, setCursor] = useState(0);
@@ -35,7 +37,6 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
   const began = useRef(0);
   const { grid, fixed, objects } = editor;
   const { kinds } = data.objects;
-  const objectTool = useObjectTool(editor, onEdit, kinds, say);
   const selected = tool === "objects" ? objectTool.selected : undefined;
   const edge = edgeOf((objectTool.before ?? editor).objects, grid); // a drag does not change the scale
   const mending = { repair: mends, fill: fills && mends };

@@ -3,6 +3,7 @@ import { useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { cleared, done, redo, resized, undo, type Editor, type Tool } from "../editor";
 import { save } from "../files";
+import { useObjectTool } from "../hooks/useObjectTool";
 import { FEATURES, isOurs } from "../network/features";
 import { toFix } from "../network/formats";
 import { fitness, measure, type Weights } from "../network/measure";
@@ -11,6 +12,7 @@ import { Switch } from "../parts/Controls";
 import { EditorCanvas, OBJECT_KEYS, TILE_KEYS } from "../parts/EditorCanvas";
 import { OverlaySwitches } from "../parts/Looks";
 import { Metrics } from "../parts/Metrics";
+import { ObjectFields } from "../parts/ObjectFields";
 import { Objects } from "../parts/Objects";
 import { SaveButtons } from "../parts/SaveButtons";
 import { TilePalette } from "../parts/TilePalette";
@@ -25,7 +27,7 @@ const TOOL_WORDS: Readonly<Record<Tool, readonly [name: string, what: string]>> 
   tile: ["Tile", "click to set the tile that is chosen below"],
   fixed: ["Fixed", "mark cells that a search keeps as they are"],
   forbidden: ["No road", "mark cells in which a search may build no road"],
-  objects: ["Objects", "drag objects to move them"],
+  objects: ["Objects", "drag objects to move them, click beside them to add one"],
 };
 
 interface Props {
@@ -46,6 +48,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
   const [tile, setTile] = useState(15);
   const [mends, setMends] = useState(true);
   const [fills, setFills] = useState(false);
+  const objectTool = useObjectTool(editor, onEdit);
   const picker = useRef<HTMLInputElement>(null);
   const { grid, fixed, objects } = editor;
   const metrics = useMemo(() => measure(grid, run.alphabet), [grid, run]);
@@ -82,7 +85,6 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
               <button
                 key={name}
                 type="button"
-                disabled={name === "objects" && !objects.length}
                 aria-pressed={tool === name}
                 title={what}
                 onClick={() => setTool(name as Tool)}
@@ -101,7 +103,16 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
           </div>
         </div>
         {tool === "tile" && <TilePalette tile={tile} onTile={setTile} />}
-        <EditorCanvas editor={editor} onEdit={onEdit} tool={tool} tile={tile} mends={mends} fills={fills} />
+        {tool === "objects" && <ObjectFields tool={objectTool} />}
+        <EditorCanvas
+          editor={editor}
+          onEdit={onEdit}
+          tool={tool}
+          objectTool={objectTool}
+          tile={tile}
+          mends={mends}
+          fills={fills}
+        />
         <div class="bar">
           <Switch
             on={mends}
