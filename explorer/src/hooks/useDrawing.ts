@@ -42,7 +42,8 @@ export function useDrawing({ kinds, onMap, show, say }: Callbacks): Drawing {
     [edit, show],
   );
   const draw = useCallback<Drawing["draw"]>((grid, objects) => open(editorOf(grid, objects)), [open]);
-  const openFiles = async (files: ArrayLike<File>) => {
+  const openFiles = async (list: ArrayLike<File>) => {
+    const files = Array.from(list); // a picker's list is emptied meanwhile
     try {
       const { grid, fixed, objects, unread } = await readMapFile(files, kinds);
       open(editorOf(grid, objects, fixed ?? undefined));

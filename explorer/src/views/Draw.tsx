@@ -27,7 +27,7 @@ const TOOL_WORDS: Readonly<Record<Tool, readonly [name: string, what: string]>> 
   tile: ["Tile", "click to set the tile that is chosen below"],
   fixed: ["Fixed", "mark cells that a search keeps as they are"],
   forbidden: ["No road", "mark cells in which a search may build no road"],
-  objects: ["Objects", "drag objects to move them, click beside them to add one"],
+  objects: ["Objects", "drag objects to move them, click on a free place to add one"],
 };
 
 interface Props {
