@@ -1,13 +1,17 @@
 /** A plan to build a map from, as an SVG file. Its unit is a millimetre. */
 import { objectShapes, pathOf } from "./drawing";
 import type { Grid } from "./network/codes";
-import { byKind, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
+import { byKind, degreesOf, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { planOf, type PlanValues } from "./network/plan";
 import { objectName } from "./words";
 
 const MARGIN = 14;
 const LINE = 4.5;
 const SAMPLE = 22; // side of the tiles of the legend
+const [A4_WIDTH, A4_HEIGHT] = [210, 297];
+const COLUMN = 62; // its width
+const ROWS = 56; // lines of a column of the check-list
+const WAYS: Readonly<Record<number, string>> = { 0: "east", 90: "north", 180: "west", 270: "south" };
 const INKS: Readonly<Record<string, string>> = { red: "#d9202c", yellow: "#f5c71a", white: "#fff" };
 
 const at = (value: number): string => `${+value.toFixed(3)}`;
@@ -20,20 +24,23 @@ const tileName = (kind: string, quarterTurns?: number): string => {
 const words = (x: number, y: number, text: string, more = ""): string =>
   `<text x="${at(x)}" y="${at(y)}" ${more}>${text}</text>`;
 
-/** Writes the plan of a map: its tiles and objects, its measures, and the bill of materials. */
+/** Writes the plan of a map: its tiles and objects, its measures, the bill of materials, and sheets of A4 with a check-list. */
 export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: ObjectKinds, values: PlanValues): string {
   const plan = planOf(grid, values);
   const { tile_size: size } = values;
   const { height: rows, width: columns } = grid;
   const things = [...objects].sort((one, other) => one.y - other.y || one.x - other.x);
   const edge = edgeOf(things, grid);
-  const tile = Math.min(Math.max((210 - 2 * MARGIN - 24) / (columns + 2 * edge), 14), 40);
-  const width = Math.max(210, (columns + 2 * edge) * tile + 2 * MARGIN + 24);
+  const tile = Math.min(Math.max((A4_WIDTH - 2 * MARGIN - 24) / (columns + 2 * edge), 14), 40);
+  const width = Math.max(A4_WIDTH, (columns + 2 * edge) * tile + 2 * MARGIN + 24);
   const [left, top] = [(width - columns * tile) / 2, MARGIN + 20 + edge * tile];
   const [right, bottom] = [left + columns * tile, top + rows * tile];
   const bill = billOf(plan, grid, things, values);
   const billTop = bottom + edge * tile + 20;
   const legendTop = billTop + LINE * (Math.max(...bill.map((lines) => lines.length)) + 0.5);
+  const listTop = Math.max(A4_HEIGHT, legendTop + SAMPLE + 10 + MARGIN);
+  const list = checkListOf(plan, things, kinds, size);
+  const height = listTop + A4_HEIGHT * Math.ceil(list.length / ROWS / 3);
   const [beside, below] = [right + edge * tile + 7, bottom + edge * tile + 7];
   const metres = (tiles: number) => `${+(tiles * size).toFixed(3)} m`;
   const middle = `text-anchor="middle"`;
@@ -72,7 +79,7 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
     words(beside - 1.2, top - 4, "N ↑"),
     ...bill.flatMap((column, index) =>
       column.map((text, line) =>
-        words(MARGIN + index * 62, billTop + line * LINE, text, line ? "" : `font-weight="700"`),
+        words(MARGIN + index * COLUMN, billTop + line * LINE, text, line ? "" : `font-weight="700"`),
       ),
     ),
     ...Object.keys(values.kinds).map(
@@ -81,8 +88,13 @@ export function planSvg(grid: Grid, objects: readonly MapObject[], kinds: Object
         words(MARGIN + index * (SAMPLE + 8) + SAMPLE / 2, legendTop + SAMPLE + 5, tileName(kind, 0), middle),
     ),
     words(MARGIN + 4 * (SAMPLE + 8), legendTop + SAMPLE / 2, "Angles are counter-clockwise."),
+    words(MARGIN, listTop + MARGIN + 4, "Check-list", `font-size="6" font-weight="700"`),
+    ...list.map((text, index) => {
+      const column = Math.floor(index / ROWS);
+      const sheet = listTop + Math.floor(column / 3) * A4_HEIGHT;
+      return words(MARGIN + (column % 3) * COLUMN, sheet + MARGIN + 12 + (index % ROWS) * LINE, text);
+    }),
   ];
-  const height = Math.max(297, legendTop + SAMPLE + 10 + MARGIN);
   return (
     `<svg xmlns="http://www.w3.org/2000/svg" width="${at(width)}mm" height="${at(height)}mm" viewBox="0 0 ${at(width)} ${at(height)}" font-family="sans-serif" font-size="3.2" fill="#1d2026">\n` +
     `<style>.label{text-anchor:middle;paint-order:stroke;stroke:#fff;stroke-width:.04px}.number{text-anchor:middle;font-size:.08px;font-weight:700;fill:#fff}.line{fill:none;stroke:#1d2026;stroke-width:.3px}</style>\n` +
@@ -104,6 +116,27 @@ function tileOf(kind: string, { kinds, widths, tile_size: size }: PlanValues): s
     return `${outline}<path d="${d}" stroke="${INKS[colour]}" stroke-width="${at(width)}"${dash}/>`;
   });
   return `<g id="${kind}" fill="none"><path d="M0 0H1V1H0Z" fill="#c4c8ce" stroke="#6d737d" stroke-width="0.005"/>${strips.join("")}</g>`;
+}
+
+/** Returns the lines of the check-list: objects, of two lines each, and tiles. */
+function checkListOf(
+  { placed }: ReturnType<typeof planOf>,
+  things: readonly MapObject[],
+  kinds: ObjectKinds,
+  size: number,
+): string[] {
+  const objects = things.flatMap(({ kind, x, y, angle, tag }, index) => {
+    const place = `${Math.abs(x * size).toFixed(2)} ${x < 0 ? "west" : "east"}, ${Math.abs(y * size).toFixed(2)} ${y < 0 ? "north" : "south"}`;
+    const degrees = (Math.round(degreesOf(angle)) + 720) % 360;
+    const faces = kinds[kind][3] ? "" : `, faces ${WAYS[degrees] ?? `${degrees}°`}`;
+    const name = `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}`;
+    return [`\u2610 ${index + 1} ${name}`, `\u2003${place}${faces}`];
+  });
+  return [
+    ...(objects.length ? ["Signs and objects", "(metres from the north-west corner)", ...objects] : []),
+    "Tiles (row,column)",
+    ...placed.map(({ row, column, kind, quarterTurns }) => `\u2610 ${row},${column} ${tileName(kind, quarterTurns)}`),
+  ];
 }
 
 /** Returns the columns of the bill of materials: tiles, tape, and objects if there are any. */

@@ -290,6 +290,11 @@ def test_a_plan_is_saved(place, furnished):
     assert [words for words in expected if texts[words] != 1] == []
     for colour, metres in plan.tape.items():
         assert any(words.startswith(f"{metres:.2f} m {colour}, ") for words in texts)
+    listed = [words for words in texts if words.startswith("\N{BALLOT BOX} ")]
+    assert len(listed) == len(plan.placed) + len(plan.objects)
+    for number, thing in enumerate(plan.objects, 1):
+        if thing.kind == "sign_stop":
+            assert f"\N{BALLOT BOX} {number} stop sign, tag {thing.tag}" in listed
     assert svg.count("<use ") == len(plan.placed) + 4
 
 

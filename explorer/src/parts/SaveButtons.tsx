@@ -72,7 +72,7 @@ export function SaveButtons({ name, grid, objects, fields, pictures = null, blen
         onClick={() =>
           saveIfPossible(`${name}-plan.svg`, () => planSvg(grid, objects, kinds, data.plan), "image/svg+xml")
         }
-        title="tiles, tape and objects to build the map from, as SVG; elitelanes plan also writes PDF with a check-list"
+        title="tiles, tape and objects to build the map from, and a check-list, as SVG for A4"
       >
         Plan
       </button>
