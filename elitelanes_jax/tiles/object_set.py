@@ -245,9 +245,7 @@ def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, fl
     if not isinstance(footprint, list) or [is_real(side) and 0 < side <= 10 for side in footprint] != [True, True]:
         raise InputError(f"{file}: footprint: expected [length, width] in metres, got {shorten(repr(footprint), 40)}")
     tag = about.get(_TAG)
-    if not (
-        tag is None or (isinstance(tag, list) and [is_real(part) and 0 <= part <= 10 for part in tag] == [True] * 2)
-    ):
+    if tag is not None and (not isinstance(tag, list) or [is_real(part) for part in tag] != [True, True]):
         raise InputError(f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(tag), 40)}")
     sides = float(footprint[0]), float(footprint[1])
     return kind, float(height), sides, None if tag is None else (float(tag[0]), float(tag[1]))

@@ -410,7 +410,8 @@ def sign_face(name: str) -> NDArray[np.uint8]:
     octagon = np.rint(96 + 88 * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.int32)
     if name == "street_name":
         face = np.full((192, 488, 3), GREEN, np.uint8)
-        _write(face, "STREET", 1.7)
+        _write(face, "STREET", 1.5)
+        face = np.asarray(cv2.resize(face, (192, 192), interpolation=cv2.INTER_AREA), np.uint8)
     elif name == "stop":
         cv2.fillPoly(face, [octagon], RED)
         _write(face, "STOP", 0.86)
