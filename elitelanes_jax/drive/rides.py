@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
-from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
@@ -201,7 +201,7 @@ def _describe(error: Exception, file: str) -> str:
 
 
 def trails(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
+    grid: AnyArray, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
@@ -218,7 +218,7 @@ def trails(
 
 
 def film(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+    grid: AnyArray, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
 

@@ -29,7 +29,7 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, check_kind, nearest_view
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
 from elitelanes_jax.formats.tag_pictures import draw_tag
 from elitelanes_jax.tiles.files import read_picture
 from elitelanes_jax.tiles.pasting import Placed, paste
@@ -88,7 +88,7 @@ class ObjectSet:
     @property
     def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
         """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
-        return {kind: pictures[0].views for kind, pictures in self.kinds.items()}
+        return {kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS}
 
     @cached_property
     def digest(self) -> str:
@@ -106,12 +106,12 @@ class ObjectSet:
         Raises:
           InputError: for a kind without pictures in the set.
         """
-        for thing in objects:
-            if thing.kind not in self.kinds:
+        choices = [self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind), ()) for thing in objects]
+        for thing, choice in zip(objects, choices, strict=True):
+            if not choice:
                 known = ", ".join(self.kinds)
                 raise InputError(f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}")
         lots = np.random.default_rng(seed).random(len(objects))
-        choices = [self.kinds[thing.kind] for thing in objects]
         chosen = [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
         return [
             one if thing.tag is None else _with_tag(one, thing.tag) for thing, one in zip(objects, chosen, strict=True)
@@ -234,11 +234,8 @@ def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, fl
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
     kind, height, footprint = (about[key] for key in _KEYS)
-    try:
-        check_kind(kind)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
-    flat = OBJECT_KINDS[kind].height == 0
+    kind = check_named(str(file), check_kind, kind)
+    flat = OBJECT_KINDS[base_kind(kind)].height == 0
     if not is_real(height) or not (height == 0 if flat else 0 < height <= 10):
         expected = "0 for tags on the floor" if flat else "metres over 0, to 10"
         raise InputError(f"{file}: height: expected {expected}, got {shorten(repr(height), 40)}")

@@ -492,6 +492,7 @@ KINDS = {
     "building": Kind(building, 2, 8, 0.5),
     "trafficlight": Kind(traffic_light, 1, 8),
     "checkerboard": Kind(checkerboard, 1, 8),
+    "other": Kind(lambda rng: [box(0, 0, 0, (0.1, 0.1, 0.1), GREY)], 1, 8),
     **{name: Kind(sign(name.removeprefix("sign_")), 1, 8) for name in OBJECT_KINDS if name.startswith("sign_")},
 }
 

@@ -110,6 +110,13 @@ def own(tmp_path):
     return place
 
 
+def test_unknown_kinds_are_drawn_as_boxes_or_with_ones_own_picture(own):
+    boat = MapObject("other:boat", 1.5, 0.5, 0.0, 0.1)
+    assert load_objects().choose([boat])[0].kind == "other"
+    write(own, 'kind = "other:boat"\nheight = 0.1\nfootprint = [0.1, 0.1]')
+    assert load_objects(own.parent).choose([boat])[0].kind == "other:boat"
+
+
 def test_a_picture_alone_lies_on_the_floor_from_above(own, drawn_tiles):
     objects = load_objects(own.parent)
     (one,) = objects.pictures
