@@ -14,7 +14,7 @@ from math import cos, degrees, isfinite, pi, radians, remainder, sin
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, check_kind
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 
 TAG_FAMILY = "36h11"
@@ -55,7 +55,8 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
             offset = _STAND * thing.height
             x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
         turned = _number(degrees(remainder(angle, 2 * pi)))
-        lines += [f"  {thing.kind}_{index}:", f"    kind: {_BLANK if thing.kind == _STREET_NAME else thing.kind}"]
+        kind = _BLANK if thing.kind == _STREET_NAME else thing.kind.removeprefix(OTHER)
+        lines += [f"  {kind}_{index}:", f"    kind: {kind}"]
         lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
         lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
         if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
@@ -73,8 +74,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
       tile_size: in metres.
 
     Raises:
-      InputError: for anything else, an unknown kind, or an object whose position cannot be read; the message names the
-        object.
+      InputError: for anything else, or an object whose position cannot be read; the message names the object.
     """
     named = dict(enumerate(values)) if isinstance(values, list) else values or {}
     if not isinstance(named, dict):
@@ -91,9 +91,10 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
         raise InputError(f'expected {{"kind": ...}}, got {shorten(repr(value))}')
-    kind = check_kind(_OF_MAP.get(value["kind"], value["kind"]))
+    given = str(value["kind"])
+    kind = _OF_MAP.get(given, given) if given in {*_OF_MAP, *OBJECT_KINDS} else check_kind(OTHER + given)
     x, y, angle = _pose(value, rows, tile_size)
-    usual = OBJECT_KINDS[kind].height
+    usual = OBJECT_KINDS[base_kind(kind)].height
     height = real_of(value, "height", usual) if usual else 0.0
     if kind == "trafficlight":
         angle -= pi / 2

@@ -1,5 +1,6 @@
 """Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
 
+import re
 from collections.abc import Iterable, Mapping
 from math import hypot, isfinite
 from typing import NamedTuple
@@ -65,8 +66,12 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "floor_tag": ObjectKind(0.0, 0.065, 0.065),
     **{f"sign_{name}": _SIGN for name in _SIGNS},
     "sign_street_name": ObjectKind(0.18, 0.056, 0.183),
+    "other": ObjectKind(0.1, 0.1, 0.1),
 }
-"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world."""
+"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world, except for "other"."""
+
+OTHER = "other:"
+"""What the kind of an object begins with if it is not one of `OBJECT_KINDS`."""
 
 
 class MapObject(NamedTuple):
@@ -76,7 +81,7 @@ class MapObject(NamedTuple):
     north-west corner of the map, in tiles. Angles are counter-clockwise as seen from above; 0 is east.
 
     Attributes:
-      kind: one of `OBJECT_KINDS`.
+      kind: one of `OBJECT_KINDS`; or "other:" and a name that an imported map has, such as "other:helicopter".
       x: of the footprint's centre, in tiles east of the map's north-west corner.
       y: tiles south of that corner.
       angle: the direction of the object's front, in radians. A vehicle drives in this direction. The printed side of a
@@ -98,7 +103,7 @@ class MapObject(NamedTuple):
     @property
     def footprint(self) -> tuple[float, float]:
         """Length and width in metres, along and across its direction, at its height."""
-        usual = OBJECT_KINDS[self.kind]
+        usual = OBJECT_KINDS[base_kind(self.kind)]
         scale = self.height / usual.height if usual.height else 1.0
         return usual.length * scale, usual.width * scale
 
@@ -106,11 +111,18 @@ class MapObject(NamedTuple):
     def radius(self) -> float:
         """Radius in metres of the smallest disc around the footprint."""
         length, width = self.footprint
-        return length / 2 if OBJECT_KINDS[self.kind].is_round else hypot(length, width) / 2
+        return length / 2 if OBJECT_KINDS[base_kind(self.kind)].is_round else hypot(length, width) / 2
+
+
+def base_kind(kind: str) -> str:
+    """Returns the name in `OBJECT_KINDS` of a kind: "other" for "other:helicopter"."""
+    return kind.partition(":")[0]
 
 
 def check_kind(kind: UserValue) -> str:
     """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
+    if isinstance(kind, str) and re.fullmatch(OTHER + r"\w[\w.-]{0,63}", kind):
+        return kind
     if not isinstance(kind, str) or kind not in OBJECT_KINDS:
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
         raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
@@ -165,7 +177,7 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
                 f"expected the fields {fields}, got {shorten(repr(name))}{suggest(str(name), MapObject._fields)}"
             )
     kind = check_kind(values["kind"])
-    usual = OBJECT_KINDS[kind].height
+    usual = OBJECT_KINDS[base_kind(kind)].height
     found = {
         "x": _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles"),
         "y": _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles"),
