@@ -1,7 +1,7 @@
 /** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
-import { footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
+import { baseKind, footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { DISTINCT, objectColour } from "./colours";
 import type { Ride } from "./data";
 
@@ -219,7 +219,7 @@ export function objectShapes(objects: readonly MapObject[], kinds: ObjectKinds):
       const corner = (ahead: number, left: number): string =>
         `${at(thing.x + ahead * cosine - left * sine)} ${at(thing.y - ahead * sine - left * cosine)}`;
       const half = Math.min(width, ARROW / 2);
-      const d = kinds[thing.kind][3]
+      const d = kinds[baseKind(thing.kind)][3]
         ? circle(thing.x, thing.y, length)
         : `M${corner(-length, width)}L${corner(-length, -width)}L${corner(length, -width)}L${corner(length, -half)}` +
           `L${corner(length + ARROW, 0)}L${corner(length, half)}L${corner(length, width)}Z`;

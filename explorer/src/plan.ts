@@ -1,7 +1,7 @@
 /** A plan to build a map from, as an SVG file. Its unit is a millimetre. */
 import { objectShapes, pathOf } from "./drawing";
 import type { Grid } from "./network/codes";
-import { byKind, degreesOf, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
+import { baseKind, byKind, degreesOf, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
 import { planOf, type PlanValues } from "./network/plan";
 import { objectName } from "./words";
 
@@ -128,7 +128,7 @@ function checkListOf(
   const objects = things.flatMap(({ kind, x, y, angle, tag }, index) => {
     const place = `${Math.abs(x * size).toFixed(2)} ${x < 0 ? "west" : "east"}, ${Math.abs(y * size).toFixed(2)} ${y < 0 ? "north" : "south"}`;
     const degrees = (Math.round(degreesOf(angle)) + 720) % 360;
-    const faces = kinds[kind][3] ? "" : `, faces ${WAYS[degrees] ?? `${degrees}°`}`;
+    const faces = kinds[baseKind(kind)][3] ? "" : `, faces ${WAYS[degrees] ?? `${degrees}°`}`;
     const name = `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}`;
     return [`\u2610 ${index + 1} ${name}`, `\u2003${place}${faces}`];
   });

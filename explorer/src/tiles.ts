@@ -4,7 +4,7 @@ import { css, LABEL_COLOURS, type Rgb } from "./colours";
 import { choosePictures, lotOf, type Data } from "./data";
 import { objectShapes, paint } from "./drawing";
 import type { Grid } from "./network/codes";
-import { TILE_SIZE, type MapObject } from "./network/objects";
+import { baseKind, TILE_SIZE, type MapObject } from "./network/objects";
 
 /** The layers of a picture: the image, the masks, and the labels. */
 export const LAYERS = ["image", "road", "red", "yellow", "labels"] as const;
@@ -221,7 +221,7 @@ export function paintTiles(
     .map((thing, index) => ({ thing, lot: lotOf(data, index) }))
     .sort((one, other) => one.thing.height - other.thing.height)
     .forEach(({ thing, lot }) => {
-      const pictures = tiles.objects.get(thing.kind);
+      const pictures = tiles.objects.get(baseKind(thing.kind));
       context.setTransform(1, 0, 0, 1, 0, 0);
       if (!pictures) return paint(context, { shapes: objectShapes([thing], data.objects.kinds), texts: [] }, px);
       const { image, silhouette, height, footprint } = pictures[Math.floor(lot * pictures.length)];

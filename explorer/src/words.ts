@@ -79,7 +79,11 @@ export const WORDS: Readonly<Record<string, Words>> = {
 
 /** Returns the name of a kind of object, such as "stop sign". */
 export function objectName(kind: string): string {
-  const name = kind.replace("4_way", "4-way").replaceAll("_", " ").replace("trafficlight", "traffic light");
+  const name = kind
+    .replace("other:", "")
+    .replace("4_way", "4-way")
+    .replaceAll("_", " ")
+    .replace("trafficlight", "traffic light");
   return name.startsWith("sign ") ? `${name.slice(5)} sign` : name;
 }
 

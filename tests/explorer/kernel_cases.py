@@ -12,7 +12,7 @@ import numpy as np
 from elitelanes_jax import InputError, Weights, fitness, repair
 from elitelanes_jax.explorer._collect import plan_values
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
-from elitelanes_jax.formats.objects import object_values
+from elitelanes_jax.formats.objects import base_kind, object_values
 from elitelanes_jax.network import METRIC_NAMES, Metrics, measure_town, plain_measure
 from elitelanes_jax.problem import SHARE_UNIT, SHARES, niche_bins, paper_axes
 
@@ -66,12 +66,15 @@ def _case(grid, random):
 
 def _objects(random, height, width):
     """Some objects anywhere, at right angles and others."""
-    kinds = random.choice([*OBJECT_KINDS], 3)
+    kinds = random.choice([*OBJECT_KINDS, "other:helicopter"], 3)
     places = random.uniform(-1, 1 + np.array([width, height]), (3, 2)).round(6).tolist()
     angles = [float(random.choice([0, pi / 2, pi, -pi / 2, -pi])), *random.uniform(-7, 7, 2).round(6).tolist()]
     tags, stays = random.integers(0, 587, 3).tolist(), [True, True, False]
     found = zip(kinds.tolist(), places, angles, tags, stays, strict=True)
-    return [MapObject(kind, *place, angle, OBJECT_KINDS[kind].height, *more) for kind, place, angle, *more in found]
+    return [
+        MapObject(kind, *place, angle, OBJECT_KINDS[base_kind(kind)].height, *more)
+        for kind, place, angle, *more in found
+    ]
 
 
 def _plan(grid):

@@ -52,6 +52,8 @@ function objectLines(objects: readonly MapObject[], rows: number): string[] {
   const text = (value: number) => `${+value.toFixed(6) + 0}`;
   const lines = objects.map((thing, index) => {
     const { kind, height, tag } = thing;
+    // gym-duckietown has no picture of street names.
+    const name = kind === "sign_street_name" ? "sign_blank" : kind.replace("other:", "");
     let [x, y, angle] = [thing.x * TILE_SIZE, (rows - thing.y) * TILE_SIZE, thing.angle];
     if (kind === "trafficlight") {
       // Duckietown's position is the middle of the mesh; ours is the stand, a quarter turn to the right.
@@ -63,8 +65,8 @@ function objectLines(objects: readonly MapObject[], rows: number): string[] {
     const whole = Math.abs(turns % 1) === 0.5 ? 2 * Math.round(turns / 2) : Math.round(turns);
     const degrees = (angle - 2 * Math.PI * whole) * (180 / Math.PI);
     return [
-      `  ${kind}_${index}:`,
-      `    kind: ${kind === "sign_street_name" ? "sign_blank" : kind}`, // gym-duckietown has no picture of street names
+      `  ${name}_${index}:`,
+      `    kind: ${name}`,
       `    pose: {~SE2Transform: {p: [${text(x)}, ${text(y)}], theta_deg: ${text(degrees)}}}`,
       ...(height ? [`    height: ${text(height)}`] : []),
       ...(tag !== undefined && (kind === "floor_tag" || kind.startsWith("sign_"))

@@ -24,6 +24,7 @@ export type ObjectKinds = Readonly<
 
 const BEYOND = 1; // tiles that objects may be outside the map
 const LARGEST_TAG = 586;
+const OTHER = /^other:[\p{L}\p{N}_][\p{L}\p{N}_.-]{0,63}$/u; // kinds that only an imported map has
 const MOST_OBJECTS = 2 ** 18;
 
 /** The objects of maps without objects. It is always the same list, so that their pictures are not drawn again. */
@@ -47,9 +48,12 @@ export const degreesOf = (radians: number): number => hundredths((180 / Math.PI)
 /** Returns an angle in radians, at most half a turn, from one in degrees. */
 export const radiansOf = (degrees: number): number => (Math.PI / 180) * (degrees - 360 * Math.round(degrees / 360));
 
+/** Returns the known kind of a kind: "other" of "other:helicopter". */
+export const baseKind = (kind: string): string => kind.split(":")[0];
+
 /** Returns the length and the width of an object's footprint, in tiles. */
 export function footprint({ kind, height }: MapObject, kinds: ObjectKinds): [length: number, width: number] {
-  const [usual, length, width] = kinds[kind];
+  const [usual, length, width] = kinds[baseKind(kind)];
   const scale = (usual ? height / usual : 1) / TILE_SIZE;
   return [length * scale, width * scale];
 }
@@ -65,8 +69,9 @@ export function checkObject(value: unknown, kinds: ObjectKinds, { height, width 
     return one as number;
   };
   const { kind, tag, static: still, ...others } = fields;
-  expect("kind", typeof kind === "string" && Object.hasOwn(kinds, kind), "a kind of object that Duckietown has");
-  const [usual] = kinds[kind as string];
+  const isKind = typeof kind === "string" && (Object.hasOwn(kinds, kind) || OTHER.test(kind));
+  expect("kind", isKind, "a kind of object that Duckietown has, or other:NAME");
+  const [usual] = kinds[baseKind(kind as string)];
   for (const name of Object.keys(others))
     expect(name, ["x", "y", "angle", "height"].includes(name), "only fields of an object");
   const isTag = Number.isInteger(tag) && (tag as number) >= 0 && (tag as number) <= LARGEST_TAG;
