@@ -432,7 +432,7 @@ async function strokes(page, tiles, row) {
   const opened = await page.textContent(".message");
   const editor = page.locator(".editor");
   const box = await editor.boundingBox();
-  const at = (x, y) => [box.x + (x * box.width) / 4, box.y + (y * box.height) / 4];
+  const at = (x, y) => [box.x + ((x + 0.3) * box.width) / 4.6, box.y + ((y + 0.3) * box.height) / 4.6];
   const press = async (...keys) => {
     for (const key of keys) await page.keyboard.press(key);
     await settle(page);
