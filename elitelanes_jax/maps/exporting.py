@@ -73,20 +73,20 @@ def _graphml(road_map: RoadMap, name: str, reduced: bool) -> Files:
 def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
     from elitelanes_jax.formats.sumo import network
 
-    text, warnings = network(road_map.codes, _streets(measures))
+    text, warnings = network(road_map, _streets(measures))
     return Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
 
 
 def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
     from elitelanes_jax.formats.sumo import plain_xml
 
-    return Files(plain_xml(road_map.codes, _streets(measures)))
+    return Files(plain_xml(road_map, _streets(measures)))
 
 
 def _network(road_map: RoadMap, name: str, to: str, **measures: UserValue) -> Files:
     from elitelanes_jax import formats
 
-    return Files((getattr(formats, f"to_{to}")(road_map.codes, _streets(measures)),))
+    return Files((getattr(formats, f"to_{to}")(road_map, _streets(measures)),))
 
 
 def _streets(measures: dict[str, UserValue]) -> "Streets":
