@@ -1,19 +1,20 @@
-"""Signs and lights as signals of OpenDRIVE: at the end of the road whose drivers read them, with their own position."""
+"""Signs and lights of a map: the crossings that they rule, and the signals of OpenDRIVE that they become."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from itertools import count
-from math import pi
+from math import hypot, pi
 from typing import NamedTuple
 
 from elitelanes_jax._util.types import AnyArray
-from elitelanes_jax.formats._signs import distance_from, heading_of_reader, signs_of
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.graph import Cell
+from elitelanes_jax.formats.graph import Cell, linked_tiles
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.streets import Streets
 from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
 
-_KINDS = {"allway_stop": "sign_stop", "traffic_light": "trafficlight"}  # by right of way
+_FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
+_RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
+_KINDS = {rule: kind for kind, rule in _RULES.items()}
 _TYPES = {  # of the German road traffic regulations (StVO), and subtypes
     "sign_stop": ("206", "-1"),
     "sign_yield": ("205", "-1"),
@@ -45,31 +46,68 @@ class Signal(NamedTuple):
     heading: float = 0.0
 
 
+def rights_of_way(codes: AnyArray) -> dict[Cell, str]:
+    """Returns the right of way, as `Streets` has it, of crossings where a `RoadMap` has lights or stop signs."""
+    crossings = _crossings(codes)
+    rules: dict[Cell, str] = {}
+    for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
+        tile = _crossing_of(thing, crossings)
+        if tile and thing.kind in _RULES:
+            rules[tile] = _RULES[thing.kind]
+    return rules
+
+
 def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival]) -> dict[Arrival, list[Signal]]:
     """Lists the signals at the ends of roads.
 
     Args:
-      codes: of the map, or a `RoadMap` with signs and lights: each sign is at one end, a light at all ends of its tile.
+      codes: of the map, or a `RoadMap` with signs and lights. A sign is at one end, of the road whose drivers read it.
+        A light is at all ends of its crossing.
       rules: the right of way of each crossing where the map has no signs or lights of its own for it.
       ends: of all roads.
     """
-    numbers = count(1)
+    numbers, crossings = count(1), _crossings(codes)
     found: dict[Arrival, list[Signal]] = {end: [] for end in ends}
     headings = {end: SIDES.index(SIDE_TOWARDS[end[0][0] - end[1][0], end[0][1] - end[1][1]]) for end in found}
-    towards: dict[int, list[Arrival]] = {}
-    for end, heading in headings.items():
-        towards.setdefault(heading, []).append(end)
-    for thing in signs_of(codes):
-        lit = thing.kind == "trafficlight"
-        able = found if lit else towards.get(heading_of_reader(thing), found)
-        nearest = min(able, key=lambda end: distance_from(thing, end[0]))
-        for end in [end for end in found if end[0] == nearest[0]] if lit else [nearest]:
-            angle = (1 - headings[end]) * pi / 2 if lit else thing.angle + pi
-            found[end].append(Signal(next(numbers), thing.kind, thing, angle))
+    for thing in _signs(codes):
+        tile = _crossing_of(thing, crossings)
+        if thing.kind == "trafficlight" and tile:
+            for end in (end for end in found if end[0] == tile):
+                found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
+            continue
+        heading = _heading_of_reader(thing)
+        nearest = min(found, key=lambda end: (end[0] != tile, headings[end] != heading, _distance(thing, end[0])))
+        found[nearest].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
     for end in found:
         if (kind := _KINDS.get(rules.get(end[0], ""))) is not None:
             found[end].append(Signal(next(numbers), kind))
     return found
+
+
+def _signs(codes: AnyArray) -> list[MapObject]:
+    objects: Iterable[MapObject] = getattr(codes, "objects", None) or ()
+    return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
+
+
+def _crossings(codes: AnyArray) -> list[Cell]:
+    return [tile for tile, others in linked_tiles(codes).items() if len(others) > 2]
+
+
+def _crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
+    """Returns the crossing that a sign or a light belongs to, if one is near."""
+    nearest = min(crossings, key=lambda tile: _distance(thing, tile), default=None)
+    return nearest if nearest and _distance(thing, nearest) < _FAR else None
+
+
+def _distance(thing: MapObject, tile: Cell) -> float:
+    """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
+    ahead, share = SIDES[_heading_of_reader(thing)], 0 if thing.kind == "trafficlight" else 0.5
+    return hypot(tile[1] + 0.5 + share * ahead.right - thing.x, tile[0] + 0.5 + share * ahead.down - thing.y)
+
+
+def _heading_of_reader(sign: MapObject) -> int:
+    """Returns the heading of who drives towards a sign: 0 north, 1 east, 2 south, 3 west."""
+    return round(-1 - sign.angle / (pi / 2)) % 4
 
 
 def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:

@@ -12,8 +12,7 @@ from typing import NamedTuple
 
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
-from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, signal_element
-from elitelanes_jax.formats._signs import rights_of_way
+from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
 from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
 from elitelanes_jax.network.codes import SIDE_TOWARDS

@@ -155,7 +155,9 @@ def check_carla(grid, text, streets, places=1e-2):
     root = ET.fromstring(text)
     read = {(int(one.id), one.name, one.type, one.road_id) for one in city.get_all_landmarks()}
     signals = [(one, road) for road in root.iter("road") for one in road.iter("signal")]
-    assert read == {(int(one.get("id")), one.get("name"), one.get("type"), int(road.get("id"))) for one, road in signals}
+    assert read == {
+        (int(one.get("id")), one.get("name"), one.get("type"), int(road.get("id"))) for one, road in signals
+    }
     assert len(city.get_all_landmarks()) == len(signals)
     expected, turns = lane_links(root, grid)
     lengths = {int(road.get("id")): float(road.get("length")) for road in root.iter("road")}
