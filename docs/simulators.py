@@ -62,7 +62,8 @@ def draw_mujoco() -> None:
     seen = look(jax.random.key(0), at, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=_ROWS, columns=_COLUMNS))
     gap = np.full((_ROWS, 12, 3), 255, np.uint8)
     row = np.hstack([shown[0], gap, shown[1], gap, np.asarray(seen.image)])
-    write("mujoco.jpg", cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    half = cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    write("mujoco.jpg", np.asarray(half, np.uint8))
 
 
 def draw_carla() -> NDArray[np.uint8]:
