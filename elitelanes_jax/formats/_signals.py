@@ -46,12 +46,11 @@ class Signal(NamedTuple):
     heading: float = 0.0
 
 
-def rights_of_way(codes: AnyArray) -> dict[Cell, str]:
-    """Returns the right of way, as `Streets` has it, of crossings where a `RoadMap` has lights or stop signs."""
-    crossings = _crossings(codes)
-    rules: dict[Cell, str] = {}
+def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
+    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets."""
+    rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
     for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
-        tile = _crossing_of(thing, crossings)
+        tile = _crossing_of(thing, rules)
         if tile and thing.kind in _RULES:
             rules[tile] = _RULES[thing.kind]
     return rules
@@ -63,14 +62,16 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival
     Args:
       codes: of the map, or a `RoadMap` with signs and lights. A sign is at one end, of the road whose drivers read it.
         A light is at all ends of its crossing.
-      rules: the right of way of each crossing where the map has no signs or lights of its own for it.
+      rules: the right of way of each crossing, which has signs or lights at all ends if the map has none for it.
       ends: of all roads.
     """
-    numbers, crossings = count(1), _crossings(codes)
+    numbers, own = count(1), set()
     found: dict[Arrival, list[Signal]] = {end: [] for end in ends}
     headings = {end: SIDES.index(SIDE_TOWARDS[end[0][0] - end[1][0], end[0][1] - end[1][1]]) for end in found}
     for thing in _signs(codes):
-        tile = _crossing_of(thing, crossings)
+        tile = _crossing_of(thing, rules)
+        if thing.kind in _RULES:
+            own.add(tile)
         if thing.kind == "trafficlight" and tile:
             for end in (end for end in found if end[0] == tile):
                 found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
@@ -79,7 +80,8 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival
         nearest = min(found, key=lambda end: (end[0] != tile, headings[end] != heading, _distance(thing, end[0])))
         found[nearest].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
     for end in found:
-        if (kind := _KINDS.get(rules.get(end[0], ""))) is not None:
+        kind = _KINDS.get(rules.get(end[0], ""))
+        if kind and end[0] not in own:
             found[end].append(Signal(next(numbers), kind))
     return found
 
@@ -87,10 +89,6 @@ def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival
 def _signs(codes: AnyArray) -> list[MapObject]:
     objects: Iterable[MapObject] = getattr(codes, "objects", None) or ()
     return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
-
-
-def _crossings(codes: AnyArray) -> list[Cell]:
-    return [tile for tile, others in linked_tiles(codes).items() if len(others) > 2]
 
 
 def _crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:

@@ -40,7 +40,7 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, after, links = lanes(codes)
-    own = rights_of_way(codes)
+    rights = rights_of_way(codes, streets)
     sides = [bounds(way, streets, len(links)) for way in ways]
     for way, (left, right) in zip(ways, sides, strict=True):
         if way.turn == BACK:  # the outline of a lanelet must not touch itself
@@ -61,7 +61,6 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
             continue
         low = giving_way(ways[index] for some in across.values() for index in some)
         incoming = {heading: next(numbers) for heading in across}
-        right_of_way = own.get(tile, streets.right_of_way)
         parts = []
         for heading, some in across.items():
             entering, from_right = before[some[0]], (heading + 3) % 4
@@ -70,13 +69,13 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
             parts += [f'<{_SUCCESSORS[ways[index].turn]} ref="{index + 1}"/>' for index in some]
             parts.append(f'<isLeftOf ref="{incoming[from_right]}"/>' if from_right in incoming else "")
             parts.append("</incoming>")
-            sign = _SIGNS.get(right_of_way)
-            if right_of_way == "priority" and low:
+            sign = _SIGNS.get(rights[tile])
+            if rights[tile] == "priority" and low:
                 sign = _YIELD if heading in low else _PRIORITY
             if sign:
                 signs.append(_sign(number := next(numbers), sides[entering[0]][1][-1], sign))
                 rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{number}"/>')
-            if right_of_way == "traffic_light":
+            if rights[tile] == "traffic_light":
                 lights.append(_light(number := next(numbers), heading))
                 rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{number}"/>')
         intersections.append(f'<intersection id="{next(numbers)}">{"".join(parts)}</intersection>')

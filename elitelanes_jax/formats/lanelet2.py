@@ -41,7 +41,7 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, _, links = lanes(codes)
-    rules = rights_of_way(codes)
+    rules = rights_of_way(codes, streets)
     city = _Map()
     for tile, group in groupby(ways, attrgetter("tile")):
         here = {way: bounds(way, streets, len(links)) for way in group}
@@ -53,7 +53,7 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
             lanelets[way] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
         if crossing:
             ends = {way.heading: np.array([left[0], right[0]]) for way, (left, right) in here.items()}
-            _add_rules(city, lanelets, ends, rules.get(tile, streets.right_of_way))
+            _add_rules(city, lanelets, ends, rules[tile])
         for way, (number, members) in lanelets.items():
             tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": way.name}
             tags["speed_limit"] = f"{streets.speed * 3.6:g} km/h"

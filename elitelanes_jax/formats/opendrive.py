@@ -64,9 +64,8 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    own = rights_of_way(codes)
-    rules = {tile: streets.right_of_way for tile in junctions if len(links[tile]) > 2}
-    signals = list_signals(codes, {tile: rule for tile, rule in rules.items() if tile not in own}, ends)
+    rules = rights_of_way(codes, streets)
+    signals = list_signals(codes, rules, ends)
     roads: list[str] = []
     for number, path in enumerate(paths, first):
         (row, column), (next_row, next_column) = path[:2]
@@ -88,7 +87,7 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
         place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
         connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
     controllers: list[str] = []
-    for tile, rule in (rules | own).items():
+    for tile, rule in rules.items():
         axes = [[(tile, other) for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)]
         if rule == "traffic_light":
             built[tile] += _lights([[one for end in axis for one in signals[end]] for axis in axes], controllers)

@@ -91,7 +91,7 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
     height = len(check_grid(codes))
     lines = [streets.tile * _line(road, exits, height) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
-    rules = {node: streets.right_of_way for node in places if len(exits[node]) > 2} | rights_of_way(codes)
+    rules = rights_of_way(codes, streets)
     return PlainXml(
         _xml("nodes", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
