@@ -73,7 +73,7 @@ rl: .venv-rl/.ready
 	.venv-rl/bin/python -m pytest -m 'slow or not slow' tests/drive/test_wrappers.py
 
 # Packs of maps for other programs, in results/packs: make pack-town pack-paper pack-city pack-hard. Each goes on where
-# it ended. Maps that are hard for drivers have at most 14 loops and 60 % straights (experiments/navigation).
+# it ended. Hard ones have few loops and straights, where drivers fail slightly more often (experiments/navigation).
 PACK-town := --style town --size 9 9 --evaluations 50000
 PACK-paper := --style paper --size 12 12 --evaluations 50000
 PACK-city := --style town --size 24 24 --evaluations 20000

@@ -9,7 +9,7 @@ from textwrap import wrap
 
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
 
 # Lengths on pages are in millimetres.
@@ -119,7 +119,7 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
     east, south = cos(thing.angle), -sin(thing.angle)
     is_sign = thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     colour = _STOP if thing.kind == "sign_stop" else _SIGN if is_sign else _THING
-    if OBJECT_KINDS[thing.kind].is_round:
+    if thing.is_round:
         ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0))
     else:
         corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
@@ -173,7 +173,7 @@ def _check_list(plan: Plan) -> list[str]:
         tag = "" if thing.tag is None else f", tag {thing.tag}"
         east, south = (round(place * plan.tile_size, 2) for place in (thing.x, thing.y))
         across, down = "west" if east < 0 else "east", "north" if south < 0 else "south"
-        faces = "" if OBJECT_KINDS[thing.kind].is_round else f", faces {_direction(thing.angle)}"
+        faces = "" if thing.is_round else f", faces {_direction(thing.angle)}"
         lines += [f"{_BOX} {number}  {_thing_name(thing.kind)}{tag}"]
         lines += [f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}"]
     return lines

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.nav2 import road_cells
+from elitelanes_jax.formats.streets import no_road
 
 _STARTS = 10  # of each, as many goals
 _BUCKET = 4  # lengths that share a bucket
@@ -43,7 +43,7 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
     """
     road = road_cells(codes, cells)
     if not road.any():
-        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+        raise no_road()
     height, width = road.shape
     rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
     lines = [

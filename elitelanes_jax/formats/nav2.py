@@ -66,7 +66,7 @@ def road_cells(codes: ArrayLike, cells: int) -> NDArray[np.bool_]:
 
 
 def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: int = 39) -> Nav2:
-    """Writes a map for nav2.
+    """Writes a map for nav2, by the rules of its formats; nav2 itself has not read one.
 
     Args:
       codes: integer codes ``[H, W]``.
