@@ -197,7 +197,7 @@ class DatasetSpec(Record):
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
-            "furnish": self.furnish and vars(self.furnish),
+            "furnish": self.furnish and self.furnish.settings(),
             "objects": self.objects and str(self.objects),
         }
 

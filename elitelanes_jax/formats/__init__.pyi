@@ -31,5 +31,6 @@ from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
 from .svg import draw_svg as draw_svg
 from .table import table_to_csv as table_to_csv
+from .tag_pictures import draw_tag as draw_tag
 from .text import LINES as LINES
 from .text import draw_text as draw_text

@@ -1,4 +1,4 @@
-"""The pages of a plan, drawn with matplotlib: the map with its measures and the bill of materials, and a check-list."""
+"""The pages of a plan, drawn with matplotlib: the map with its measures and its bill, a check-list, and tags."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -7,10 +7,14 @@ from math import cos, degrees, sin
 from pathlib import Path
 from textwrap import wrap
 
+import numpy as np
+
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
+from elitelanes_jax.formats.tag_pictures import draw_tag
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_BORDER, TAG_SIZE
 
 # Lengths on pages are in millimetres.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
@@ -33,7 +37,7 @@ def draw_plan(plan: Plan, file: Path) -> None:
     with rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == ".pdf":
             with PdfPages(file, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
-                for page in (_map_page(plan), *_list_pages(plan)):
+                for page in (_map_page(plan), *_list_pages(plan), *_tag_pages(plan)):
                     pages.savefig(page)
         else:
             _map_page(plan).savefig(file, dpi=150, metadata={"Date": None} if kind == ".svg" else None)
@@ -179,13 +183,40 @@ def _check_list(plan: Plan) -> list[str]:
     return lines
 
 
+def _tag_pages(plan: Plan) -> Iterator[Untyped]:
+    """Draws the tags of all objects on A4 in their size, to cut out."""
+    side, border = 1000 * TAG_SIZE, 1000 * TAG_BORDER
+    across, down = side + 2 * border + 4, side + 2 * border + _LINE
+    columns, rows = int((_A4[0] - 2 * _MARGIN) / across), int((_A4[1] - 2 * _MARGIN - 12) / down)
+    tagged = [(number, thing.kind, thing.tag) for number, thing in enumerate(plan.objects, 1) if thing.tag is not None]
+    for first in range(0, len(tagged), rows * columns):
+        page, ax = _page(*_A4, "Tags")
+        _write(ax, _MARGIN + 18, _MARGIN + 3, f"print at 100 %: black squares have {side / 10:g} cm", color=_FAINT)
+        for index, (number, kind, tag) in enumerate(tagged[first : first + rows * columns]):
+            x, y = _MARGIN + index % columns * across, _MARGIN + 12 + index // columns * down
+            right, bottom = x + side + 2 * border, y + side + 2 * border
+            ax.plot([x, right, right, x, x], [y, y, bottom, bottom, y], color=_FAINT, lw=0.4)
+            bits = np.kron(draw_tag(tag), np.ones((16, 16), np.uint8))  # large pixels, which viewers may smooth
+            extent = x + border, right - border, bottom - border, y + border
+            ax.imshow(bits, "gray", extent=extent, vmin=0, vmax=255, aspect="auto", interpolation="none")
+            name = STREET_NAMES.get(tag, "") if kind == "sign_street_name" else ""
+            _write(
+                ax,
+                x,
+                bottom + 0.7 * _LINE,
+                f"{number}  {_thing_name(kind)} {name}".rstrip() + f", tag {tag}",
+            )
+        ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
+        yield page
+
+
 def _tile_name(kind: str, quarter_turns: int | None = None) -> str:
     name = {"crossing3": "3-way", "crossing4": "4-way"}.get(kind, kind)
     return name if quarter_turns is None or kind == "crossing4" else f"{name} {90 * quarter_turns}\N{DEGREE SIGN}"
 
 
 def _thing_name(kind: str) -> str:
-    return kind.removeprefix("sign_").replace("4_way", "4-way").replace("_", " ")
+    return kind.removeprefix("sign_").removeprefix("other:").replace("4_way", "4-way").replace("_", " ")
 
 
 def _direction(angle: float) -> str:

@@ -15,11 +15,12 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_text
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, TAG_SIZE, real_of
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
 from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.tags import TAG_SIZE
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
 
 LAYERS = ("frames", "tile_maps", "tiles", "traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
@@ -70,7 +71,7 @@ def to_dt_maps(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, 
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
     for index, thing in enumerate(road_map.objects or ()):
-        name = f"{_MAP}/{thing.kind}_{index}"
+        name = f"{_MAP}/{thing.kind.removeprefix(OTHER)}_{index}"
         layer, values = _entry(thing)
         layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
         layers["frames"][name] = _frame(_MAP, thing.x * size, (rows - thing.y) * size, thing.angle)
@@ -179,7 +180,7 @@ def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":
         return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
-    return "decorations", {"type": thing.kind} | tag
+    return "decorations", {"type": thing.kind.removeprefix(OTHER)} | tag
 
 
 def _object(
@@ -189,8 +190,8 @@ def _object(
     given = str(values.get("type"))
     kind = usual.get(layer) or (_KIND_OF_SIGN.get(given) if layer == "traffic_signs" else given)
     if kind not in OBJECT_KINDS:
-        raise InputError(f"{layer}: {name}: type: expected a known kind, got {shorten(repr(given), 40)}")
-    height = real_of(values, "height", OBJECT_KINDS[kind].height)
+        kind = check_named(f"{layer}: {name}", check_kind, OTHER + given)
+    height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
     tag = int(real_of(values, "id")) if "id" in values and layer not in ("citizens", "vehicles") else None
     static = str(values.get("static", True)).lower() != "false"
     return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)

@@ -66,7 +66,8 @@ class GenerateSpec(Record):
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
         which is on for photographs
       tile_px: side of a tile in pixels
-      furnish: objects of the maps: signs, all, unique_tags, and amounts such as duckies=6 or trees=0.2
+      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
+        file .toml or .json of your own
       search: the search
       part: search only a part of the seeds, such as 3/10; elitelanes merge joins the parts
     """
@@ -110,7 +111,7 @@ class GenerateSpec(Record):
         return vars(self) | {
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
-            "furnish": self.furnish and vars(self.furnish),
+            "furnish": self.furnish and self.furnish.settings(),
         }
 
 
@@ -139,7 +140,8 @@ class PickSpec(Record):
       blend: on or off: align the brightness of the tiles and feather their seams; by default as the tile set says,
         which is on for photographs
       tile_px: side of a tile in pixels
-      furnish: objects of the maps: signs, all, unique_tags, and amounts such as duckies=6 or trees=0.2
+      furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
+        file .toml or .json of your own
     """
 
     maps: int = option(16, whole(1), "N")
@@ -157,7 +159,7 @@ class PickSpec(Record):
     def to_plain(self) -> dict[str, Plain]:
         """Returns plain values for JSON."""
         return vars(self) | {
-            "furnish": self.furnish and vars(self.furnish),
+            "furnish": self.furnish and self.furnish.settings(),
             "where": [str(item) for item in self.where],
             "axes": None if self.axes is None else [axis._asdict() for axis in self.axes],
             "tiles": self.tiles and str(self.tiles),
