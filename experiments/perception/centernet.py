@@ -1,4 +1,7 @@
-"""A detector that finds the centres of boxes (Zhou, Wang and Krähenbühl, 2019), and its training."""
+"""A detector that finds the centres of boxes, and its training.
+
+The method is CenterNet's (Zhou, Wang and Krähenbühl, 2019), with the sides of boxes as in FCOS (Tian et al., 2019).
+"""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -15,19 +18,14 @@ from numpy.typing import NDArray
 from experiments.common import Pytree, write
 from experiments.perception.unet import UNet, space_to_depth
 
-__all__ = ["Output", "detect", "targets", "train"]
+__all__ = ["detect", "targets", "train"]
 
-CELL = 2
-"""The side of a cell of the net's output, in pixels."""
-
+_CELL = 2  # pixels a side of a cell of the net's output
 _CHANNELS = (24, 32, 48, 64)
 _LEARNING_RATE, _WARM_UP = 3e-3, 0.15
-_RARE = 4.6  # a sigmoid of -4.6 is 0.01, the share of cells near a centre
+_RARE = 4.6  # a sigmoid of -4.6 is 0.01, so that a new net finds few centres
 _REACH = 16.0  # pixels from a cell to each side of its box, where the net's output is 0
 _MOST = 40  # boxes found in a picture, at most
-
-Output = tuple[Float[Array, "B h w K"], Float[Array, "B h w 4"]]
-"""Logits of each kind, and the distances in pixels from a cell's middle to the left, upper, right and lower side."""
 
 
 def train(
@@ -38,21 +36,21 @@ def train(
     seed: int,
     *,
     steps: int,
-    batch: int = 8,
-    file: Path | None = None,
-    report: Callable[[int, float], None] = lambda step, loss: None,
+    batch: int,
+    file: Path,
+    report: Callable[[int, float], None],
 ) -> Pytree:
     """Trains a detector on random pictures, half of them mirrored.
 
     Args:
       images: uint8, sides multiples of 32.
-      boxes: x, y, width and height in pixels; a width of 0 for none.
-      kinds: of each box, from 0; -1 if it is to be found or not, as the net likes.
+      boxes: x, y, width and height in pixels. A width of 0 pads the list.
+      kinds: of each box, from 0. With -1, neither finding nor missing the box costs anything.
       count: number of kinds.
       seed: of the first weights and of the pictures' order.
       steps: of Adam. The step size rises, then falls to 0.
       batch: pictures a step.
-      file: where to keep unfinished work, which the same call continues.
+      file: checkpoint. The same call resumes from it.
       report: called with the step and the loss, 20 times.
 
     Returns:
@@ -62,15 +60,13 @@ def train(
     first, order = jax.random.split(jax.random.key(seed))
     weights = UNet(count + 4, _CHANNELS).init(first, space_to_depth(data[0][:1]))
     state, done = (weights, _optimizer(steps).init(weights)), 0
-    if file is not None and file.exists():
+    if file.exists():
         state, done = serialization.from_bytes((state, done), file.read_bytes())
-    part = max(1, steps // 20)
     for step in range(done, steps):
         state, loss = _step(state, *data, jax.random.fold_in(order, step), steps, batch, count)
-        if (step + 1) % part == 0:
+        if (step + 1) % max(1, steps // 20) == 0 or step + 1 == steps:
             report(step + 1, float(loss))
-            if file is not None:
-                write(file, serialization.to_bytes((state, step + 1)))
+            write(file, serialization.to_bytes((state, step + 1)))
     return state[0]
 
 
@@ -92,22 +88,20 @@ def _step(
 ) -> tuple[Pytree, Float[Array, ""]]:
     places, sides = jax.random.split(key)
     chosen = jax.random.randint(places, (batch,), 0, len(images))
-    turned = jax.random.bernoulli(sides, 0.5, (batch,))
-    shown = jnp.where(turned[:, None, None, None], images[chosen, :, ::-1], images[chosen])
-    box = boxes[chosen]
-    mirrored = box.at[..., 0].set(images.shape[2] - box[..., 0] - box[..., 2])
-    box = jnp.where(turned[:, None, None], mirrored, box)
-    size = shown.shape[1] // CELL, shown.shape[2] // CELL
-    heat, care, owner, share = jax.vmap(partial(targets, size=size, count=count))(box, kinds[chosen])
+    mirrored = jax.random.bernoulli(sides, 0.5, (batch,))
+    shown, box = images[chosen], boxes[chosen]
+    shown = jnp.where(mirrored[:, None, None, None], shown[:, :, ::-1], shown)
+    box = box.at[..., 0].set(jnp.where(mirrored[:, None], images.shape[2] - box[..., 0] - box[..., 2], box[..., 0]))
+    size = shown.shape[1] // _CELL, shown.shape[2] // _CELL
+    heat, counts, true, share = jax.vmap(partial(targets, size=size, count=count))(box, kinds[chosen])
 
     def loss(weights: Pytree) -> Float[Array, ""]:
         logits, sides = _apply(weights, shown, count)
-        found = jax.nn.sigmoid(logits)
-        hit = heat == 1
+        found, hit = jax.nn.sigmoid(logits), heat == 1
         cost = jnp.where(hit, (1 - found) ** 2 * jax.nn.softplus(-logits), 0)
-        cost += jnp.where(~hit & care, (1 - heat) ** 4 * found**2 * jax.nn.softplus(logits), 0)
-        true = jnp.take_along_axis(box, owner.reshape(batch, -1)[..., None], axis=1).reshape(sides.shape)
-        return (cost.sum() + 5 * (share * _misses(sides, true)).sum()) / jnp.maximum(hit.sum(), 1)
+        cost += jnp.where(~hit & counts, (1 - heat) ** 4 * found**2 * jax.nn.softplus(logits), 0)
+        missed = jnp.abs(jnp.log(sides / jnp.maximum(true, 1))).sum(axis=-1)
+        return (cost.sum() + (share * missed).sum()) / jnp.maximum(hit.sum(), 1)
 
     weights, moments = state
     value, gradient = jax.value_and_grad(loss)(weights)
@@ -115,61 +109,43 @@ def _step(
     return (optax.apply_updates(weights, updates), moments), value
 
 
-def _apply(weights: Pytree, images: UInt8[Array, "B H W 3"], count: int) -> Output:
+def _apply(
+    weights: Pytree, images: UInt8[Array, "B H W 3"], count: int
+) -> tuple[Float[Array, "B h w K"], Float[Array, "B h w 4"]]:
+    """Returns logits of the kinds, and the pixels from each cell to the left, top, right and bottom side of its box."""
     out: Pytree = UNet(count + 4, _CHANNELS).apply(weights, space_to_depth(images))
     return out[..., :count] - _RARE, _REACH * jnp.exp(jnp.clip(out[..., count:], -6, 6))
 
 
+def _middles(size: tuple[int, int]) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
+    y, x = jnp.meshgrid(*((jnp.arange(side) + 0.5) * _CELL for side in size), indexing="ij")
+    return x, y
+
+
 def targets(
     boxes: Float[Array, "M 4"], kinds: Int[Array, " M"], size: tuple[int, int], count: int
-) -> tuple[Float[Array, "h w K"], Bool[Array, "h w K"], Int[Array, "h w"], Float[Array, "h w"]]:
-    """Makes what the net learns of one picture.
-
-    Args:
-      boxes: x, y, width and height in pixels; a width of 0 for none.
-      kinds: of each box, or -1.
-      size: rows and columns of cells.
-      count: number of kinds.
+) -> tuple[Float[Array, "h w K"], Bool[Array, "h w K"], Float[Array, "h w 4"], Float[Array, "h w"]]:
+    """Makes what the net learns of one picture: see `train` for its arguments; `size` is in cells.
 
     Returns:
-      For each cell and kind a bell around the centre of each box, 1 at its cell; whether the cell counts for kinds that
-      are not there, which it does not in boxes of kind -1; the box that the cell belongs to; and the weight of its
-      sides, 1 in all for each box.
+      For each cell and kind, a bell around the middle of each box, exactly 1 in its cell. Whether the cell counts where
+      the bell is not 1; it does not in boxes of kind -1. The pixels from the cell to the sides of the nearest box. The
+      weight of these sides: the cells near a box's middle share 1.
     """
-    rows, columns = jnp.meshgrid(*map(jnp.arange, size), indexing="ij")
-    x, y, wide, high = (side[:, None, None] / CELL for side in boxes.T)
-    centre = jnp.floor(x + wide / 2), jnp.floor(y + high / 2)
-    spread = jnp.maximum(wide, 1) / 8 + 0.3, jnp.maximum(high, 1) / 8 + 0.3
-    bells = jnp.exp(-(((columns - centre[0]) / spread[0]) ** 2 + ((rows - centre[1]) / spread[1]) ** 2) / 2)
-    there = ((wide > 0) & (kinds >= 0)[:, None, None]).astype(float)
-    bells *= there
+    x, y = _middles(size)
+    left, top, wide, high = boxes.T[:, :, None, None]
+    there = (wide > 0) & (kinds >= 0)[:, None, None]
+    middle = [(jnp.floor(at / _CELL) + 0.5) * _CELL for at in (left + wide / 2, top + high / 2)]
+    spread = [side / 8 + 0.3 * _CELL for side in (wide, high)]
+    bells = there * jnp.exp(-(((x - middle[0]) / spread[0]) ** 2 + ((y - middle[1]) / spread[1]) ** 2) / 2)
     heat = jnp.stack([jnp.max(bells * (kinds == kind)[:, None, None], axis=0, initial=0) for kind in range(count)], -1)
-    within = (columns + 0.5 > x) & (columns + 0.5 < x + wide) & (rows + 0.5 > y) & (rows + 0.5 < y + high)
-    free = (within & (kinds < 0)[:, None, None]).any(axis=0)
+    sides = jnp.stack([x - left, y - top, left + wide - x, top + high - y], axis=-1)
+    free = ((sides > 0).all(axis=-1) & (kinds < 0)[:, None, None]).any(axis=0)
     owner = bells.argmax(axis=0)
-    own = bells * (owner == jnp.arange(len(boxes))[:, None, None]) * (bells > 0.3)
+    own = bells * (bells > 0.3) * (owner == jnp.arange(len(boxes))[:, None, None])
     share = (own / jnp.maximum(own.sum(axis=(1, 2), keepdims=True), 1e-6)).sum(axis=0)
-    return heat, ~free[..., None] | (heat > 0), owner, share
-
-
-def _misses(sides: Float[Array, "B h w 4"], boxes: Float[Array, "B h w 4"]) -> Float[Array, "B h w"]:
-    """Returns 1 minus the generalised IoU (Rezatofighi et al., 2019) of the boxes found and the true ones."""
-    x, y = _middles(sides.shape[1:3])
-    true = jnp.stack(
-        [x - boxes[..., 0], y - boxes[..., 1], boxes[..., 0] + boxes[..., 2] - x, boxes[..., 1] + boxes[..., 3] - y], -1
-    )
-    least, most = jnp.minimum(sides, true), jnp.maximum(sides, true)
-    both = jnp.maximum(least[..., 0] + least[..., 2], 0) * jnp.maximum(least[..., 1] + least[..., 3], 0)
-    area, hull = (
-        (part[..., 0] + part[..., 2]) * (part[..., 1] + part[..., 3]) for part in (jnp.stack([sides, true]), most)
-    )
-    union = area[0] + area[1] - both
-    return 2 - both / jnp.maximum(union, 1e-3) - union / jnp.maximum(hull, 1e-3)
-
-
-def _middles(size: tuple[int, ...]) -> tuple[Float[Array, "h w"], Float[Array, "h w"]]:
-    rows, columns = jnp.meshgrid(*map(jnp.arange, size), indexing="ij")
-    return (columns + 0.5) * CELL, (rows + 0.5) * CELL
+    true = jnp.take_along_axis(sides, owner[None, :, :, None], axis=0)[0]
+    return heat, ~free[..., None] | (heat > 0), true, share
 
 
 def detect(weights: Pytree, images: UInt8[NDArray, "N H W 3"], count: int, batch: int = 8) -> NDArray[np.float32]:
@@ -180,15 +156,13 @@ def detect(weights: Pytree, images: UInt8[NDArray, "N H W 3"], count: int, batch
 
 @partial(jax.jit, static_argnames="count")
 def _peaks(weights: Pytree, images: UInt8[Array, "B H W 3"], count: int) -> Float[Array, "B P 6"]:
-    """Finds the cells that are the best of a kind among their neighbours."""
+    """Finds the boxes of the cells whose score of a kind is the highest among their neighbours."""
     logits, sides = _apply(weights, images, count)
     score = jax.nn.sigmoid(logits)
     highest = jax.lax.reduce_window(score, -jnp.inf, jax.lax.max, (1, 3, 3, 1), (1, 1, 1, 1), "SAME")
     score = jnp.where(score == highest, score, 0).reshape(len(images), -1)
-    best, place = jax.lax.top_k(score, min(_MOST, score.shape[1]))
-    cell, kind = place // count, place % count
-    left, above, right, below = jnp.moveaxis(
-        jnp.take_along_axis(sides.reshape(len(images), -1, 4), cell[..., None], axis=1), -1, 0
-    )
-    x, y = (middle.ravel()[cell] for middle in _middles(sides.shape[1:3]))
-    return jnp.stack([x - left, y - above, left + right, above + below, best, kind], axis=-1)
+    best, place = jax.lax.top_k(score, _MOST)
+    x, y = _middles((sides.shape[1], sides.shape[2]))
+    boxes = jnp.concatenate([jnp.stack([x, y], -1) - sides[..., :2], sides[..., :2] + sides[..., 2:]], axis=-1)
+    boxes = jnp.take_along_axis(boxes.reshape(len(images), -1, 4), (place // count)[..., None], axis=1)
+    return jnp.concatenate([boxes, best[..., None], (place % count)[..., None]], axis=-1)
