@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from flax import serialization
-from jaxtyping import Array, Bool, Float, Int, Key, UInt8
+from jaxtyping import Array, Float, Int, Key, UInt8
 from numpy.typing import NDArray
 
 from experiments.common import Pytree, write
@@ -44,8 +44,8 @@ def train(
 
     Args:
       images: uint8, sides multiples of 32.
-      boxes: x, y, width and height in pixels. A width of 0 pads the list.
-      kinds: of each box, from 0. With -1, neither finding nor missing the box costs anything.
+      boxes: x, y, width and height in pixels.
+      kinds: of each box, from 0; -1 pads the list.
       count: number of kinds.
       seed: of the first weights and of the pictures' order.
       steps: of Adam. The step size rises, then falls to 0.
@@ -93,13 +93,13 @@ def _step(
     shown = jnp.where(mirrored[:, None, None, None], shown[:, :, ::-1], shown)
     box = box.at[..., 0].set(jnp.where(mirrored[:, None], images.shape[2] - box[..., 0] - box[..., 2], box[..., 0]))
     size = shown.shape[1] // _CELL, shown.shape[2] // _CELL
-    heat, counts, true, share = jax.vmap(partial(targets, size=size, count=count))(box, kinds[chosen])
+    heat, true, share = jax.vmap(partial(targets, size=size, count=count))(box, kinds[chosen])
 
     def loss(weights: Pytree) -> Float[Array, ""]:
         logits, sides = _apply(weights, shown, count)
         found, hit = jax.nn.sigmoid(logits), heat == 1
         cost = jnp.where(hit, (1 - found) ** 2 * jax.nn.softplus(-logits), 0)
-        cost += jnp.where(~hit & counts, (1 - heat) ** 4 * found**2 * jax.nn.softplus(logits), 0)
+        cost += jnp.where(hit, 0, (1 - heat) ** 4 * found**2 * jax.nn.softplus(logits))
         missed = jnp.abs(jnp.log(sides / jnp.maximum(true, 1))).sum(axis=-1)
         return (cost.sum() + (share * missed).sum()) / jnp.maximum(hit.sum(), 1)
 
@@ -124,28 +124,27 @@ def _middles(size: tuple[int, int]) -> tuple[Float[Array, "h w"], Float[Array, "
 
 def targets(
     boxes: Float[Array, "M 4"], kinds: Int[Array, " M"], size: tuple[int, int], count: int
-) -> tuple[Float[Array, "h w K"], Bool[Array, "h w K"], Float[Array, "h w 4"], Float[Array, "h w"]]:
+) -> tuple[Float[Array, "h w K"], Float[Array, "h w 4"], Float[Array, "h w"]]:
     """Makes what the net learns of one picture: see `train` for its arguments; `size` is in cells.
 
     Returns:
-      For each cell and kind, a bell around the middle of each box, exactly 1 in its cell. Whether the cell counts where
-      the bell is not 1; it does not in boxes of kind -1. The pixels from the cell to the sides of the nearest box. The
-      weight of these sides: the cells near a box's middle share 1.
+      For each cell and kind, the highest bell of a box of this kind, exactly 1 in the cell of the box's middle. The
+      pixels from the cell to the sides of the box whose bell is the highest. The weight of these sides: the cells near
+      a box's middle share 1.
     """
     x, y = _middles(size)
     left, top, wide, high = boxes.T[:, :, None, None]
-    there = (wide > 0) & (kinds >= 0)[:, None, None]
     middle = [(jnp.floor(at / _CELL) + 0.5) * _CELL for at in (left + wide / 2, top + high / 2)]
     spread = [side / 8 + 0.3 * _CELL for side in (wide, high)]
-    bells = there * jnp.exp(-(((x - middle[0]) / spread[0]) ** 2 + ((y - middle[1]) / spread[1]) ** 2) / 2)
+    bells = jnp.exp(-(((x - middle[0]) / spread[0]) ** 2 + ((y - middle[1]) / spread[1]) ** 2) / 2)
+    bells *= (kinds >= 0)[:, None, None]
     heat = jnp.stack([jnp.max(bells * (kinds == kind)[:, None, None], axis=0, initial=0) for kind in range(count)], -1)
     sides = jnp.stack([x - left, y - top, left + wide - x, top + high - y], axis=-1)
-    free = ((sides > 0).all(axis=-1) & (kinds < 0)[:, None, None]).any(axis=0)
     owner = bells.argmax(axis=0)
     own = bells * (bells > 0.3) * (owner == jnp.arange(len(boxes))[:, None, None])
     share = (own / jnp.maximum(own.sum(axis=(1, 2), keepdims=True), 1e-6)).sum(axis=0)
     true = jnp.take_along_axis(sides, owner[None, :, :, None], axis=0)[0]
-    return heat, ~free[..., None] | (heat > 0), true, share
+    return heat, true, share
 
 
 def detect(weights: Pytree, images: UInt8[NDArray, "N H W 3"], count: int, batch: int = 8) -> NDArray[np.float32]:

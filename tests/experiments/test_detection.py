@@ -23,11 +23,11 @@ sides = st.integers(0, SIDE - 2).flatmap(lambda low: st.tuples(st.just(low), st.
 
 
 @given(st.lists(st.tuples(sides, sides, st.integers(-1, 2)), min_size=1, max_size=4))
-def test_each_box_is_learned_at_its_middle_and_small_ones_cost_nothing(drawn):
+def test_each_box_is_learned_at_its_middle(drawn):
     padding = 5 - len(drawn)
     boxes = np.array([(x, y, wide, high) for (x, wide), (y, high), _ in drawn] + [(0, 0, 0, 0)] * padding, np.float32)
     kinds = np.array([kind for *_, kind in drawn] + [-1] * padding)
-    heat, counts, true, share = map(np.asarray, targets(boxes, kinds))
+    heat, true, share = map(np.asarray, targets(boxes, kinds))
     peaks, owned = set(), set()
     for (x, y, wide, high), kind in zip(boxes.tolist(), kinds.tolist(), strict=True):
         row, column = int(y + high / 2) // 2, int(x + wide / 2) // 2
@@ -37,8 +37,6 @@ def test_each_box_is_learned_at_its_middle_and_small_ones_cost_nothing(drawn):
     for row, column in np.ndindex(SIDE // 2, SIDE // 2):
         at = 2 * column + 1, 2 * row + 1
         to_sides = [(at[0] - x, at[1] - y, x + wide - at[0], y + high - at[1]) for x, y, wide, high in boxes.tolist()]
-        free = any(kind < 0 and min(to) > 0 for to, kind in zip(to_sides, kinds, strict=True))
-        assert (counts[row, column] == ((heat[row, column] > 0) | (not free))).all()
         if share[row, column] > 0:
             assert tuple(true[row, column].tolist()) in to_sides
             owned.add(to_sides.index(tuple(true[row, column].tolist())))
@@ -103,7 +101,7 @@ def test_without_pycocotools_it_says_what_to_install(tmp_path, monkeypatch, caps
 def test_it_runs_and_comes_out_the_same(tmp_path, capsys):
     arguments = ["--quick", "--out", str(tmp_path / "out")]
     assert detection.main(arguments) == 0
-    files = [tmp_path / "out" / name for name in ("detection.md", "detection.png")]
+    files = [tmp_path / "out" / name for name in ("detection.md", "detection.jpg")]
     before = [file.read_bytes() for file in files]
     assert detection.main(arguments) == 0
     assert [file.read_bytes() for file in files] == before
