@@ -60,7 +60,7 @@ class Budget(NamedTuple):
       batch: pictures a step.
       towns: of the training.
       test_towns: of each test in our pictures.
-      views: pictures of each town; each map that people made has three times as many.
+      views: pictures of each town; each map that people made has twice as many.
       rows: of a picture.
       columns: of a picture.
     """
@@ -168,7 +168,7 @@ def _their_pictures(folder: Path, budget: Budget, seed: int) -> Pictures:
                 names = world.load(place)["objects"].tolist()
                 if not set(names) & set(KINDS):
                     continue
-                for pose in random_poses(place.codes, 3 * budget.views, seed):
+                for pose in random_poses(place.codes, 2 * budget.views, seed):
                     seen = world.ask("instances", poses=pose[None])
                     image, owners = seen["image"][0], seen["instances"][0]
                     share = np.tile([budget.columns / image.shape[1], budget.rows / image.shape[0]], 2)
