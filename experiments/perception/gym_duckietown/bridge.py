@@ -15,7 +15,7 @@ import os
 import struct
 import sys
 from types import SimpleNamespace
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 import numpy as np
 
@@ -27,15 +27,15 @@ _MARK = "<q"  # the length of a message, in bytes, in front of it
 _PLAIN = (1.0, 0.0, 1.0)  # beyond the tiles in pictures of labels
 
 
-def send(stream: BinaryIO, **values: object) -> None:
+def send(stream: IO[bytes], **values: object) -> None:
     """Writes a message: arrays, numbers and texts by name."""
-    content = io.BytesIO()
-    np.savez(content, **{name: np.asarray(value) for name, value in values.items()})
+    content, arrays = io.BytesIO(), {name: np.asarray(value) for name, value in values.items()}
+    np.savez(content, **arrays)  # type: ignore[arg-type, unused-ignore]
     stream.write(struct.pack(_MARK, content.tell()) + content.getvalue())
     stream.flush()
 
 
-def receive(stream: BinaryIO) -> Arrays | None:
+def receive(stream: IO[bytes]) -> Arrays | None:
     """Reads a message; None at the end of the stream. Numbers and texts are plain values."""
     head = stream.read(struct.calcsize(_MARK))
     if not head:
@@ -138,7 +138,7 @@ class World:
         return self._seen()
 
     def _seen(self) -> Arrays:
-        """Returns the picture, the pose and the lane pose of the robot, and whether it has left the road or hit something."""
+        """Returns the picture, the pose, the lane pose, and whether the robot is on the road and has hit something."""
         env, side = self._env, self._env.road_tile_size
         pose = np.array([env.cur_pos[0] / side, env.cur_pos[2] / side, env.cur_angle])
         hit = bool(env._collision(self._simulator.get_agent_corners(env.cur_pos, env.cur_angle)))

@@ -47,7 +47,7 @@ class World:
         if not python.exists():
             raise InputError(f"{python}: expected the environment of make gym-duckietown, got no file")
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115, closed with the process
-        command = [python, HERE / "bridge.py", str(rows), str(columns)]
+        command = [str(python), str(HERE / "bridge.py"), str(rows), str(columns)]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors)
 
@@ -87,18 +87,16 @@ class World:
             raise InputError(f"{place.name}: {error}") from None
 
 
-def read_maps(part: str, python: Path = PYTHON) -> list[DuckietownMap]:
-    """Reads the maps of a part of maps.toml, "development" or "test": people's from the environment, then ours."""
+def read_maps(part: str, python: Path = PYTHON, *, towns: bool = True) -> list[DuckietownMap]:
+    """Reads the maps of a part of maps.toml, "development" or "test": people's from the environment, then our towns."""
     listed = tomllib.loads((HERE / "maps.toml").read_text(encoding="utf-8"))[part]
     folders = list(python.parents[1].glob("lib*/python3*/site-packages/duckietown_world/data/gd1/maps"))
     if not folders:
         raise InputError(f"{python}: expected an environment with duckietown-world's maps, got none")
     files = [folders[0] / f"{name}.yaml" for name in listed["people"]]
     found = [DuckietownMap(file.stem, file.read_text(encoding="utf-8"), read_map(file).codes) for file in files]
-    return found + [
-        DuckietownMap(f"town {index}", to_duckietown(codes), codes)
-        for index, codes in enumerate(our_towns(**listed["towns"]))
-    ]
+    ours = our_towns(**listed["towns"]) if towns else []
+    return found + [DuckietownMap(f"town {index}", to_duckietown(one), one) for index, one in enumerate(ours)]
 
 
 def our_towns(size: int, count: int, seed: int, evaluations: int = 50_000) -> list[NDArray[np.int8]]:
