@@ -22,7 +22,7 @@ __all__ = ["detect", "targets", "train"]
 
 _CELL = 2  # pixels a side of a cell of the net's output
 _CHANNELS = (24, 32, 48, 64)
-_LEARNING_RATE, _WARM_UP = 3e-3, 0.15
+_LEARNING_RATE, _WARM_UP = 2e-3, 0.15
 _RARE = 4.6  # a sigmoid of -4.6 is 0.01, so that a new net finds few centres
 _REACH = 16.0  # pixels from a cell to each side of its box, where the net's output is 0
 _MOST = 40  # boxes found in a picture, at most
