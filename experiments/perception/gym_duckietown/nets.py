@@ -47,7 +47,7 @@ class PoseNet(nn.Module):
 
 @jax.jit
 def _poses(weights: Pytree, images: Array) -> Array:
-    found: Array = PoseNet().apply(weights, images)
+    found: Pytree = PoseNet().apply(weights, images)
     return found * SCALES
 
 

@@ -83,7 +83,7 @@ def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) 
     ours = np.column_stack([near.d, near.phi]).astype(np.float32)
     objects = np.full(count, len(about["objects"]) > 0)
     found = np.isfinite(lanes).all(axis=1)
-    return Pictures(*(part[found] for part in (images, labels, lanes, ours, kinds, objects)))
+    return Pictures(images[found], labels[found], lanes[found], ours[found], kinds[found], objects[found])
 
 
 def read_pictures(file: Path) -> Pictures:

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from flax.serialization import from_bytes, to_bytes
-from jaxtyping import Array, Float, Key, UInt8
+from jaxtyping import Array, Float, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
