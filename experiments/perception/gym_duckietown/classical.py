@@ -61,8 +61,7 @@ def find_lane(image: UInt8[NDArray, "h w 3"]) -> Float[NDArray, "2"]:
             _vote(votes, first[near], second[near], edges)
     if not votes.any():
         return np.zeros(2)
-    votes = cv2.GaussianBlur(votes, (3, 3), 0.8)
-    d, phi = np.unravel_index(votes.argmax(), votes.shape)
+    d, phi = np.unravel_index(cv2.GaussianBlur(votes, (3, 3), 0.8).argmax(), votes.shape)
     return np.array([_D[d], _PHI[phi]])
 
 

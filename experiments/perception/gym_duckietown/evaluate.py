@@ -1,6 +1,6 @@
 """How well do networks see in gym-duckietown's pictures? Beside them: colour thresholds, and a constant.
 
-    python -m experiments.perception.gym_duckietown.evaluate PICTURES [...] --pose FILE [...] --labels FILE [...] --out FILE
+    python -m experiments.perception.gym_duckietown.evaluate PICTURES... --pose FILE... --labels FILE... --out FILE
 
 PICTURES are files of `pictures`; the weights are files of `train`.
 """
@@ -59,19 +59,15 @@ def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str
     """Returns a table of errors against gym-duckietown's lane pose."""
     rows = []
     for style, shown in pictures.items():
-        for name, find in {**finders, "our lane pose": lambda _, shown=shown: shown.ours}.items():
-            errors = _errors(shown, np.asarray(find(shown.images), float))
+        found = {name: np.asarray(find(shown.images), float) for name, find in finders.items()}
+        for name, lanes in {**found, "our lane pose": shown.ours}.items():
+            errors = _errors(shown, lanes)
             parts = {"all": np.ones(len(errors), bool)} | {kind: shown.kinds == k for k, kind in enumerate(KINDS)}
             for part, which in parts.items():
                 if part == "all" or name in list(finders)[:1]:
                     d, phi = errors[which].T
-                    cells = [
-                        _interval(d),
-                        f"{np.percentile(d, 90):.3g}",
-                        _interval(phi),
-                        f"{np.percentile(phi, 90):.3g}",
-                    ]
-                    rows.append([style, name, part, str(which.sum()), *cells])
+                    far, turned = f"{np.percentile(d, 90):.3g}", f"{np.percentile(phi, 90):.3g}"
+                    rows.append([style, name, part, str(which.sum()), _interval(d), far, _interval(phi), turned])
     head = ["style", "method", "tiles", "pictures", "offset, cm: median", "90 %", "angle, rad: median", "90 %"]
     return table(head, rows, left=3)
 
