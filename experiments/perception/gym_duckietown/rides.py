@@ -24,7 +24,7 @@ from experiments.perception.gym_duckietown.nets import find_poses, read_weights
 from experiments.perception.gym_duckietown.pictures import TILE, shrink
 from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
 
-__all__ = ["TRUTH", "follow", "main", "ride"]
+__all__ = ["TRUTH", "follow", "main", "ride", "sees"]
 
 TRUTH = "truth"
 """The driver that is told the lane pose: the limit of the controller."""
@@ -116,14 +116,15 @@ def _run(options: argparse.Namespace) -> None:
 
 def _rides_on(world: World, place: DuckietownMap, weights: Untyped, options: argparse.Namespace) -> dict[str, Untyped]:
     about = world.load(place, domain_rand=options.domain_rand)
-
-    def look(seen: dict[str, Untyped]) -> NDArray[np.float64]:
-        return np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float)
-
-    eyes = partial(_truth, place.codes) if weights is None else look
+    eyes = partial(_truth, place.codes) if weights is None else sees(weights)
     starts = random_poses(place.codes, options.rides, 7)
     found = [ride(world, start, place.codes, eyes, options.seconds)[0] for start in starts]
     return {"objects": len(about["objects"]), "rides": found}
+
+
+def sees(weights: Untyped) -> Eyes:
+    """Returns a function that finds the lane in an answer's picture."""
+    return lambda seen: np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float)
 
 
 def report(kept: dict[str, Untyped]) -> str:
