@@ -5,10 +5,13 @@ import struct
 
 import numpy as np
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
+from elitelanes_jax.network.checks import check_shape
 
 _FLOATS, _SHORTS = 5126, 5123  # types of components
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # linear, with mipmaps, to the edge
+_PNG = b"\x89PNG\r\n\x1a\n"
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)  # east and south of the north-west corner
 
 
@@ -24,10 +27,12 @@ def to_gltf(shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE
       tile_size: side of a tile in metres, 0.01 to 1000.
 
     Raises:
-      InputError: for a bad size.
+      InputError: for a bad shape, picture or size.
     """
     check_tile_size(tile_size, most=1000)
-    depth, width = np.array(shape, np.float32) * np.float32(tile_size)
+    if not picture.startswith(_PNG):
+        raise InputError(f"picture: expected a PNG file, got {picture[:8]!r}")
+    depth, width = np.array(check_shape(shape), np.float32) * np.float32(tile_size)
     places = np.stack([_CORNERS[:, 0] * width, 0 * _CORNERS[:, 0], (_CORNERS[:, 1] - 1) * depth], axis=-1)
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
     faces = np.array([0, 3, 2, 0, 2, 1], np.uint16)  # anticlockwise from above
