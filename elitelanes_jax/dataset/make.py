@@ -76,7 +76,8 @@ class _Drawing(NamedTuple):
         road_map = self.maps[index // spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            road_map = furnish(road_map, spec.furnish, seed=seed)
+            place = partial(furnish, spec=spec.furnish, seed=seed)
+            road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
         sample = draw_sample(
             road_map,
             tiles[split],
