@@ -3,11 +3,13 @@
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError
@@ -151,10 +153,16 @@ def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Pla
     rng = np.random.default_rng([spec.seed, int(one.id, 16)])
     count = len(graph.nodes)
     ways = csr_array((LENGTHS[graph.turns], graph.edges.T), shape=(count, count))
-    trips: list[dict[str, Plain]] = []
-    for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips):
+
+    @lru_cache(1 + 2**24 // count)  # 128 MB
+    def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         lengths = dijkstra(ways, indices=start)
-        goal = rng.choice(np.flatnonzero(np.isfinite(lengths) & (lengths > 0)))
+        return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
+
+    trips: list[dict[str, Plain]] = []
+    for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
+        lengths, goals = lengths_from(start)
+        goal = rng.choice(goals)
         places = {
             f"{end}_{name}": int(value)
             for end, node in (("start", start), ("goal", goal))
