@@ -152,7 +152,7 @@ def make_dataset(
         except InputError:
             if not force:
                 raise
-    inputs = [folder for folder in (spec.tiles, spec.objects) if folder]
+    inputs = [*(own.paths if own else ()), *(folder for folder in (spec.tiles, spec.objects) if folder)]
     with output_folder(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:

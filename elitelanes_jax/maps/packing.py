@@ -73,7 +73,8 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         "versions": installed_versions(),
     }
     identity = {"command": "pack", **about}
-    with output_folder(out, identity, foreign=_foreign, force=force, resume_files=True) as work:
+    inputs = [*maps.paths, *([spec.formats.tiles] if spec.formats.tiles else [])]
+    with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
         write_json(work.kept / "maps.json", [one.id for one in packed])
         rows = []
         with Progress("packing", len(packed), "maps") as bar:

@@ -154,3 +154,11 @@ def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
         PackSpec(to=("duckietown",), formats=FormatOptions(cells=6))
     with pytest.raises(InputError, match="to: expected one of"):
         PackSpec(to=("luck",))
+
+
+def test_a_pack_is_not_replaced_by_one_of_its_own_maps(packed):
+    before = contents(packed)
+    file = next(packed.glob("maps/*/*.json"))
+    with pytest.raises(InputError, match=r"expected a folder to replace that contains no input, got one with .*\.json"):
+        pack(PackSpec(split=(1, 0, 0)), [file], packed, force=True)
+    assert contents(packed) == before
