@@ -50,7 +50,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
     same network.
 
     Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset, or all files
+      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or all files
         ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
 
     Raises:
@@ -76,6 +76,8 @@ def _files(source: UserValue) -> list[UserValue]:
         return [source]
     if (source / "dataset.json").is_file():
         return _of_dataset(source)
+    if (source / "pack.json").is_file():
+        return sorted((source / "maps").rglob("*.json"))
     kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
     if not files:
