@@ -50,8 +50,8 @@ def parse_given(sources: UserValue) -> GivenMaps:
     same network.
 
     Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or all files
-        ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
+      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or
+        all files ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.

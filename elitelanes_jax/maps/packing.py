@@ -49,8 +49,8 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
 
     Args:
       spec: of the pack.
-      sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that `as_maps` takes; or several of
-        these. Of maps that are the same when rotated or mirrored the first one is packed.
+      sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that `as_maps` takes; or several
+        of these. Of maps that are the same when rotated or mirrored the first one is packed.
       out: the folder, new or empty.
       force: whether another pack in the folder is replaced, if nothing else is in the folder.
 
