@@ -56,7 +56,7 @@ sumo: .venv-sumo/.ready
 	  tests/experiments/test_references.py -k 'sumo or references'
 
 # CARLA, Lanelet2, SUMO, ASAM's checker of OpenDRIVE and CommonRoad, on a thousand maps and those of duckietown-world.
-simulators: mujoco pogema .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
+simulators: .venv-simulators/.ready .venv-asam/.ready .venv-commonroad/.ready .venv-duckietown/.ready
 	.venv-simulators/bin/python -m pytest -n auto -m slow tests/formats/test_opendrive.py \
 	  tests/formats/test_lanelet2.py tests/formats/test_commonroad.py
 

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Int, Int8
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
-from elitelanes_jax.benchmark.tasks import BUDGETS, Task
+from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
 
 
 class Measured(NamedTuple):
@@ -31,25 +31,29 @@ Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, Non
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
 
-def run(task: Task, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
+def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
     """Runs a search once for each seed, and keeps the best counting grid of each niche at every budget.
 
     Args:
-      task: to run.
+      task: to run, or its name.
       search: a generator function; see `Search`. It is stopped when the task's evaluations are spent. If a batch
         exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
 
     Raises:
-      InputError: for grids of another shape or with other codes.
+      InputError: for an unknown task, a search that is no generator, or grids of another shape or with other codes.
     """
+    task = task if isinstance(task, Task) else find_task(task)
     listed = seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds))
-    runs = [_run(task, search(task, np.random.default_rng(seed))) for seed in listed]
+    begun = (search(task, np.random.default_rng(seed)) if callable(search) else search for seed in listed)
+    runs = [_run(task, one) for one in begun]
     return Submission(task, *(np.stack(arrays) for arrays in zip(*runs, strict=True)))
 
 
 def _run(task: Task, search: Generator[AnyArray, Measured, None]) -> tuple[np.ndarray, ...]:
     budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
+    if not isinstance(search, Generator):
+        raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
     most = task.shape[0] * task.shape[1]
     grids, fitness = np.zeros((most, *task.shape), np.int8), np.full(most, np.iinfo(np.int32).max)
     kept: list[tuple[np.ndarray, np.ndarray]] = []

@@ -10,13 +10,16 @@ from math import cos, sin
 
 import numpy as np
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
+from elitelanes_jax.network.checks import check_shape
 
 _FLOATS, _SHORTS = 5126, 5123  # types of components
 _Vector = tuple[float, float, float]
 
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # linear, with mipmaps, to the edge
+_PNG = b"\x89PNG\r\n\x1a\n"
 _CORNERS = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32)  # of pictures: to the right and down
 
 
@@ -36,10 +39,12 @@ def to_gltf(
         lower edge is in the middle of the footprint. They grow with the tiles.
 
     Raises:
-      InputError: for a bad size.
+      InputError: for a bad shape, picture or size.
     """
     check_tile_size(tile_size, most=1000)
-    depth, width = (side * tile_size for side in shape)
+    if not picture.startswith(_PNG):
+        raise InputError(f"picture: expected a PNG file, got {picture[:8]!r}")
+    depth, width = (side * tile_size for side in check_shape(shape))
     nodes: list[tuple[str, int, *tuple[_Vector, ...]]] = [
         ("floor", 0, (width, 0, 0), (0, 0, -depth), (0, 1, 0), (width / 2, 0, 0))  # right, up, forwards, place
     ]

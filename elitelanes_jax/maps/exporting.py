@@ -149,7 +149,7 @@ _FLOOR = ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
-    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size",)),
+    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size", "dead_ends")),
     "graphml": Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": Format((".graphml",), partial(_graphml, reduced=True)),
     "sumo": Format((".net.xml",), _sumo, _STREETS),

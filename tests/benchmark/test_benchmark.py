@@ -258,6 +258,11 @@ def test_a_search_may_end_early_and_faults_are_named():
             run(task, lambda task, rng, batch=batch: iter_once(batch), 1)
     with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
         run(task, walk, 0)
+    for search in (3, iter([]), lambda task, rng: 3):
+        with pytest.raises(InputError, match="^search: expected a generator function, which yields grids, got "):
+            run("5x5A-10000", search)
+    with pytest.raises(InputError, match="^task: expected SIZE-BUDGET of 5x5A"):
+        run("5x5C", walk)
 
 
 def iter_once(batch):
