@@ -52,20 +52,20 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     height, width = links.shape
     size = 4 * height * width
     is_node = lane_nodes(links).reshape(-1)
-    number = jnp.arange(size, dtype=jnp.int32)
-    row, column, heading = number // (4 * width), number // 4 % width, number % 4
+    starts = jnp.arange(size, dtype=jnp.int32)
+    row, column, heading = starts // (4 * width), starts // 4 % width, starts % 4
     is_open = movements(links).reshape(size, 3)
     view = (is_open * jnp.array([1, 2, 4])).sum(axis=-1).astype(jnp.int32)
 
     def beyond(turn: int) -> Array:
         there = Movement(row, column, heading, jnp.full(size, turn)).next_node
-        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, number)
+        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, starts)
 
     ways = [beyond(turn) for turn in range(3)]
     onward = []
     for turn in range(3):
         first, second, third = (ways[(turn + more) % 3] for more in range(3))
-        onward.append(jnp.where(first != number, first, jnp.where(second != number, second, third)))
+        onward.append(jnp.where(first != starts, first, jnp.where(second != starts, second, third)))
     moves = jnp.stack(onward)
 
     def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
@@ -74,7 +74,7 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
         A group is named by its first start.
         """
         key = jnp.where(is_node, group * 8 + view[node], 8 * size)
-        group = jnp.full(8 * size + 1, size, jnp.int32).at[key].min(number)[key]
+        group = jnp.full(8 * size + 1, size, jnp.int32).at[key].min(starts)[key]
         apart = node != node[group]
         return group, jnp.zeros(size, bool).at[group].max(apart)[group] & is_node
 
@@ -84,8 +84,8 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
         group, unsure = eliminate(group, node)
         return step + 1, group, node, unsure, steps + unsure
 
-    group, unsure = eliminate(jnp.zeros_like(number), number)
-    start = jnp.int32(0), group, number, unsure, unsure.astype(jnp.int32)
+    group, unsure = eliminate(jnp.zeros_like(starts), starts)
+    start = jnp.int32(0), group, starts, unsure, unsure.astype(jnp.int32)
     _, _, _, unsure, steps = jax.lax.while_loop(lambda c: (c[0] < asked.size) & c[3].any(), go, start)
     return jnp.where(is_node & ~unsure, steps, NEVER).reshape(height, width, 4)
 

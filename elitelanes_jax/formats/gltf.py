@@ -28,10 +28,10 @@ def to_gltf(shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE
     """
     check_tile_size(tile_size, most=1000)
     depth, width = np.array(shape, np.float32) * np.float32(tile_size)
-    places = np.stack([_CORNERS[:, 0] * width, 0 * _CORNERS[:, 0], (_CORNERS[:, 1] - 1) * depth], axis=-1)
+    corners = np.stack([_CORNERS[:, 0] * width, 0 * _CORNERS[:, 0], (_CORNERS[:, 1] - 1) * depth], axis=-1)
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
     faces = np.array([0, 3, 2, 0, 2, 1], np.uint16)  # anticlockwise from above
-    parts = [places.tobytes(), up.tobytes(), _CORNERS.tobytes(), faces.tobytes(), picture]
+    parts = [corners.tobytes(), up.tobytes(), _CORNERS.tobytes(), faces.tobytes(), picture]
     starts = np.cumsum([0, *(len(_padded(part)) for part in parts)]).tolist()
     content = {
         "asset": {"version": "2.0", "generator": "Elite Lanes JAX"},
@@ -56,7 +56,7 @@ def to_gltf(shape: tuple[int, int], picture: bytes, tile_size: float = TILE_SIZE
         "samplers": [_SAMPLER],
         "images": [{"bufferView": 4, "mimeType": "image/png"}],
         "accessors": [
-            _accessor(0, "VEC3", 4) | {"min": places.min(axis=0).tolist(), "max": places.max(axis=0).tolist()},
+            _accessor(0, "VEC3", 4) | {"min": corners.min(axis=0).tolist(), "max": corners.max(axis=0).tolist()},
             _accessor(1, "VEC3", 4),
             _accessor(2, "VEC2", 4),
             _accessor(3, "SCALAR", 6, _SHORTS),
