@@ -7,11 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax import InputError, SearchSpec, evolve
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.network import measure_town
 from experiments.realism.study import (
     FEATURES,
     PEOPLE,

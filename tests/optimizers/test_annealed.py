@@ -11,12 +11,9 @@ import pytest
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.problem.descriptor import tuned_axes
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax import Weights, evolve, fitness, measure
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.problem import tuned_axes
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 

@@ -12,22 +12,11 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig
-from elitelanes_jax.optimizers._ea import ea
-from elitelanes_jax.optimizers._map_elites import MapElitesConfig
-from elitelanes_jax.optimizers._population import EvolutionConfig
-from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.optimizers.presets import PRESETS
-from elitelanes_jax.problem.descriptor import Axis
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import RunState
-from elitelanes_jax.search.spec import METHODS, SearchSpec
+from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, evolve, fitness
+from elitelanes_jax.network import ROAD_ALPHABET
+from elitelanes_jax.optimizers import PRESETS, AnnealedMapElitesConfig, EvolutionConfig, MapElitesConfig, seed_keys
+from elitelanes_jax.search import RunState
+from elitelanes_jax.search.spec import METHODS
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)

@@ -12,19 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elitelanes_jax import Axis, DatasetSpec, InputError
+from elitelanes_jax import Axis, DatasetSpec, GenerateSpec, InputError, SearchSpec, evolve, generate, mirror, rotate
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.run import DIFFERENCE
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
-from elitelanes_jax.network.symmetry import mirror, rotate
-from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.network import measure_town, plain_measure
+from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.search.evolution import Users, evolve, prepare
+from elitelanes_jax.search.evolution import Users, prepare
 from elitelanes_jax.search.like import difference_from, settings_like
-from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import STYLES, Style
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
