@@ -124,7 +124,7 @@ def test_maps_of_a_size_with_fewer_come_more_than_once():
 
 def test_maps_are_picked_by_other_columns_too():
     real = np.array([[row[name] for name in FEATURES] for row in json.loads(PEOPLE.read_text()).values()])
-    pool = evolve(jax.random.split(jax.random.key(0), 2), (5, 5), style="town", evaluations=4_000)
+    pool = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=4_000)
     aimed = with_targets(pool, real, ["border_share", "crowded_per_tile", "turn_share"])
     assert [target.name for target in aimed.spec.targets] == ["border_share", "turn_share"]
     maps = aimed.maps(4)

@@ -221,12 +221,13 @@ def test_evaluations_are_rounded_up_to_generations():
 
 @pytest.mark.parametrize("preset", ["paper", pytest.param("tuned", marks=pytest.mark.slow)])
 def test_a_result_is_a_pytree_of_arrays(preset):
-    result = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=0)
+    keys = jax.random.split(KEY, 3)
+    result = search(keys, SHAPE, preset=preset, generations=0)
     for copy in (jax.jit(lambda result: result)(result), jax.device_put(result)):
         assert copy.axes == result.axes
         assert copy.spec == result.spec
         same(copy, result)
-        rest = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=1, state=copy.state)
+        rest = search(keys, SHAPE, preset=preset, generations=1, state=copy.state)
         assert rest.state.generation == 1
 
 
@@ -265,9 +266,9 @@ def test_vacant_places_are_never_the_best():
 
 
 def test_with_64_bit_numbers_allowed_it_is_the_same():
-    usual = search(KEY, (4, 5), method="ea", generations=12)
+    usual = search(KEY, SHAPE, method="ea", generations=12)
     with jax.enable_x64(True):
-        wide = search(jax.random.key(3), (4, 5), method="ea", generations=12)
+        wide = search(jax.random.key(3), SHAPE, method="ea", generations=12)
         assert fitness(wide.elites.metrics).dtype == jnp.int32
     chex.assert_trees_all_equal(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.elites, wide.elites)

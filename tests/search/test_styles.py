@@ -232,16 +232,13 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
         evolve(0, like=[RING], rules=None, where="box_fill=..0.9")
 
 
-def test_towns_keep_the_rules_and_lie_in_the_styles_niches(any_types):
+def test_towns_lie_in_the_styles_niches(any_types):
     found = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=8_000)
     maps = found.maps(30)
     assert len(maps) > 10
     for road_map in maps:
         metrics, town = plain_measure(road_map.codes), plain_town(road_map.codes)
-        assert not any(
-            metrics[name] for name in ("crowded_crossings", "unlinked_neighbours", "dead_ends", "mismatches")
-        )
-        assert metrics["components"] == 1
+        assert metrics["components"] == 1 and not metrics["dead_ends"] and not metrics["mismatches"]
         assert road_map.descriptor["symmetry"] == town["symmetry"]
         assert road_map.descriptor["box_fill"] == town["box_fill"]
 
