@@ -6,8 +6,6 @@ exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilis
 localization).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int32
@@ -90,14 +88,14 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     return jnp.where(is_node & ~unsure, steps, NEVER).reshape(height, width, 4)
 
 
-def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[Array, ""]:
+def ambiguity(grid: Int[ArrayLike, "H W"]) -> Int32[Array, ""]:
     """Returns how ambiguous the nodes of a map are: a feature for `elitelanes_jax.evolve`.
 
     It is the mean over all nodes of `localization_steps` for a driver that wants right, straight on, left, repeatedly.
+    The driver gives up after 2 (H + W) tiles. Nodes where it gives up count as many tiles.
 
     Args:
       grid: integer codes ``[H, W]``.
-      most: tiles after which the driver gives up; by default 2 (H + W). Nodes where it gives up count `most`.
 
     Returns:
       int32, hundredths of a tile, rounded down; 0 for a map without nodes.
@@ -105,12 +103,12 @@ def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[
     Raises:
       InputError: for a bad grid (see `check_grid`).
     """
-    return _ambiguity(check_grid(grid), most)
+    return _ambiguity(check_grid(grid))
 
 
-@partial(jax.jit, static_argnames="most")
-def _ambiguity(grid: Array, most: int | None) -> Array:
-    last = 2 * sum(grid.shape) if most is None else most
+@jax.jit
+def _ambiguity(grid: Array) -> Array:
+    last = 2 * sum(grid.shape)
     counted = lane_nodes(grid)
     steps = jnp.where(counted, jnp.minimum(localization_steps(grid, turns_asked_for(last)), last), 0)
     return (100 * steps.sum() // jnp.maximum(counted.sum(), 1)).astype(jnp.int32)

@@ -127,7 +127,8 @@ def test_given_cells_are_in_every_map(method, preset):
 
 
 def test_duckietowns_rules_are_kept():
-    result = evolve(seed_keys(0, 2), (6, 6), style="town", evaluations=16_000)  # a program that other tests have compiled
+    # The program of the tests of styles, so that it is compiled once.
+    result = evolve(seed_keys(0, 2), (6, 6), style="town", evaluations=16_000)
     metrics = result.elites.metrics
     lawful = np.asarray(result.elites.valid & (metrics.crowded_crossings == 0) & (metrics.unlinked_neighbours == 0))
     assert lawful.sum() > 20
