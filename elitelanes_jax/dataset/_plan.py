@@ -52,9 +52,9 @@ class Maps:
     def __iter__(self) -> Iterator[RoadMap]:
         return map(self.__getitem__, range(len(self)))
 
-    def __getitem__(self, number: int) -> RoadMap:
-        place = bisect_right(self._ends, number)
-        return self._maps_of(self.rounds[place])[number - (self._ends[place - 1] if place else 0)]
+    def __getitem__(self, index: int) -> RoadMap:
+        round_ = bisect_right(self._ends, index)
+        return self._maps_of(self.rounds[round_])[index - (self._ends[round_ - 1] if round_ else 0)]
 
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Executor | None = None) -> Maps:
@@ -115,11 +115,11 @@ def _rounds(
 ) -> Iterator[tuple[Path, int]]:
     """Yields the file of each round of one size and the number of its maps; evolves missing rounds."""
     found: list[NDArray[np.int8]] = []
-    number = level = 0
+    round_ = level = 0
     while len(found) < wanted:
-        file = _round_file(work, shape, number)
+        file = _round_file(work, shape, round_)
         if not file.exists():
-            _keep(file, _evolve_round(seed, search, shape, number, wanted, found, MIN_DIFFERENCE[level]))
+            _keep(file, _evolve_round(seed, search, shape, round_, wanted, found, MIN_DIFFERENCE[level]))
         new = [road_map.codes for road_map in _maps_of(file)]
         # If few maps differ enough, the next ones may differ less.
         if len(new) < min(_FEW, wanted - len(found)):
@@ -130,7 +130,7 @@ def _rounds(
                 f"found {len(found)} different ones of {wanted} maps of {shape[0]} x {shape[1]} tiles; larger sizes, "
                 "more evaluations or fewer maps"
             )
-        number += 1
+        round_ += 1
         yield file, len(new)
 
 
@@ -149,13 +149,13 @@ def _evolve_round(
     seed: int,
     search: SearchSpec,
     shape: tuple[int, int],
-    number: int,
+    round_: int,
     wanted: int,
     found: Sequence[NDArray[np.int8]],
     min_difference: float,
 ) -> list[RoadMap]:
     """Evolves the maps of one round, which differ from all earlier maps by at least `min_difference`."""
-    first = number * _SEEDS
+    first = round_ * _SEEDS
     result = evolve(seed_keys(seed, range(first, first + _SEEDS)), shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
     choice = result.choose(count, seed, exclude=found, min_difference=(min_difference,))
@@ -176,19 +176,19 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
     """
     niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
     drawable = np.array([bool(np.isin(road_map.codes, list(test_tiles.rotations)).all()) for road_map in maps])
-    order = np.array(sorted(range(len(niches)), key=lambda number: (niches[number], number)))
+    order = np.array(sorted(range(len(niches)), key=lambda index: (niches[index], index)))
     splits = np.zeros(len(order), int)
     counts = maps_by_split(spec)
-    for place in (2, 1):
-        free = order[(splits[order] == 0) & (drawable[order] | (place != 2))]
-        if len(free) < counts[place]:
+    for split in (2, 1):
+        free = order[(splits[order] == 0) & (drawable[order] | (split != 2))]
+        if len(free) < counts[split]:
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
-            expected = f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, which have only one picture"
+            expected = f"{pluralize(counts[split], 'map')} without {' and '.join(lacking)}, which have only one picture"
             raise InputError(
-                f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
+                f"hold_out_tiles: expected {expected}, for the {SPLITS[split]}, got {len(free)} of {len(order)}"
             )
-        splits[free[_evenly(len(free), counts[place])]] = place
+        splits[free[_evenly(len(free), counts[split])]] = split
     return splits
 
 

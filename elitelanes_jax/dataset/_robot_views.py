@@ -138,13 +138,13 @@ def see(
     fine = np.empty((rows * _FINER, columns * _FINER, 3), np.uint8)
     level = _levels(x, y, near)
     smaller = image
-    for number in range(_LEVELS):
-        chosen = np.flatnonzero(level == number)
+    for rank in range(_LEVELS):
+        chosen = np.flatnonzero(level == rank)
         if len(chosen):
             part = slice(chosen[0], chosen[-1] + 1)
             across, down = (now / before for now, before in zip(smaller.shape[1::-1], image.shape[1::-1], strict=True))
             fine[part] = _sample(smaller, x[part] * across, y[part] * down, cv2.INTER_LINEAR, ground)
-        if not (level > number).any():
+        if not (level > rank).any():
             break
         half = tuple(max(side // 2, 1) for side in smaller.shape[1::-1])
         smaller = np.asarray(cv2.resize(smaller, half, interpolation=cv2.INTER_AREA), np.uint8)

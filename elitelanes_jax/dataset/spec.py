@@ -207,7 +207,7 @@ class DatasetSpec(Record):
 def maps_by_shape(spec: DatasetSpec) -> dict[tuple[int, int], int]:
     """Returns the number of maps of each size."""
     least, more = divmod(spec.maps, len(spec.shapes))
-    return {shape: least + (place < more) for place, shape in enumerate(spec.shapes)}
+    return {shape: least + (index < more) for index, shape in enumerate(spec.shapes)}
 
 
 def maps_by_split(spec: DatasetSpec) -> tuple[int, int, int]:

@@ -291,8 +291,8 @@ def _from_entry(pose: Pose, movement: Movement) -> tuple[Array, Array]:
 def _choose(table: NDArray[np.generic], index: Int[ArrayLike, "..."]) -> Array:
     """Reads a table of a few numbers. Unlike a look-up, selections let the compiler use the processor's vectors."""
     chosen = jnp.asarray(table[-1])
-    for number in range(len(table) - 2, -1, -1):
-        chosen = jnp.where(jnp.asarray(index) == number, table[number], chosen)
+    for row in range(len(table) - 2, -1, -1):
+        chosen = jnp.where(jnp.asarray(index) == row, table[row], chosen)
     return chosen
 
 

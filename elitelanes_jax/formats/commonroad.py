@@ -113,14 +113,14 @@ def _bound(side: str, line: NDArray[np.complex128], marking: str) -> str:
     return f"<{side}>{''.join(map(_point, line.tolist()))}<lineMarking>{marking}</lineMarking></{side}>"
 
 
-def _point(place: complex) -> str:
-    return f"<point><x>{place.real:.6f}</x><y>{place.imag:.6f}</y></point>"
+def _point(position: complex) -> str:
+    return f"<point><x>{position.real:.6f}</x><y>{position.imag:.6f}</y></point>"
 
 
-def _sign(number: int, place: complex, kind: str, value: str = "") -> str:
+def _sign(number: int, position: complex, kind: str, value: str = "") -> str:
     element = f"<trafficSignElement><trafficSignID>{kind}</trafficSignID>{value}</trafficSignElement>"
     virtual = f"<virtual>{'true' if value else 'false'}</virtual>"
-    return f'<trafficSign id="{number}">{element}<position>{_point(place)}</position>{virtual}</trafficSign>'
+    return f'<trafficSign id="{number}">{element}<position>{_point(position)}</position>{virtual}</trafficSign>'
 
 
 def _light(number: int, heading: int) -> str:

@@ -89,11 +89,11 @@ def read_dt_maps(folder: str | Path) -> RoadMap:
     Raises:
       InputError: if a file cannot be read, or anything in it is not as it should be; the message names the file.
     """
-    place = check_named("folder", path, folder)
-    layers = {name: _layer(place, name) for name in LAYERS}
+    folder_path = check_named("folder", path, folder)
+    layers = {name: _layer(folder_path, name) for name in LAYERS}
     maps = list(layers["tile_maps"])
     if len(maps) != 1:
-        raise InputError(f"{place / 'tile_maps.yaml'}: expected one map, got {len(maps)}")
+        raise InputError(f"{folder_path / 'tile_maps.yaml'}: expected one map, got {len(maps)}")
     frames = {name: value for name, value in layers["frames"].items() if name != maps[0]}
     try:
         size = real_of(layers["tile_maps"][maps[0]].get("tile_size", {}), "x")
@@ -114,7 +114,7 @@ def read_dt_maps(folder: str | Path) -> RoadMap:
         ]
         return RoadMap(codes, objects=tuple(objects) or None)
     except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+        raise InputError(f"{folder_path}: {error}") from None
 
 
 def _layer(folder: Path, name: str) -> dict[str, dict[str, Plain]]:

@@ -154,9 +154,9 @@ def _code(tile: Plain, row: int, column: int) -> int:
         kind = "/".join(part.strip() for part in kind.split("/"))
     if kind not in _CODE:
         kinds = ", ".join((*_ROADS, *GROUNDS))
-        place = f"at row {row}, column {column}"
+        position = f"at row {row}, column {column}"
         got = shorten(reprlib.repr(tile))  # reprlib limits the expansion of aliases
-        raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {place}")
+        raise InputError(f"tiles: expected one of {kinds}, alone or with /N, /E, /S or /W, got {got} {position}")
     return _CODE[kind]
 
 

@@ -94,7 +94,7 @@ def _add_rules(
 
 
 class _Map:
-    """The elements of a map. Points at one place, and lines through the same points, are added once."""
+    """The elements of a map. Points with equal coordinates, and lines through the same points, are added once."""
 
     def __init__(self) -> None:
         self.points: dict[complex, int] = {}
@@ -111,10 +111,10 @@ class _Map:
     def line(self, points: NDArray[np.complex128], kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
         ids = []
-        for place in np.round(points, 6).tolist():
-            if place not in self.points:
-                self.points[place] = self.number()
-            ids.append(self.points[place])
+        for point in np.round(points, 6).tolist():
+            if point not in self.points:
+                self.points[point] = self.number()
+            ids.append(self.points[point])
         key = min(tuple(ids), tuple(ids[::-1]))
         if key not in self.lines:
             self.lines[key] = self.number()
@@ -130,11 +130,11 @@ class _Map:
 
     def text(self) -> str:
         """Returns the text of the file."""
-        places = np.array(list(self.points))
+        points = np.array(list(self.points))
         nodes = [
             f'<node id="{number}" visible="true" version="1" lat="{latitude:.12f}" lon="{longitude:.12f}">'
-            f'<tag k="local_x" v="{place.real:.6f}"/><tag k="local_y" v="{place.imag:.6f}"/></node>'
-            for (place, number), latitude, longitude in zip(self.points.items(), *_on_earth(places), strict=True)
+            f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/></node>'
+            for (point, number), latitude, longitude in zip(self.points.items(), *_on_earth(points), strict=True)
         ]
         head = '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6" generator="elitelanes">'
         return "\n".join([head, *nodes, *self.ways, *self.relations, "</osm>\n"])
@@ -145,9 +145,9 @@ def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
     return f'<{kind} id="{number}" visible="true" version="1">{parts}{listed}</{kind}>'
 
 
-def _on_earth(places: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the latitudes and longitudes of places, in degrees: UTM inverted, by Krüger's series."""
-    zeta = (places.imag + 1j * places.real) / _RADIUS
+def _on_earth(points: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the latitudes and longitudes of points, in degrees: UTM inverted, by Krüger's series."""
+    zeta = (points.imag + 1j * points.real) / _RADIUS
     zeta = zeta - sum(beta * np.sin(2 * j * zeta) for j, beta in enumerate(_BETA, 1))
     chi = np.arcsin(np.sin(zeta.real) / np.cosh(zeta.imag))
     latitudes = chi + sum(delta * np.sin(2 * j * chi) for j, delta in enumerate(_DELTA, 1))

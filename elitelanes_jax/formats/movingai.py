@@ -56,22 +56,22 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
 
 def _tasks(road: Bool[NDArray, "H W"]) -> list[tuple[float, list[int], list[int]]]:
     """Draws starts and goals, (column, row), and computes the lengths of their shortest paths."""
-    rng, places = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
-    starts = rng.choice(len(places), min(_STARTS, len(places)), replace=False)
+    rng, cells = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
+    starts = rng.choice(len(cells), min(_STARTS, len(cells)), replace=False)
     tasks = []
     for start, lengths in zip(starts, _path_lengths(road, starts), strict=True):
         goals = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
         drawn = rng.choice(goals, min(_STARTS, len(goals)), replace=False)
-        tasks += [(float(lengths[goal]), places[start], places[goal]) for goal in drawn]
+        tasks += [(float(lengths[goal]), cells[start], cells[goal]) for goal in drawn]
     return sorted(tasks)
 
 
 def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float[NDArray, "S N"]:
-    """Returns the lengths of shortest paths from some cells of the road to all, by their places in its list."""
+    """Returns the lengths of shortest paths from some cells of the road to all, by their indices in its list."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    number = np.cumsum(road).reshape(road.shape) - 1
+    index = np.cumsum(road).reshape(road.shape) - 1
     free = np.pad(road, 1)
     height, width = road.shape
     rows, columns, lengths = [], [], []
@@ -79,8 +79,8 @@ def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float
         moved = [free[1 + y : 1 + y + height, 1 + x : 1 + x + width] for y, x in ((down, right), (down, 0), (0, right))]
         able = road & np.logical_and.reduce(moved)
         row, column = np.nonzero(able)
-        rows.append(number[row, column])
-        columns.append(number[row + down, column + right])
+        rows.append(index[row, column])
+        columns.append(index[row + down, column + right])
         lengths.append(np.full(len(row), np.hypot(down, right)))
     count = int(road.sum())
     graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (count, count))

@@ -105,16 +105,16 @@ def _geojson(graph: LaneGraph, height: int, tile_size: float) -> str:
             path = [start, *added, end]
         length = LENGTHS[turn] * tile_size / (len(path) - 1)
         steps += [(one, other, length) for one, other in pairwise(path)]
-    places = {node: [round(x, 6) for x in (at.real * tile_size, at.imag * tile_size)] for node, at in points.items()}
-    features = [_feature({"id": node, "frame": "map"}, "Point", place) for node, place in sorted(places.items())]
-    first = max(places) + 1
+    metres = {node: [round(x, 6) for x in (at.real * tile_size, at.imag * tile_size)] for node, at in points.items()}
+    features = [_feature({"id": node, "frame": "map"}, "Point", point) for node, point in sorted(metres.items())]
+    first = max(metres) + 1
     features += [
         _feature(
-            {"id": number, "startid": start, "endid": end, "cost": round(length, 6), "overridable": True},
+            {"id": index, "startid": start, "endid": end, "cost": round(length, 6), "overridable": True},
             "MultiLineString",
-            [[places[start], places[end]]],
+            [[metres[start], metres[end]]],
         )
-        for number, (start, end, length) in enumerate(steps, first)
+        for index, (start, end, length) in enumerate(steps, first)
     ]
     lines = ",\n".join(features)
     return f'{{"type": "FeatureCollection", "name": "lanes", "features": [\n{lines}\n]}}\n'

@@ -135,13 +135,13 @@ def write_plan(road_map: UserValue, file: str | Path, *, tile_size: float = TILE
       InputError: as `make_plan` does, for another ending, or without matplotlib.
       OSError: if the file cannot be written.
     """
-    place = check_named("file", path, file)
-    if place.suffix.lower() not in (".pdf", ".svg", ".png"):
+    target = check_named("file", path, file)
+    if target.suffix.lower() not in (".pdf", ".svg", ".png"):
         raise InputError(f"file: expected a name that ends in .pdf, .svg or .png, got {shorten(repr(str(file)))}")
     plan = make_plan(road_map, tile_size=tile_size)
     from elitelanes_jax.formats._plan_pages import draw_plan
 
-    with new_file(place) as part:
+    with new_file(target) as part:
         draw_plan(plan, part)
     return plan
 

@@ -90,10 +90,10 @@ class RoadMap:
           InputError: if the name has the suffix of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
-        place = check_named("file", path, file)
-        if ends_as_file(place) and place.suffix.lower() != ".json":
-            raise InputError(f"file: expected a name that ends in .json, got {place}")
-        write_atomic(place, map_to_json(self).encode())
+        target = check_named("file", path, file)
+        if ends_as_file(target) and target.suffix.lower() != ".json":
+            raise InputError(f"file: expected a name that ends in .json, got {target}")
+        write_atomic(target, map_to_json(self).encode())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
@@ -232,11 +232,11 @@ def _json_of(text: str) -> Plain:
 
 def _maps_of(listed: list[Plain]) -> list[RoadMap]:
     maps = []
-    for place, values in enumerate(listed):
+    for index, values in enumerate(listed):
         try:
             maps.append(_map_of(values))
         except InputError as error:
-            raise InputError(f"map {place}: {error}") from None
+            raise InputError(f"map {index}: {error}") from None
     return maps
 
 

@@ -133,11 +133,11 @@ def render(
         chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
     if chosen is None:
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
-    place = chosen[..., 0] * 4 + chosen[..., 1]
-    layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
+    picture = chosen[..., 0] * 4 + chosen[..., 1]
+    layers = {name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()}
     if tiles.blend if blend is None else check_named("blend", switch, blend):
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
-        toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
+        toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
     instances = None
     if things := getattr(grid, "objects", None):
@@ -146,7 +146,7 @@ def render(
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
-        points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
+        points={name: _lay_points(name, tiles, picture, tile_px) for name in tiles.points},
         instances=instances,
     )
 
@@ -172,10 +172,10 @@ def recall_choice(
     quarter turns are tables ``[H][W]``.
     """
     grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
-    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
-    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(places):
+    indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
+    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
         return None
-    chosen = np.stack([np.vectorize(places.__getitem__)(listed), turns], axis=-1)
+    chosen = np.stack([np.vectorize(indices.__getitem__)(listed), turns], axis=-1)
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
 
 
@@ -199,8 +199,8 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     for code, draws in tiles.rotations.items():
         shown[tuple(np.array(draws).T)] = code
     known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
-    place = np.where(known[..., None], chosen, 0)
-    return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
+    safe = np.where(known[..., None], chosen, 0)
+    return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
 
 
 def write_picture(folder: str | Path, picture: Picture) -> None:
@@ -320,10 +320,10 @@ def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.flo
     return rotated
 
 
-def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+def _lay_points(name: str, tiles: TileSet, picture: NDArray[np.int_], size: int) -> NDArray[np.float64]:
     rotated = _rotated_points(name, tiles, size)
-    cells = np.ndindex(place.shape)
-    return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])
+    cells = np.ndindex(picture.shape)
+    return np.concatenate([rotated[picture[row, column]] + (column * size, row * size) for row, column in cells])
 
 
 def _lay_out(tiles: np.ndarray) -> np.ndarray:

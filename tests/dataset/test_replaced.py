@@ -8,12 +8,10 @@ import pytest
 from folders import files
 from given_maps import random_maps, small
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, InputError, make_dataset
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._formats import FORMATS
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
 
 OTHERS = random_maps(seed=1)
 

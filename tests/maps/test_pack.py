@@ -8,13 +8,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from elitelanes_jax import DatasetSpec, RoadMap, read_map, rotate
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset import make_dataset
-from elitelanes_jax.drive.lanes import Movement, lane_length, movements
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
+from elitelanes_jax.drive import movements
+from elitelanes_jax.drive.lanes import Movement, lane_length
 from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack
 from elitelanes_jax.maps.given import parse_given
-from elitelanes_jax.network import mirror, plain_measure, wfc
+from elitelanes_jax.network import plain_measure, wfc
 
 GRIDS = wfc.generate_batch(np.random.default_rng(0), 16, (6, 7), border="closed").grid
 MAPS = [

@@ -8,16 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig, annealed_map_elites
-from elitelanes_jax.optimizers._annealing import AnnealingConfig
+from elitelanes_jax import Axis, Weights, annealed_map_elites, evolve, fitness, measure, road_problem
+from elitelanes_jax.optimizers import AnnealedMapElitesConfig, AnnealingConfig
+from elitelanes_jax.problem import tuned_axes
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.descriptor import Axis, tuned_axes
-from elitelanes_jax.problem.problem import road_problem
 from elitelanes_jax.problem.rules import RULES
-from elitelanes_jax.search.evolution import evolve
 
 SHAPE, CHAINS, CYCLE, STEPS = (5, 5), 16, 4, 250
 

@@ -8,7 +8,6 @@ from itertools import product
 import jax
 import numpy as np
 import pytest
-from conftest import grids
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -102,11 +101,6 @@ def test_bounds_of_town_features_hold_on_all_maps(shape, filled):
         assert low <= int(values.min()) <= int(values.max()) <= high, name
         if filled and name in features_without_gaps(shape):
             assert low == high
-
-
-@given(grids())
-def test_bounds_hold_on_grids_that_are_not_repaired(grid):
-    check(find_bounds(grid.shape, certain={}, repaired=False), metrics_of(grid))
 
 
 @st.composite
