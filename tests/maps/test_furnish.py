@@ -1,5 +1,6 @@
 """Furnished maps: signs by Duckietown's rules, objects where they fit, the same for the same seed."""
 
+import itertools
 import json
 import math
 import re
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats import to_duckietown
 from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
@@ -77,6 +79,21 @@ def test_signs_of_a_crossing_are_where_the_manual_has_them():
     }
     assert ("sign_4_way_intersect", 3.08, 1.92) in facing_south
     assert ("sign_stop", 1.8, 1.92) in facing_south
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.45, 0.6])
+def test_both_signs_are_in_the_picture(distance):
+    """All of their boards, some tiles before the stop line. Signs of all crossings have this position from it."""
+    camera = Camera()
+    pitch, focal = math.radians(camera.pitch), 1 / math.tan(math.radians(camera.field_of_view / 2))
+    x, y = 2.7, 3 + distance  # in the right lane, to the north
+    for sign_x, sign_y in ((3.08, 1.92), (1.8, 1.92)):
+        ahead = (y - sign_y) * 0.585 - camera.forward
+        for side, up in itertools.product((-0.036, 0.036), (0.036, 0.18)):
+            drop = camera.height - up
+            depth = ahead * math.cos(pitch) + drop * math.sin(pitch)
+            assert abs(((sign_x - x) * 0.585 + side) / depth * focal) < 4 / 3
+            assert abs((drop * math.cos(pitch) - ahead * math.sin(pitch)) / depth * focal) < 1
 
 
 RING = np.zeros((4, 8), np.int8)
