@@ -418,7 +418,7 @@ async function strokes(page, tiles, row) {
 {
   const page = await open("furnished.html", { hash: "view=maps&look=tiles" });
   const listed = await page.$$eval(".objects li", (kinds) => kinds.map((kind) => kind.textContent));
-  for (const [name, file] of [["PNG", "furnished.png"], ["map.json", "furnished.json"], ["YAML", "furnished.yaml"], ["Plan", "plan.svg"]])
+  for (const [name, file] of [["PNG", "furnished.png"], ["map.json", "furnished.json"], ["YAML", "furnished.yaml"], ["Plan", "plan.svg"], ["Save the list", "list.json"]])
     await saved(page, () => button(page, name), file);
   await page.locator(".look .switch", { hasText: "Labels" }).click();
   await page.getByLabel("Strength of the layers").fill("1");
