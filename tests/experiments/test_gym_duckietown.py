@@ -35,17 +35,19 @@ def test_messages_are_read_as_they_were_written(tmp_path):
 
 
 def test_weights_are_read_as_they_were_written_and_no_others(tmp_path):
-    weights = nets.PoseNet().init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
+    weights = nets.NETS["pose"].init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
     nets.write_weights(tmp_path / "pose.npz", weights)
     assert (tmp_path / "pose.npz").stat().st_size < 500_000
     images = np.random.default_rng(0).integers(0, 256, (2, 120, 160, 3), np.uint8)
-    found = nets.find_poses(nets.read_weights(tmp_path / "pose.npz"), images)
+    found = nets.find_poses(nets.read_weights(tmp_path / "pose.npz", "pose"), images)
     np.testing.assert_allclose(found, nets.find_poses(weights, images), atol=0.01)
     with pytest.raises(InputError, match="images: expected pictures of 120 x 160 pixels, got an array"):
         nets.find_poses(weights, images[:, :60])
+    with pytest.raises(InputError, match="expected weights of train labels, got those of another network"):
+        nets.read_weights(tmp_path / "pose.npz", "labels")
     (tmp_path / "text.npz").write_text("nothing")
     with pytest.raises(InputError, match="expected weights of train"):
-        nets.read_weights(tmp_path / "text.npz")
+        nets.read_weights(tmp_path / "text.npz", "pose")
     with pytest.raises(InputError, match="expected a dataset of dataset --camera"):
         train.read_views(tmp_path)
 

@@ -105,7 +105,7 @@ def _run(options: argparse.Namespace) -> None:
     kept = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {"settings": settings}
     if kept["settings"] != settings:
         raise InputError(f"{options.out}: expected rides with the same options, got {kept['settings']}")
-    weights = None if options.weights == TRUTH else read_weights(Path(options.weights))
+    weights = None if options.weights == TRUTH else read_weights(Path(options.weights), "pose")
     with World() as world:
         for place in read_maps(options.part, towns=not options.people):
             if place.name not in kept:
