@@ -1,5 +1,7 @@
 """The study in gym-duckietown: its parts that run without it, and with it the bridge."""
 
+from pathlib import Path
+
 import jax
 import numpy as np
 import pytest
@@ -35,17 +37,19 @@ def test_messages_are_read_as_they_were_written(tmp_path):
 
 
 def test_weights_are_read_as_they_were_written_and_no_others(tmp_path):
-    weights = nets.PoseNet().init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
+    weights = nets.NETS["pose"].init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
     nets.write_weights(tmp_path / "pose.npz", weights)
     assert (tmp_path / "pose.npz").stat().st_size < 500_000
     images = np.random.default_rng(0).integers(0, 256, (2, 120, 160, 3), np.uint8)
-    found = nets.find_poses(nets.read_weights(tmp_path / "pose.npz"), images)
+    found = nets.find_poses(nets.read_weights(tmp_path / "pose.npz", "pose"), images)
     np.testing.assert_allclose(found, nets.find_poses(weights, images), atol=0.01)
     with pytest.raises(InputError, match="images: expected pictures of 120 x 160 pixels, got an array"):
         nets.find_poses(weights, images[:, :60])
+    with pytest.raises(InputError, match="expected weights of train labels, got those of another network"):
+        nets.read_weights(tmp_path / "pose.npz", "labels")
     (tmp_path / "text.npz").write_text("nothing")
     with pytest.raises(InputError, match="expected weights of train"):
-        nets.read_weights(tmp_path / "text.npz")
+        nets.read_weights(tmp_path / "text.npz", "pose")
     with pytest.raises(InputError, match="expected a dataset of dataset --camera"):
         train.read_views(tmp_path)
 
@@ -78,6 +82,26 @@ def test_colours_and_votes_find_the_lane_on_a_straight_road(drawn_tiles):
         "yellow": [False, True, False, False],
         "red": [False, False, True, False],
     }
+
+
+def test_the_kept_weights_see_our_own_road(drawn_tiles):
+    road = np.full((1, 8), 5, np.int8)
+    scaled, chosen = scale_tiles(drawn_tiles, 64), choose_tiles(road, drawn_tiles)
+    atlas = make_atlas(scaled["image"], scaled["labels"])
+    cells, camera = chosen[..., 0] * 4 + chosen[..., 1], Camera(rows=120, columns=160)
+    folder = Path(nets.__file__).parent / "weights"
+    assert sum(file.stat().st_size for file in folder.iterdir()) < 1_000_000
+    weights, labels = (nets.read_weights(folder / f"{task}.npz", task) for task in nets.NETS)
+    views = [
+        look(jax.random.key(0), Pose(np.float32(2.5), np.float32(0.7), np.float32(phi)), cells, atlas, camera)
+        for phi in (-0.3, 0.0, 0.3)
+    ]
+    images = np.stack([view.image for view in views])
+    found = nets.find_poses(weights, images)
+    np.testing.assert_allclose(found[:, 1], [-0.3, 0, 0.3], atol=0.15)
+    assert np.abs(found[:, 0]).max() < 0.06
+    agree = nets.find_labels(labels, images) == np.stack([view.labels for view in views])
+    assert agree.mean() > 0.85
 
 
 def test_classes_are_those_of_the_nearest_colour():

@@ -97,8 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     pictures = {file.stem: read_pictures(file) for file in options.pictures}
-    poses: dict[str, Finder] = {file.stem: partial(find_poses, read_weights(file)) for file in options.pose}
-    labels: dict[str, Finder] = {file.stem: partial(find_labels, read_weights(file)) for file in options.labels}
+    poses: dict[str, Finder] = {file.stem: partial(find_poses, read_weights(file, "pose")) for file in options.pose}
+    labels: dict[str, Finder] = {
+        file.stem: partial(find_labels, read_weights(file, "labels")) for file in options.labels
+    }
     poses |= {"colours and votes": _classical_poses, "a constant": lambda images: np.zeros((len(images), 2))}
     text = pose_table(pictures, poses) + "\n" + label_table(pictures, labels | {"colours": _classical_labels})
     print(text)

@@ -16,7 +16,7 @@ from elitelanes_jax import InputError
 from experiments.common import Pytree, write
 from experiments.perception.unet import UNet
 
-__all__ = ["COLUMNS", "ROWS", "SCALES", "PoseNet", "find_labels", "find_poses", "read_weights", "write_weights"]
+__all__ = ["COLUMNS", "NETS", "ROWS", "SCALES", "find_labels", "find_poses", "read_weights", "write_weights"]
 
 ROWS, COLUMNS = 120, 160
 """The pictures that the networks see."""
@@ -45,15 +45,19 @@ class PoseNet(nn.Module):
         return nn.Dense(3)(nn.relu(nn.Dense(96)(x)))
 
 
+NETS: dict[str, nn.Module] = {"pose": PoseNet(), "labels": UNet(4)}
+"""The networks by task."""
+
+
 @jax.jit
 def _poses(weights: Pytree, images: Array) -> Array:
-    found: Pytree = PoseNet().apply(weights, images)
+    found: Pytree = NETS["pose"].apply(weights, images)
     return found * SCALES
 
 
 @jax.jit
 def _labels(weights: Pytree, images: Array) -> Array:
-    logits: Pytree = UNet(4).apply(weights, images)
+    logits: Pytree = NETS["labels"].apply(weights, images)
     return logits.argmax(axis=-1).astype(jnp.uint8)
 
 
@@ -81,14 +85,23 @@ def write_weights(file: Path, weights: Pytree) -> None:
     write(file, content.getvalue())
 
 
-def read_weights(file: Path) -> Pytree:
+def read_weights(file: Path, task: str) -> Pytree:
     """Reads what `write_weights` wrote.
 
+    Args:
+      file: of `train`.
+      task: a name in `NETS`.
+
     Raises:
-      InputError: for a file that cannot be read.
+      InputError: for a file that cannot be read, or weights of another network.
     """
     try:
         with np.load(file) as arrays:
-            return unflatten_dict({name: np.asarray(arrays[name], np.float32) for name in arrays.files}, sep="/")
+            weights = {name: np.asarray(arrays[name], np.float32) for name in arrays.files}
     except (OSError, ValueError, EOFError) as error:
         raise InputError(f"{file}: expected weights of train, got: {error}") from None
+    images = jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8)
+    expected = flatten_dict(jax.eval_shape(NETS[task].init, jax.random.key(0), images), sep="/")
+    if {name: value.shape for name, value in weights.items()} != {name: one.shape for name, one in expected.items()}:
+        raise InputError(f"{file}: expected weights of train {task}, got those of another network")
+    return unflatten_dict(weights, sep="/")

@@ -99,13 +99,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".npz")
     parser.add_argument("--style", choices=STYLES, default="photos")
     parser.add_argument("--poses", type=whole(1, 10_000), default=30, metavar="N", help="on each map; default 30")
+    parser.add_argument("--people", action="store_true", help="without our towns, whose search takes a minute")
     options = parser.parse_args(arguments)
     return run("pictures", lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> None:
     with World() as world:
-        maps = read_maps(options.part)
+        maps = read_maps(options.part, towns=not options.people)
         parts = [take(world, place, options.style, options.poses, index) for index, place in enumerate(maps)]
     pictures = Pictures(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
     options.out.parent.mkdir(parents=True, exist_ok=True)

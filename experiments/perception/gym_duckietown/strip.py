@@ -47,7 +47,9 @@ def _run(options: argparse.Namespace) -> None:
     with World() as world:
         world.load(place, domain_rand=options.domain_rand)
         start = random_poses(place.codes, 1, 7)[0]
-        about, images, poses = ride(world, start, place.codes, sees(read_weights(options.weights)), options.seconds)
+        about, images, poses = ride(
+            world, start, place.codes, sees(read_weights(options.weights, "pose")), options.seconds
+        )
     shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
     tiles = load_tiles()
     scaled, chosen = scale_tiles(tiles, 384), choose_tiles(place.codes, tiles)

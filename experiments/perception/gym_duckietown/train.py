@@ -1,4 +1,4 @@
-"""Trains the network for lane poses, or for labels, on a dataset of robots' views; no picture of gym-duckietown.
+"""Trains the network for lane poses, or for labels, on a dataset of robots' views.
 
     python -m experiments.perception.gym_duckietown.train {pose,labels} DATASET --out FILE [--steps N]
 
@@ -25,12 +25,9 @@ from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
 from experiments.common import Parser, Pytree, leave, run, whole, write
-from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, SCALES, PoseNet, write_weights
-from experiments.perception.unet import UNet
+from experiments.perception.gym_duckietown.nets import COLUMNS, NETS, ROWS, SCALES, write_weights
 
-__all__ = ["TASKS", "Views", "main", "read_views", "train"]
-
-TASKS = ("pose", "labels")
+__all__ = ["Views", "main", "read_views", "train"]
 
 _BATCH = {"pose": 64, "labels": 8}
 _STEPS = {"pose": 6000, "labels": 3000}
@@ -77,13 +74,13 @@ def read_views(folder: Path, part: str = "train") -> Views:
 
 def _pose_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, shares: Array) -> Array:
     """Computes the mean absolute error in units of `SCALES`."""
-    found: Pytree = PoseNet().apply(weights, images)
+    found: Pytree = NETS["pose"].apply(weights, images)
     return jnp.abs(found - lanes / SCALES).mean()
 
 
 def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, shares: Array) -> Array:
     """Computes the cross-entropy; a class weighs one over the root of its share of all pixels."""
-    logits: Pytree = UNet(4).apply(weights, images)
+    logits: Pytree = NETS["labels"].apply(weights, images)
     weight = (1 / jnp.sqrt(shares))[labels]
     losses = optax.softmax_cross_entropy_with_integer_labels(logits, labels)
     return (weight * losses).sum() / weight.sum()
@@ -92,10 +89,9 @@ def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, sha
 def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
     """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists."""
     batch, loss = _BATCH[task], _pose_loss if task == "pose" else _label_loss
-    net: Pytree = PoseNet() if task == "pose" else UNet(4)
     schedule = optax.warmup_cosine_decay_schedule(0, _LEARNING_RATE[task], min(200, steps), steps + 1)
     optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=1e-4))
-    weights = net.init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
+    weights = NETS[task].init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
     state: Pytree = (0, weights, optimizer.init(weights), 0.0)
     if checkpoint.exists():
         state = from_bytes(state, checkpoint.read_bytes())
@@ -125,7 +121,7 @@ def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
-    parser.add_argument("task", choices=TASKS)
+    parser.add_argument("task", choices=NETS)
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")
