@@ -20,10 +20,8 @@ from pathlib import Path
 import jax
 from folders import files
 
+from elitelanes_jax import GenerateSpec, SearchSpec, use_compile_cache
 from elitelanes_jax.maps import generation as module
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.search.compile_cache import use_compile_cache
-from elitelanes_jax.search.spec import SearchSpec
 
 __all__ = ["SPEC", "digest"]
 

@@ -11,11 +11,10 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from elitelanes_jax import Weights, fitness, measure, repair
+from elitelanes_jax import Weights, fitness, measure, repair, road_problem
 from elitelanes_jax.network import measure_town
 from elitelanes_jax.optimizers import PRESETS, make_optimizer
 from elitelanes_jax.optimizers.loop import advance, start
-from elitelanes_jax.problem import road_problem
 
 FILE = Path(__file__).with_suffix(".json")
 SHAPE, SEEDS = (12, 12), 16

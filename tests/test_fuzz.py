@@ -19,14 +19,13 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import seed as hypothesis_seed
 from hypothesis import strategies as st
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, Result, RoadMap, read_map
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+from elitelanes_jax.formats import map_to_json, to_duckietown
+from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.search.result import Result
+from elitelanes_jax.tiles import png_of
 from elitelanes_jax.tiles.files import read_mask, read_points
-from elitelanes_jax.tiles.rendering import png_of
 from elitelanes_jax.tiles.tileset import inspect_tiles
 
 CODES = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)

@@ -13,13 +13,13 @@ TOWN = [[6, 7, 3], [12, 13, 9]]
 
 @pytest.fixture(scope="module")
 def result() -> Result:
-    return evolve(0, (4, 4), seeds=2, evaluations=2000)
+    return evolve(0, (6, 6), seeds=2, style="town", evaluations=2000)  # a program that other tests have compiled
 
 
 @pytest.mark.parametrize("name", ["RoadNav", "LaneDrive"])
 def test_environments_are_made_by_name(result, name):
     environment, params = drive.make(name, result.maps(2), count=4, limit=7)
-    assert params.levels.grid.shape == (4, 4, 4) and params.limit == 7
+    assert params.levels.grid.shape == (4, 6, 6) and params.limit == 7
     observation, state = environment.reset(jax.random.key(0), params)
     assert observation is not None and state is not None
     _, same = drive.make(name, np.stack([one.codes for one in result.maps(2)]), count=4, limit=7)

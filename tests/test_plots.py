@@ -13,13 +13,10 @@ from conftest import grids
 from hypothesis import given, settings
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.metric_names import Metrics
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax import Axis, InputError, Metrics, evolve, repair
 from elitelanes_jax.plots import archive_map, history, metric_boxes, road_map, seed_band
-from elitelanes_jax.problem.descriptor import Axis, niche_index, paper_axes
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import History
+from elitelanes_jax.problem import niche_index, paper_axes
+from elitelanes_jax.search import History
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt

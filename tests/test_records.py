@@ -7,12 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError
-from elitelanes_jax.dataset import DatasetSpec
+from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec
 from elitelanes_jax.drive import Camera, LaneDriveParams, RoadNavParams, make_levels
 from elitelanes_jax.drive.robot import Robot
 from elitelanes_jax.formats import Streets
-from elitelanes_jax.maps import GenerateSpec
 from elitelanes_jax.optimizers import (
     AnnealedGwoConfig,
     AnnealedMapElitesConfig,
@@ -25,7 +23,6 @@ from elitelanes_jax.optimizers import (
     PsoConfig,
 )
 from elitelanes_jax.optimizers._moves import KNOWN_MOVES
-from elitelanes_jax.search import SearchSpec
 
 NO_MOVES = dict.fromkeys((*KNOWN_MOVES, "fill_probability"), 0)
 

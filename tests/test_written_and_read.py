@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, read_map
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.benchmark.submissions import Submission, write_submission
-from elitelanes_jax.benchmark.tasks import BUDGETS, find_task
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
+from elitelanes_jax.benchmark import BUDGETS, Submission, find_task, write_submission
 from elitelanes_jax.drive.rides import Rides, rides_to_json
-from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats import map_to_json, to_duckietown
 from elitelanes_jax.formats.rides import MOST_POSES
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json, read_map
+from elitelanes_jax.formats.road_map import Drawn
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
 

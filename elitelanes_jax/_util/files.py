@@ -32,9 +32,9 @@ def read_text(file: str | Path, limit: int) -> str:
     return read_bytes(file, limit).decode("utf-8-sig")
 
 
-def read_json(file: str | Path, limit: int = 32 * MIB) -> Plain:
-    """Reads a file of JSON; see `read_text` and `parse_json` for the errors."""
-    return parse_json(read_text(file, limit))
+def read_json(file: str | Path) -> Plain:
+    """Reads a file of JSON, at most 32 MiB; see `read_text` and `parse_json` for the errors."""
+    return parse_json(read_text(file, 32 * MIB))
 
 
 def read_toml(file: str | Path, source: str) -> dict[str, UserValue]:

@@ -83,15 +83,15 @@ def find_format(name: str) -> Format:
 
 
 def write_sample(sample: Sample, layout: Format, split: int, out: Path) -> None:
-    """Writes the pictures of a sample to their places in a format.
+    """Writes the pictures of a sample where a format has them.
 
     Raises:
       OSError: that names the file, if one cannot be written.
     """
-    number = sample.record["number"]
+    index = sample.record["number"]
     own = [*sample.record["layers"], *(["instances"] if "instances" in sample.layers else [])]
     for name in ("image", "labels", *layout.layers, *own):
-        write_atomic(out / layout.file(split, number, name), png_of(sample.layers[name]))
+        write_atomic(out / layout.file(split, index, name), png_of(sample.layers[name]))
 
 
 def foreign_to_dataset(folder: Path) -> str | None:
@@ -124,8 +124,8 @@ def _write_lines(file: Path, rows: Iterable[Record]) -> None:
 # --- plain: a folder for each map, with all its masks
 
 
-def _plain_file(split: int, number: int, layer: str) -> str:
-    return f"{SPLITS[split]}/{number:06d}/{layer}.png"
+def _plain_file(split: int, index: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{index:06d}/{layer}.png"
 
 
 def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
@@ -136,18 +136,18 @@ def _plain_index(folder: Path, split: int, records: Iterable[Record]) -> None:
 # --- imagefolder: Hugging Face datasets
 
 
-def _imagefolder_file(split: int, number: int, layer: str) -> str:
-    return f"{SPLITS[split]}/{_place(layer)}/{number:06d}.png"
+def _imagefolder_file(split: int, index: int, layer: str) -> str:
+    return f"{SPLITS[split]}/{_folder(layer)}/{index:06d}.png"
 
 
-def _place(layer: str) -> str:
+def _folder(layer: str) -> str:
     return layer if layer in _USUAL else f"layers/{layer}"
 
 
 def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> None:
     def row(record: Record) -> Record:
         names = {
-            f"{_place(layer).replace('/', '_')}_file_name": f"{_place(layer)}/{record['number']:06d}.png"
+            f"{_folder(layer).replace('/', '_')}_file_name": f"{_folder(layer)}/{record['number']:06d}.png"
             for layer in ("image", "labels", *record["layers"], *(["instances"] if "objects" in record else []))
         }
         if "objects" in record:  # in columns, by the names that Hugging Face's guides have for boxes
@@ -163,9 +163,9 @@ def _imagefolder_index(folder: Path, split: int, records: Iterable[Record]) -> N
 # --- mmseg: MMSegmentation
 
 
-def _mmseg_file(split: int, number: int, layer: str) -> str:
-    place = {"image": "img_dir", "labels": "ann_dir"}.get(layer, _place(layer))
-    return f"{place}/{_SHORT[split]}/{number:06d}.png"
+def _mmseg_file(split: int, index: int, layer: str) -> str:
+    folder = {"image": "img_dir", "labels": "ann_dir"}.get(layer, _folder(layer))
+    return f"{folder}/{_SHORT[split]}/{index:06d}.png"
 
 
 def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
@@ -175,8 +175,8 @@ def _mmseg_index(folder: Path, split: int, records: Iterable[Record]) -> None:
 # --- coco: one annotation for each class of an image, run-length encoded
 
 
-def _coco_file(split: int, number: int, layer: str) -> str:
-    return f"{'images' if layer == 'image' else _place(layer)}/{_SHORT[split]}/{number:06d}.png"
+def _coco_file(split: int, index: int, layer: str) -> str:
+    return f"{'images' if layer == 'image' else _folder(layer)}/{_SHORT[split]}/{index:06d}.png"
 
 
 def _coco_note(sample: Sample) -> Record:
@@ -203,26 +203,26 @@ def _coco_index(folder: Path, split: int, records: Iterable[Record]) -> None:
     objects: list[Record] = []
     rows: list[Record] = []
     for record in records:
-        number, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
+        index, found, runs = record["number"], record.pop("annotations"), record.pop("object_runs", None)
         height, width = record["pixels"]
-        images.append({"id": number, "file_name": f"{number:06d}.png", "height": height, "width": width})
-        annotations += [{"image_id": number} | one for one in found]
+        images.append({"id": index, "file_name": f"{index:06d}.png", "height": height, "width": width})
+        annotations += [{"image_id": index} | one for one in found]
         if runs is not None:
             own = [_category(one) | shape for one, shape in zip(record["objects"], runs, strict=True)]
-            objects += [{"image_id": number} | one for one in own]
-            _write_yolo(folder / "labels" / _SHORT[split] / f"{number:06d}.txt", own, height, width)
+            objects += [{"image_id": index} | one for one in own]
+            _write_yolo(folder / "labels" / _SHORT[split] / f"{index:06d}.txt", own, height, width)
         rows.append(record)
-    categories = [{"id": place, "name": name} for place, name in enumerate(LABELS) if place]
+    categories = [{"id": index, "name": name} for index, name in enumerate(LABELS) if index]
     _write_coco(folder / "annotations" / f"{_SHORT[split]}.json", images, annotations, categories)
     if any("objects" in row for row in rows):
-        categories = [{"id": place + 1, "name": name} for place, name in enumerate(OBJECT_KINDS)]
+        categories = [{"id": index + 1, "name": name} for index, name in enumerate(OBJECT_KINDS)]
         _write_coco(folder / "annotations" / f"objects_{_SHORT[split]}.json", images, objects, categories)
         _write_data(folder)
     _write_lines(folder / "metadata" / f"{_SHORT[split]}.jsonl", rows)
 
 
 def _write_coco(file: Path, images: list[Record], annotations: list[Record], categories: list[Record]) -> None:
-    numbered = [{"id": number} | one for number, one in enumerate(annotations, 1)]
+    numbered = [{"id": index} | one for index, one in enumerate(annotations, 1)]
     table = {"images": images, "annotations": numbered, "categories": categories}
     write_atomic(file, json.dumps(table).encode() + b"\n")
 
@@ -249,7 +249,7 @@ def _write_data(folder: Path) -> None:
     """Writes the file that Ultralytics reads, with the splits that are there."""
     splits = [split for split in _SHORT if (folder / "images" / split).is_dir()]
     lines = ["path: .", *(f"{split}: images/{split}" for split in splits), "names:"]
-    lines += [f"  {place}: {name}" for place, name in enumerate(OBJECT_KINDS)]
+    lines += [f"  {index}: {name}" for index, name in enumerate(OBJECT_KINDS)]
     write_atomic(folder / "data.yaml", "\n".join(lines).encode() + b"\n")
 
 

@@ -2,10 +2,10 @@
 
 import json
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.threads import count_cores, start_thread
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
@@ -23,7 +24,7 @@ from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search.compile_cache import use_compile_cache
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
@@ -51,9 +52,9 @@ class Maps:
     def __iter__(self) -> Iterator[RoadMap]:
         return map(self.__getitem__, range(len(self)))
 
-    def __getitem__(self, number: int) -> RoadMap:
-        place = bisect_right(self._ends, number)
-        return self._maps_of(self.rounds[place])[number - (self._ends[place - 1] if place else 0)]
+    def __getitem__(self, index: int) -> RoadMap:
+        round_ = bisect_right(self._ends, index)
+        return self._maps_of(self.rounds[round_])[index - (self._ends[round_ - 1] if round_ else 0)]
 
 
 def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Executor | None = None) -> Maps:
@@ -83,11 +84,24 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Exe
             run_on(executor, _evolve_on_worker, jobs, lambda _: bar.count())
     rounds: list[Path] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        for shape, count in wanted.items():
+        compiled = None  # waits for the programs of the next size, which are compiled beside the search of this one
+        for (shape, count), after in zip(wanted.items(), [*list(wanted)[1:], None], strict=True):
+            if compiled is not None:
+                compiled()
+            compiled = _compile_aside(spec.seed, search, after, work)
             for file, found in _rounds(spec.seed, search, shape, count, work):
                 rounds.append(file)
                 bar.count(found)
     return Maps(rounds)
+
+
+def _compile_aside(
+    seed: int, search: SearchSpec, shape: tuple[int, int] | None, work: Path
+) -> Callable[[], None] | None:
+    """Compiles the programs of a size's first round, if it was not made before; returns a function that waits."""
+    if shape is None or _round_file(work, shape, 0).exists() or count_cores() == 1:
+        return None
+    return start_thread(partial(compile_search, seed_keys(seed, range(_SEEDS)), shape, search))
 
 
 def _evolve_on_worker(seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path) -> None:
@@ -101,11 +115,11 @@ def _rounds(
 ) -> Iterator[tuple[Path, int]]:
     """Yields the file of each round of one size and the number of its maps; evolves missing rounds."""
     found: list[NDArray[np.int8]] = []
-    number = level = 0
+    round_ = level = 0
     while len(found) < wanted:
-        file = work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
+        file = _round_file(work, shape, round_)
         if not file.exists():
-            _keep(file, _evolve_round(seed, search, shape, number, wanted, found, MIN_DIFFERENCE[level]))
+            _keep(file, _evolve_round(seed, search, shape, round_, wanted, found, MIN_DIFFERENCE[level]))
         new = [road_map.codes for road_map in _maps_of(file)]
         # If few maps differ enough, the next ones may differ less.
         if len(new) < min(_FEW, wanted - len(found)):
@@ -116,8 +130,12 @@ def _rounds(
                 f"found {len(found)} different ones of {wanted} maps of {shape[0]} x {shape[1]} tiles; larger sizes, "
                 "more evaluations or fewer maps"
             )
-        number += 1
+        round_ += 1
         yield file, len(new)
+
+
+def _round_file(work: Path, shape: tuple[int, int], number: int) -> Path:
+    return work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
 
 
 def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:
@@ -131,13 +149,13 @@ def _evolve_round(
     seed: int,
     search: SearchSpec,
     shape: tuple[int, int],
-    number: int,
+    round_: int,
     wanted: int,
     found: Sequence[NDArray[np.int8]],
     min_difference: float,
 ) -> list[RoadMap]:
     """Evolves the maps of one round, which differ from all earlier maps by at least `min_difference`."""
-    first = number * _SEEDS
+    first = round_ * _SEEDS
     result = evolve(seed_keys(seed, range(first, first + _SEEDS)), shape, spec=search)
     count = min(wanted - len(found), _FROM_ROUND)
     choice = result.choose(count, seed, exclude=found, min_difference=(min_difference,))
@@ -158,19 +176,19 @@ def split_maps(spec: DatasetSpec, maps: Maps, test_tiles: TileSet) -> NDArray[np
     """
     niches = [(*road_map.codes.shape, *(road_map.niche or ())) for road_map in maps]
     drawable = np.array([bool(np.isin(road_map.codes, list(test_tiles.rotations)).all()) for road_map in maps])
-    order = np.array(sorted(range(len(niches)), key=lambda number: (niches[number], number)))
+    order = np.array(sorted(range(len(niches)), key=lambda index: (niches[index], index)))
     splits = np.zeros(len(order), int)
     counts = maps_by_split(spec)
-    for place in (2, 1):
-        free = order[(splits[order] == 0) & (drawable[order] | (place != 2))]
-        if len(free) < counts[place]:
+    for split in (2, 1):
+        free = order[(splits[order] == 0) & (drawable[order] | (split != 2))]
+        if len(free) < counts[split]:
             codes = {code for road_map in maps for code in road_map.codes.flat} - set(test_tiles.rotations)
             lacking = [kind for kind, members in KINDS.items() if codes & set(members)]
-            expected = f"{pluralize(counts[place], 'map')} without {' and '.join(lacking)}, which have only one picture"
+            expected = f"{pluralize(counts[split], 'map')} without {' and '.join(lacking)}, which have only one picture"
             raise InputError(
-                f"hold_out_tiles: expected {expected}, for the {SPLITS[place]}, got {len(free)} of {len(order)}"
+                f"hold_out_tiles: expected {expected}, for the {SPLITS[split]}, got {len(free)} of {len(order)}"
             )
-        splits[free[_evenly(len(free), counts[place])]] = place
+        splits[free[_evenly(len(free), counts[split])]] = split
     return splits
 
 

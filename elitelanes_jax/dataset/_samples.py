@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
 from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
+from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
@@ -36,7 +37,7 @@ class Sample(NamedTuple):
 def draw_sample(
     road_map: RoadMap,
     tiles: TileSet,
-    number: int,
+    index: int,
     *,
     seed: int = 0,
     tile_px: int = 64,
@@ -45,12 +46,12 @@ def draw_sample(
     layers: Sequence[str] = MASKS,
     objects: ObjectSet | None = None,
 ) -> Sample:
-    """Draws a map with tiles of a set in one view. All choices depend on `seed` and `number` alone.
+    """Draws a map with tiles of a set in one view. All choices depend on `seed` and `index` alone.
 
     Args:
       road_map: the map.
       tiles: to draw it with.
-      number: the index of the sample, 0 or more.
+      index: the index of the sample, 0 or more.
       seed: of the dataset.
       tile_px: side of a tile in pixels.
       transforms: the ranges of views.
@@ -61,21 +62,22 @@ def draw_sample(
     Raises:
       InputError: for a camera on a map without a lane, or an object without a picture.
     """
-    chosen = choose_tiles(road_map.codes, tiles, [seed, number])
+    chosen = choose_tiles(road_map.codes, tiles, [seed, index])
     picture = render(road_map.codes, tiles, tile_px=tile_px, chosen=chosen)
     size = (picture.labels.shape[0], picture.labels.shape[1])
-    rng = np.random.default_rng([seed, number, 1])
+    rng = np.random.default_rng([seed, index, 1])
     view = draw_view(rng, transforms, size)
     ground = tuple(tiles.pictures[-1].image[0, 0].tolist())
     masks = {name: getattr(picture, name) for name in ("labels", *layers)} | dict(picture.layers)
     things = (road_map.objects or ()) if objects is not None else ()
-    pictures = objects.choose(things, [seed, number, 2]) if objects is not None else []
+    pictures = objects.choose(things, [seed, index, 2]) if objects is not None else []
     if camera is None:
         about, near = {}, 0.0
         seen = {"image": warp(picture.image, view, ground)} | {name: warp(mask, view) for name, mask in masks.items()}
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
+        points = picture.points
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
@@ -84,20 +86,32 @@ def draw_sample(
         seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
         placed, order, distances = stand(things, pictures, viewpoint, tile_px)
         more = [{"distance": distance} for distance in distances]
+        points = {name: shift_points(places, viewpoint) for name, places in picture.points.items()}
+    if transforms.background:
+        paved = np.kron(road_map.codes != 0, np.ones((tile_px, tile_px), np.uint8))
+        sky = np.zeros(view.size, bool) if camera is None else above_horizon(viewpoint)
+        ground_seen = (warp(paved, view) if camera is None else see_labels(paved, viewpoint)) == 0
+        behind = np.random.default_rng([seed, index, 3])
+        seen["image"] = vary_background(behind, seen["image"], ground_seen & ~sky, sky, transforms)
     instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
         seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
         instances["instances"], found = paste_objects(seen, placed, order, near)
         about = about | {
             "objects": [
-                {"kind": things[index].kind, "instance": index + 1, **one._asdict(), **further}
-                for index, one, further in zip(order, found, more, strict=True)
+                {"kind": things[thing].kind, "instance": thing + 1, **one._asdict(), **further}
+                for thing, one, further in zip(order, found, more, strict=True)
                 if one.visible
             ]
         }
+    if varies(transforms):
+        rng = np.random.default_rng([seed, index, 4])
+        seen["image"] = vary_motion(rng, vary_light(rng, seen["image"], transforms), transforms.motion)
     seen["image"] = photograph(seen["image"], view)
+    if varies(transforms):
+        seen["image"] = compress(rng, seen["image"], transforms.compression)
     record = {
-        "number": number,
+        "number": index,
         "size": list(road_map.codes.shape),
         "pixels": list(view.size),
         "codes": road_map.codes.tolist(),
@@ -109,7 +123,7 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": _plain(view),
         **about,
-        "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
+        "points": {name: _within(map_points(places, view.matrix), view) for name, places in points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }

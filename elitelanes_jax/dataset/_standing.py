@@ -1,4 +1,4 @@
-"""Objects in views from a robot: each picture stands upright at its place, parallel to the picture's rows.
+"""Objects in views from a robot: each picture stands upright at its position, parallel to the picture's rows.
 
 Such a picture is not turned towards the camera, so that its rows stay rows of the view, but its view is chosen by the
 direction from which the camera sees it.
@@ -45,9 +45,9 @@ def stand(
             rows, columns = pixels.shape[:2]
             metre = thing.height / rows
             # From (column, row) of the picture to metres ahead, to the left and upwards.
-            place = np.array(
+            position = np.array(
                 [[0, 0, ahead], [-metre, 0, left + columns / 2 * metre], [0, -metre, thing.height], [0, 0, 1]]
             )
-            found.append((ahead, -index, Placed(pixels, project(camera, viewpoint.size) @ place), distance))
+            found.append((ahead, -index, Placed(pixels, project(camera, viewpoint.size) @ position), distance))
     found.sort(key=lambda one: one[:2], reverse=True)
     return [one[2] for one in found], [-one[1] for one in found], [one[3] for one in found]

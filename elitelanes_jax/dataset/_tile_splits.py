@@ -26,19 +26,19 @@ def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> N
     source = "maps" if spec.maps_from is None else "maps_from"
     if len(maps) != spec.maps:
         raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(maps)}")
-    for number, road_map in enumerate(maps):
+    for index, road_map in enumerate(maps):
         codes = np.asarray(check_grid(road_map.codes))
         if codes.shape not in spec.shapes:
             raise InputError(
                 f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
-                f"got number {number} of {codes.shape[0]} x {codes.shape[1]}"
+                f"got number {index} of {codes.shape[0]} x {codes.shape[1]}"
             )
         if spec.camera is not None and not len(list_movements(codes)):
-            raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {number}")
+            raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {index}")
         if lacking := set(codes.flat) - set(tiles.rotations):
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
-            raise InputError(f"{expected}, got {' and '.join(kinds)} in number {number}")
+            raise InputError(f"{expected}, got {' and '.join(kinds)} in number {index}")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:
@@ -59,7 +59,7 @@ def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet,
     held: set[str] = set()
     for names in kinds.values():
         count = min(max(1, round(spec.split[2] * len(names))), len(names) - 1)
-        held |= {names[place] for place in rng.permutation(len(names))[:count]}
+        held |= {names[index] for index in rng.permutation(len(names))[:count]}
     single = [kind for kind, names in kinds.items() if len(names) == 1 and kind in ("straight", "turn")]
     if single or not any(name.startswith("crossing") for name in held):
         raise InputError(

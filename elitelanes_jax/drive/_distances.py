@@ -96,10 +96,10 @@ def _relax(links: Array, goal: LaneNode) -> tuple[Array, Array]:
         padded = jnp.pad(reached, ((0, 0), (1, 1), (1, 1)), constant_values=far)
         return [
             jnp.maximum(
-                padded[number, 1 + side.down : 1 + side.down + height, 1 + side.right : 1 + side.right + width] + 1,
-                walls[number],
+                padded[index, 1 + side.down : 1 + side.down + height, 1 + side.right : 1 + side.right + width] + 1,
+                walls[index],
             )
-            for number, side in enumerate(SIDES)
+            for index, side in enumerate(SIDES)
         ]
 
     def sweep(reached: Array) -> Array:
@@ -178,12 +178,12 @@ def follow(
       The nodes ``[N]``, the last one repeated, and the turns ``[N]``, `NO_WAY` after `count` of them.
     """
 
-    def go(number: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:
+    def go(index: Array, carry: tuple[Array, Array, LaneNode]) -> tuple[Array, Array, LaneNode]:
         listed, turns, node = carry
-        turn = jnp.where(number < count, way_at(ways, node), NO_WAY)
+        turn = jnp.where(index < count, way_at(ways, node), NO_WAY)
         onward = Movement(*node, jnp.minimum(turn, 2)).next_node
         there = jax.tree.map(lambda new, old: jnp.where(turn < NO_WAY, new, old), onward, node)
-        return listed.at[:, number].set(jnp.stack(node)), turns.at[number].set(turn), there
+        return listed.at[:, index].set(jnp.stack(node)), turns.at[index].set(turn), there
 
     first = LaneNode(*(jnp.asarray(part, jnp.int32) for part in start))
     empty = jnp.zeros((3, most), jnp.int32), jnp.full(most, NO_WAY, jnp.int32), first

@@ -380,9 +380,9 @@ def _go_on(
     right = jnp.floor(pose.x).astype(jnp.int32) - before.column
     code = grid[before.row, before.column].astype(jnp.int32)
     heading, entered = jnp.int32(0), jnp.bool_(False)
-    for number, side in enumerate(SIDES):
+    for index, side in enumerate(SIDES):
         this = (down == side.down) & (right == side.right) & (code & side.bit > 0)
-        heading, entered = jnp.where(this, number, heading), entered | this
+        heading, entered = jnp.where(this, index, heading), entered | this
     astray = ~entered & ((down != 0) | (right != 0))
     node = LaneNode(
         before.row + down * entered, before.column + right * entered, jnp.where(entered, heading, before.heading)
@@ -413,7 +413,7 @@ def _choose_turn(bits: Array, read: _Reader, node: LaneNode, params: LaneDrivePa
 
 def _pack_turns(is_open: NDArray[np.bool_]) -> int:
     listed = np.flatnonzero(is_open)
-    return len(listed) + sum(int(turn) << (2 * number + 2) for number, turn in enumerate(listed)) if len(listed) else 4
+    return len(listed) + sum(int(turn) << (2 * index + 2) for index, turn in enumerate(listed)) if len(listed) else 4
 
 
 # By tile and heading, 4 * code + heading: the number of open turns, in two bits, and in two bits each the open turns;

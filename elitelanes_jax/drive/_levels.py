@@ -182,9 +182,9 @@ def check_level(level: Level, shape: tuple[int, int] | None = None) -> Level:
     if len(lengths) > 1 or batch.ways.shape != batch.grid.shape:
         raise InputError(f"level: expected equally many grids, starts and goals, got {sorted(map(str, lengths))}")
     made = _remade(batch.grid, batch.start, batch.goal)
-    for number in range(len(batch.grid)):
-        one, again = (jax.tree.map(lambda part, number=number: part[number], tree) for tree in (batch, made))
-        _check_one("level" if single else f"level[{number}]", one, again)
+    for index in range(len(batch.grid)):
+        one, again = (jax.tree.map(lambda part, index=index: part[index], tree) for tree in (batch, made))
+        _check_one("level" if single else f"level[{index}]", one, again)
     return level
 
 

@@ -6,8 +6,6 @@ exact Bayes filter of a world without noise (Thrun, Burgard and Fox, "Probabilis
 localization).
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int32
@@ -52,20 +50,20 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     height, width = links.shape
     size = 4 * height * width
     is_node = lane_nodes(links).reshape(-1)
-    number = jnp.arange(size, dtype=jnp.int32)
-    row, column, heading = number // (4 * width), number // 4 % width, number % 4
+    starts = jnp.arange(size, dtype=jnp.int32)
+    row, column, heading = starts // (4 * width), starts // 4 % width, starts % 4
     is_open = movements(links).reshape(size, 3)
     view = (is_open * jnp.array([1, 2, 4])).sum(axis=-1).astype(jnp.int32)
 
     def beyond(turn: int) -> Array:
         there = Movement(row, column, heading, jnp.full(size, turn)).next_node
-        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, number)
+        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, starts)
 
     ways = [beyond(turn) for turn in range(3)]
     onward = []
     for turn in range(3):
         first, second, third = (ways[(turn + more) % 3] for more in range(3))
-        onward.append(jnp.where(first != number, first, jnp.where(second != number, second, third)))
+        onward.append(jnp.where(first != starts, first, jnp.where(second != starts, second, third)))
     moves = jnp.stack(onward)
 
     def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
@@ -74,7 +72,7 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
         A group is named by its first start.
         """
         key = jnp.where(is_node, group * 8 + view[node], 8 * size)
-        group = jnp.full(8 * size + 1, size, jnp.int32).at[key].min(number)[key]
+        group = jnp.full(8 * size + 1, size, jnp.int32).at[key].min(starts)[key]
         apart = node != node[group]
         return group, jnp.zeros(size, bool).at[group].max(apart)[group] & is_node
 
@@ -84,20 +82,20 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
         group, unsure = eliminate(group, node)
         return step + 1, group, node, unsure, steps + unsure
 
-    group, unsure = eliminate(jnp.zeros_like(number), number)
-    start = jnp.int32(0), group, number, unsure, unsure.astype(jnp.int32)
+    group, unsure = eliminate(jnp.zeros_like(starts), starts)
+    start = jnp.int32(0), group, starts, unsure, unsure.astype(jnp.int32)
     _, _, _, unsure, steps = jax.lax.while_loop(lambda c: (c[0] < asked.size) & c[3].any(), go, start)
     return jnp.where(is_node & ~unsure, steps, NEVER).reshape(height, width, 4)
 
 
-def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[Array, ""]:
+def ambiguity(grid: Int[ArrayLike, "H W"]) -> Int32[Array, ""]:
     """Returns how ambiguous the nodes of a map are: a feature for `elitelanes_jax.evolve`.
 
     It is the mean over all nodes of `localization_steps` for a driver that wants right, straight on, left, repeatedly.
+    The driver gives up after 2 (H + W) tiles. Nodes where it gives up count as many tiles.
 
     Args:
       grid: integer codes ``[H, W]``.
-      most: tiles after which the driver gives up; by default 2 (H + W). Nodes where it gives up count `most`.
 
     Returns:
       int32, hundredths of a tile, rounded down; 0 for a map without nodes.
@@ -105,12 +103,12 @@ def ambiguity(grid: Int[ArrayLike, "H W"], *, most: int | None = None) -> Int32[
     Raises:
       InputError: for a bad grid (see `check_grid`).
     """
-    return _ambiguity(check_grid(grid), most)
+    return _ambiguity(check_grid(grid))
 
 
-@partial(jax.jit, static_argnames="most")
-def _ambiguity(grid: Array, most: int | None) -> Array:
-    last = 2 * sum(grid.shape) if most is None else most
+@jax.jit
+def _ambiguity(grid: Array) -> Array:
+    last = 2 * sum(grid.shape)
     counted = lane_nodes(grid)
     steps = jnp.where(counted, jnp.minimum(localization_steps(grid, turns_asked_for(last)), last), 0)
     return (100 * steps.sum() // jnp.maximum(counted.sum(), 1)).astype(jnp.int32)

@@ -1,6 +1,6 @@
 """Objects of maps as arrays: what the camera shows of them, and whether a robot touches one.
 
-In views an object is a picture that stands upright at its place, parallel to the view's rows. So without distortion a
+In views an object is an upright picture at its position, parallel to the view's rows. So without distortion a
 row of pixels shows one row of each picture, and one look-up for the row tells which of its pixels are opaque.
 """
 
@@ -23,7 +23,7 @@ from elitelanes_jax.formats.road_map import RoadMap
 _SIDE = 64  # rows and columns of the pictures
 _VIEWS = 8  # evenly around an object
 _INDEX = 24  # bits of an index of a pixel of a picture
-_AWAY = -1e6  # tiles, the place of objects that fill up a batch
+_AWAY = -1e6  # tiles, the position of objects that fill up a batch
 
 
 class Objects(NamedTuple):
@@ -69,10 +69,10 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     values = np.zeros((len(listed), most, 6), np.float32)
     values[..., 1:3] = _AWAY
     kinds = list(OBJECT_KINDS)
-    for number, things in enumerate(listed):
-        for place, thing in enumerate(things):
+    for index, things in enumerate(listed):
+        for slot, thing in enumerate(things):
             radius = thing.radius if thing.height else 0
-            values[number, place] = (
+            values[index, slot] = (
                 kinds.index(base_kind(thing.kind)),
                 thing.x,
                 thing.y,
@@ -104,9 +104,9 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
             if picture.ndim != 3 or picture.shape[2] != 4 or picture.dtype != np.uint8:
                 raise InputError(f"objects: expected uint8 [rows, columns, 4], got {picture.dtype} {picture.shape}")
             down, across = ((np.arange(_SIDE) + 0.5) * side // _SIDE for side in picture.shape[:2])
-            place = list(OBJECT_KINDS).index(name), view
-            pixels[place] = picture[down.astype(int)[:, None], across.astype(int)]
-            aspect[place] = picture.shape[1] / picture.shape[0]
+            cell = list(OBJECT_KINDS).index(name), view
+            pixels[cell] = picture[down.astype(int)[:, None], across.astype(int)]
+            aspect[cell] = picture.shape[1] / picture.shape[0]
     opaque = (pixels[..., 3] >= OPAQUE).reshape(-1, _SIDE // 32, 32)
     words = (opaque.astype(np.uint32) << np.arange(32, dtype=np.uint32)).sum(axis=-1, dtype=np.uint32)
     pixels[..., 3] = 0  # the label of what is no road
@@ -160,14 +160,14 @@ def stand(
 
     def rows() -> tuple[Array, ...]:
         """Computes all that is the same for a row of pixels, for each object."""
-        distance, wide, high, place = (part[near] for part in (ahead, width, objects.height, picture))
+        distance, wide, high, chosen = (part[near] for part in (ahead, width, objects.height, picture))
         column = (..., *[None] * 2)
         scale = jnp.where(rays.forward > 1e-6, distance[column] / jnp.maximum(rays.forward, 1e-6), jnp.inf)
         scale = jnp.where(jnp.isfinite(scale), scale, 0)
         up = height - scale * rays.fall
         row = jnp.floor((1 - up / jnp.where(high > 0, high, 1)[column]) * _SIDE).astype(jnp.int32)
         hit = (row >= 0) & (row < _SIDE) & (scale > 0)
-        first = place[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
+        first = chosen[column] * _SIDE + jnp.clip(row, 0, _SIDE - 1)
         words = jnp.where(hit[..., None], billboards.opaque.at[first].get(mode="promise_in_bounds"), 0)
         pixels = _SIDE / jnp.where(wide > 0, wide, 1)
         return scale * pixels[column], left[near] * pixels + _SIDE / 2, first * _SIDE, jnp.moveaxis(words, -1, 0)
@@ -177,14 +177,14 @@ def stand(
     def layers() -> Array:
         """Lays the objects over each other, the nearest one last: its number from 1 and the index of its pixel."""
         seen = jnp.zeros(jnp.broadcast_shapes(slope.shape[1:], rays.right.shape), jnp.int32)
-        for number in reversed(range(len(near))):
-            column = jnp.floor(slope[number] * rays.right + middle[number]).astype(jnp.int32)
-            word = words[0, number]
+        for index in reversed(range(len(near))):
+            column = jnp.floor(slope[index] * rays.right + middle[index]).astype(jnp.int32)
+            word = words[0, index]
             for part in range(1, _SIDE // 32):
-                word = jnp.where(column >= 32 * part, words[part, number], word)
+                word = jnp.where(column >= 32 * part, words[part, index], word)
             opaque = (word >> (column & 31).astype(jnp.uint32)) & 1 > 0
             hit = opaque & (column >= 0) & (column < _SIDE)
-            seen = jnp.where(hit, ((number + 1) << _INDEX) + first[number] + column, seen)
+            seen = jnp.where(hit, ((index + 1) << _INDEX) + first[index] + column, seen)
         return seen
 
     seen = once(layers)

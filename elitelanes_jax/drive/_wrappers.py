@@ -285,14 +285,14 @@ def gymnasium_vector_env(
             observation, reached, reward, terminated, truncated, info = _numpy(outcome)
             ended = terminated | truncated
             final = np.full(count, None, object)
-            for number in np.flatnonzero(ended):
-                final[number] = reached[number]
+            for index in np.flatnonzero(ended):
+                final[index] = reached[index]
             return observation, reward, terminated, truncated, info | {"final_obs": final, "_final_obs": ended}
 
         def render(self) -> Untyped:
             if draw is None:
                 return None
-            every = [jax.tree.map(lambda part, number=number: part[number], self._states) for number in range(count)]
+            every = [jax.tree.map(lambda part, index=index: part[index], self._states) for index in range(count)]
             return tuple(np.asarray(draw(state)) for state in every)
 
     return VectorEnv()

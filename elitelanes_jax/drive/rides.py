@@ -106,16 +106,16 @@ def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, 
     _, state = LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
     poses = jnp.broadcast_to(jnp.stack(state.pose)[:, None], (3, steps + 1))
 
-    def go(number: Pytree, carry: Pytree) -> Pytree:
+    def go(step: Pytree, carry: Pytree) -> Pytree:
         state, poses, over, length, success = carry
-        moving = jax.random.fold_in(key, number)
+        moving = jax.random.fold_in(key, step)
         action = pure_pursuit(state, params)
         if policy == "random":
             action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
         done = LaneDrive.step(moving, state, action, params)
         state = jax.tree.map(lambda new, old: jnp.where(over, old, new), done.state, state)
         success, length = success | (done.info.success & ~over), length + ~over
-        return state, poses.at[:, number].set(jnp.stack(state.pose)), over | done.terminated, length, success
+        return state, poses.at[:, step].set(jnp.stack(state.pose)), over | done.terminated, length, success
 
     first = state, poses, jnp.bool_(False), jnp.int32(0), jnp.bool_(False)
     _, poses, _, length, success = jax.lax.fori_loop(1, steps + 1, go, first)
@@ -135,17 +135,17 @@ def _drive_by(
     seen, states = _begin(keys, params.levels, params)
     poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
     over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
-    for number in range(1, steps + 1):
+    for step in range(1, steps + 1):
         if over.all():
             break
         listed = jax.device_get(seen)
         actions = np.zeros((len(keys), 2), np.float32)
         for one in np.flatnonzero(~over):
             actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
-        done = _go(keys, number, states, actions, params)
+        done = _go(keys, step, states, actions, params)
         seen, states = done.observation, done.state
         pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
-        poses[~over, :, number:] = np.stack(pose, axis=1)[~over, :, None]
+        poses[~over, :, step:] = np.stack(pose, axis=1)[~over, :, None]
         success |= reached & ~over
         lengths += ~over
         over |= ended
@@ -160,8 +160,8 @@ def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
 
 @jax.jit
 @partial(jax.vmap, in_axes=(0, None, 0, 0, None))
-def _go(key: Array, number: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
-    return LaneDrive.step(jax.random.fold_in(key, number), state, action, params)
+def _go(key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
+    return LaneDrive.step(jax.random.fold_in(key, step), state, action, params)
 
 
 def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
@@ -212,13 +212,13 @@ def trails(
     """
     picture = render(grid, tiles, tile_px=tile_px, chosen=chosen).image.copy()
     goals = _goals(rides.levels)
-    for number in range(len(rides.steps)):
-        _draw_trail(picture, rides, number, rides.steps[number], goals[number], tile_px)
+    for index in range(len(rides.steps)):
+        _draw_trail(picture, rides, index, rides.steps[index], goals[index], tile_px)
     return picture
 
 
 def film(
-    grid: AnyArray, tiles: TileSet, rides: Rides, number: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+    grid: AnyArray, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
 
@@ -246,15 +246,15 @@ def film(
     shape = max(round(side * codes.shape[1]) // 2 * 2, 2), round(side * codes.shape[0])  # films have even sides
     shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
     background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
-    last, goal = int(rides.steps[number]), _goals(rides.levels)[number]
+    last, goal = int(rides.steps[index]), _goals(rides.levels)[index]
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
-        poses = Pose(*(part[number][steps] for part in (rides.x, rides.y, rides.theta)))
+        poses = Pose(*(part[index][steps] for part in (rides.x, rides.y, rides.theta)))
         views = np.asarray(_look(poses, cells, atlas, camera, things, billboards))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
-            _draw_trail(plan, rides, number, step, goal, side)
-            _draw_robot(plan, rides.x[number, step], rides.y[number, step], rides.theta[number, step], side)
+            _draw_trail(plan, rides, index, step, goal, side)
+            _draw_robot(plan, rides.x[index, step], rides.y[index, step], rides.theta[index, step], side)
             yield np.concatenate([view, plan], axis=1)
 
 
@@ -321,10 +321,10 @@ def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
     if poses > MOST_POSES:
         raise InputError(f"rides: expected at most {MOST_POSES} poses, got {poses}")
     listed = []
-    for number, steps in enumerate(rides.steps.tolist()):
-        tracks = {name: getattr(rides, name)[number, : steps + 1] for name in ("x", "y", "theta")}
-        goal = [int(part[number]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
-        ride = {"goal": goal, "success": bool(rides.success[number])}
+    for index, steps in enumerate(rides.steps.tolist()):
+        tracks = {name: getattr(rides, name)[index, : steps + 1] for name in ("x", "y", "theta")}
+        goal = [int(part[index]) for part in (rides.levels.goal.row, rides.levels.goal.column)]
+        ride = {"goal": goal, "success": bool(rides.success[index])}
         listed.append(ride | {name: np.round(values.astype(float), 4).tolist() for name, values in tracks.items()})
     return json.dumps({"format": RIDES, "rate": _RATE, "codes": np.asarray(grid).tolist(), "rides": listed}) + "\n"
 
@@ -335,10 +335,10 @@ def _goals(levels: Level) -> NDArray[np.float32]:
 
 
 def _draw_trail(
-    picture: NDArray[np.uint8], rides: Rides, number: int, steps: int, goal: NDArray[np.float32], side: float
+    picture: NDArray[np.uint8], rides: Rides, index: int, steps: int, goal: NDArray[np.float32], side: float
 ) -> None:
-    colour = _COLOURS[number % len(_COLOURS)]
-    points = np.stack([rides.x[number], rides.y[number]], axis=1)[: int(steps) + 1]
+    colour = _COLOURS[index % len(_COLOURS)]
+    points = np.stack([rides.x[index], rides.y[index]], axis=1)[: int(steps) + 1]
     thick = max(round(side / 20), 1)
     dots = _dots(points, side)
     cv2.polylines(picture, [dots], False, colour, thick, cv2.LINE_AA, _BITS)

@@ -15,6 +15,7 @@ from .nav2 import to_nav2 as to_nav2
 from .objects import OBJECT_KINDS as OBJECT_KINDS
 from .objects import MapObject as MapObject
 from .objects import ObjectKind as ObjectKind
+from .objects import Standing as Standing
 from .opendrive import to_opendrive as to_opendrive
 from .plan import PlacedTile as PlacedTile
 from .plan import Plan as Plan

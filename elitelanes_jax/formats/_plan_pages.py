@@ -11,7 +11,7 @@ import numpy as np
 
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, base_kind
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
 from elitelanes_jax.formats.tag_pictures import draw_tag
 from elitelanes_jax.formats.tags import STREET_NAMES, TAG_BORDER, TAG_SIZE
@@ -83,8 +83,8 @@ def _draw_map(ax: Untyped, plan: Plan, left: float, top: float, tile: float, edg
         ax.plot([left + column * tile] * 2, [top, bottom], color=_FAINT, lw=0.25, ls=(0, (2, 3)))
     for (row, column, *_), (kind, turns, x, y) in zip(plan.placed, tiles, strict=True):
         _label(ax, x + tile / 2, y + tile / 2, f"{row},{column}\n{_tile_name(kind, turns)}", size=size)
-    for number, thing in enumerate(plan.objects, 1):
-        _draw_object(ax, thing, number, left + thing.x * tile, top + thing.y * tile, scale)
+    for index, thing in enumerate(plan.objects, 1):
+        _draw_object(ax, thing, index, left + thing.x * tile, top + thing.y * tile, scale)
     below, beside = bottom + edge + 7, right + edge + 7
     _arrow(ax, (left, below), (right, below), "<|-|>")
     _label(ax, (left + right) / 2, below, f"{plan.floor[0]:g} m")
@@ -115,7 +115,7 @@ def _draw_tiles(ax: Untyped, tiles: Sequence[tuple[str, int, float, float]], til
         ax.add_collection(LineCollection(lines, colors=ink, linewidths=points, linestyles=style, capstyle="butt"))
 
 
-def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float, scale: float) -> None:
+def _draw_object(ax: Untyped, thing: MapObject, index: int, x: float, y: float, scale: float) -> None:
     """Draws the footprint of an object with its number in the check-list, and an arrow the way that it faces."""
     from matplotlib.patches import Circle, Polygon
 
@@ -123,7 +123,7 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
     east, south = cos(thing.angle), -sin(thing.angle)
     is_sign = thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     colour = _STOP if thing.kind == "sign_stop" else _SIGN if is_sign else _THING
-    if OBJECT_KINDS[base_kind(thing.kind)].is_round:
+    if thing.is_round:
         ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0))
     else:
         corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
@@ -132,7 +132,7 @@ def _draw_object(ax: Untyped, thing: MapObject, number: int, x: float, y: float,
         reach = length + 0.07 * scale
         _arrow(ax, (x, y), (x + reach * east, y + reach * south), "-|>", colour)
     size = min(6.5, 0.11 * scale)
-    _write(ax, x, y, str(number), size=size, color="white", weight="bold", ha="center", va="center_baseline")
+    _write(ax, x, y, str(index), size=size, color="white", weight="bold", ha="center", va="center_baseline")
 
 
 def _bill(plan: Plan) -> list[list[str]]:
@@ -173,12 +173,12 @@ def _check_list(plan: Plan) -> list[str]:
         lines += ["", f"Row {row}"]
         lines += [f"{_BOX} {row},{column}  {_tile_name(kind, turns)}" for _, column, kind, turns in tiles]
     lines += ["", "Signs and objects", "(metres from the north-west corner)"] if plan.objects else []
-    for number, thing in enumerate(plan.objects, 1):
+    for index, thing in enumerate(plan.objects, 1):
         tag = "" if thing.tag is None else f", tag {thing.tag}"
-        east, south = (round(place * plan.tile_size, 2) for place in (thing.x, thing.y))
+        east, south = (round(length * plan.tile_size, 2) for length in (thing.x, thing.y))
         across, down = "west" if east < 0 else "east", "north" if south < 0 else "south"
-        faces = "" if OBJECT_KINDS[base_kind(thing.kind)].is_round else f", faces {_direction(thing.angle)}"
-        lines += [f"{_BOX} {number}  {_thing_name(thing.kind)}{tag}"]
+        faces = "" if thing.is_round else f", faces {_direction(thing.angle)}"
+        lines += [f"{_BOX} {index}  {_thing_name(thing.kind)}{tag}"]
         lines += [f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}"]
     return lines
 

@@ -142,9 +142,9 @@ def to_graphml(graph: Untyped) -> str:
     written = graph.__class__()
     for tile, data in graph.nodes(data=True):
         written.add_node(_name(tile), row=tile[0], column=tile[1], **data)
-    for number, (one, other, data) in enumerate(graph.edges(data=True)):
+    for index, (one, other, data) in enumerate(graph.edges(data=True)):
         # The key becomes the edge's name in the file, which must be unique.
-        roads = {"path": " ".join(map(_name, data["path"])), "key": number} if graph.is_multigraph() else {}
+        roads = {"path": " ".join(map(_name, data["path"])), "key": index} if graph.is_multigraph() else {}
         written.add_edge(_name(one), _name(other), **data | roads)
     return "\n".join(nx.generate_graphml(written)) + "\n"
 

@@ -48,8 +48,8 @@ def lane_graph(codes: ArrayLike) -> LaneGraph:
     row, column, heading, turn = moves.T
     out = EXIT[heading, turn]
     ends = np.concatenate([moves[:, :3], np.stack([row + _DOWN[out], column + _RIGHT[out], out], axis=-1)])
-    nodes, number = np.unique(ends, axis=0, return_inverse=True)
-    return LaneGraph(nodes, number.reshape(2, -1).T, turn)
+    nodes, indices = np.unique(ends, axis=0, return_inverse=True)
+    return LaneGraph(nodes, indices.reshape(2, -1).T, turn)
 
 
 def lane_points(graph: LaneGraph, height: int, shares: ArrayLike) -> NDArray[np.complex128]:

@@ -9,8 +9,10 @@ from itertools import groupby
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
 from elitelanes_jax.network.movements import TURNS
 
@@ -23,21 +25,23 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 _Member = tuple[str, int, str]  # kind of element, number and role
 
 
-def to_lanelet2(codes: ArrayLike, streets: Streets = Streets()) -> str:
+def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures.
+      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
+        are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
-      A text; the same grid gives the same text. Lanelets have the tag ``name``: row, column, the side by which they
+      A text; the same map gives the same text. Lanelets have the tag ``name``: row, column, the side by which they
       enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, _, links = lanes(codes)
+    rules = rights_of_way(codes, streets)
     city = _Map()
     for tile, group in groupby(ways, attrgetter("tile")):
         here = {way: bounds(way, streets, len(links)) for way in group}
@@ -49,7 +53,7 @@ def to_lanelet2(codes: ArrayLike, streets: Streets = Streets()) -> str:
             lanelets[way] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
         if crossing:
             ends = {way.heading: np.array([left[0], right[0]]) for way, (left, right) in here.items()}
-            _add_rules(city, lanelets, ends, streets.right_of_way)
+            _add_rules(city, lanelets, ends, rules[tile])
         for way, (number, members) in lanelets.items():
             tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": way.name}
             tags["speed_limit"] = f"{streets.speed * 3.6:g} km/h"
@@ -90,7 +94,7 @@ def _add_rules(
 
 
 class _Map:
-    """The elements of a map. Points at one place, and lines through the same points, are added once."""
+    """The elements of a map. Points with equal coordinates, and lines through the same points, are added once."""
 
     def __init__(self) -> None:
         self.points: dict[complex, int] = {}
@@ -107,10 +111,10 @@ class _Map:
     def line(self, points: NDArray[np.complex128], kind: str, subtype: str = "") -> int:
         """Adds a line, and returns its number."""
         ids = []
-        for place in np.round(points, 6).tolist():
-            if place not in self.points:
-                self.points[place] = self.number()
-            ids.append(self.points[place])
+        for point in np.round(points, 6).tolist():
+            if point not in self.points:
+                self.points[point] = self.number()
+            ids.append(self.points[point])
         key = min(tuple(ids), tuple(ids[::-1]))
         if key not in self.lines:
             self.lines[key] = self.number()
@@ -126,11 +130,11 @@ class _Map:
 
     def text(self) -> str:
         """Returns the text of the file."""
-        places = np.array(list(self.points))
+        points = np.array(list(self.points))
         nodes = [
             f'<node id="{number}" visible="true" version="1" lat="{latitude:.12f}" lon="{longitude:.12f}">'
-            f'<tag k="local_x" v="{place.real:.6f}"/><tag k="local_y" v="{place.imag:.6f}"/></node>'
-            for (place, number), latitude, longitude in zip(self.points.items(), *_on_earth(places), strict=True)
+            f'<tag k="local_x" v="{point.real:.6f}"/><tag k="local_y" v="{point.imag:.6f}"/></node>'
+            for (point, number), latitude, longitude in zip(self.points.items(), *_on_earth(points), strict=True)
         ]
         head = '<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6" generator="elitelanes">'
         return "\n".join([head, *nodes, *self.ways, *self.relations, "</osm>\n"])
@@ -141,9 +145,9 @@ def _element(kind: str, number: int, parts: str, tags: dict[str, str]) -> str:
     return f'<{kind} id="{number}" visible="true" version="1">{parts}{listed}</{kind}>'
 
 
-def _on_earth(places: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the latitudes and longitudes of places, in degrees: UTM inverted, by Krüger's series."""
-    zeta = (places.imag + 1j * places.real) / _RADIUS
+def _on_earth(points: NDArray[np.complex128]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the latitudes and longitudes of points, in degrees: UTM inverted, by Krüger's series."""
+    zeta = (points.imag + 1j * points.real) / _RADIUS
     zeta = zeta - sum(beta * np.sin(2 * j * zeta) for j, beta in enumerate(_BETA, 1))
     chi = np.arcsin(np.sin(zeta.real) / np.cosh(zeta.imag))
     latitudes = chi + sum(delta * np.sin(2 * j * chi) for j, delta in enumerate(_DELTA, 1))

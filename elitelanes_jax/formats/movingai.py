@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.nav2 import road_cells
+from elitelanes_jax.formats.streets import no_road
 
 _STARTS = 10  # of each, as many goals
 _BUCKET = 4  # lengths that share a bucket
+_MOST_CELLS = 2**25  # a path's length for each takes 4 GB of memory
 
 
 class MovingAI(NamedTuple):
@@ -39,11 +40,11 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells.
+      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells, over 2**25 in all.
     """
-    road = road_cells(codes, cells)
+    road = road_cells(codes, cells, _MOST_CELLS)
     if not road.any():
-        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+        raise no_road()
     height, width = road.shape
     rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
     lines = [
@@ -55,22 +56,22 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
 
 def _tasks(road: Bool[NDArray, "H W"]) -> list[tuple[float, list[int], list[int]]]:
     """Draws starts and goals, (column, row), and computes the lengths of their shortest paths."""
-    rng, places = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
-    starts = rng.choice(len(places), min(_STARTS, len(places)), replace=False)
+    rng, cells = np.random.default_rng(0), np.argwhere(road)[:, ::-1].tolist()
+    starts = rng.choice(len(cells), min(_STARTS, len(cells)), replace=False)
     tasks = []
     for start, lengths in zip(starts, _path_lengths(road, starts), strict=True):
         goals = np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
         drawn = rng.choice(goals, min(_STARTS, len(goals)), replace=False)
-        tasks += [(float(lengths[goal]), places[start], places[goal]) for goal in drawn]
+        tasks += [(float(lengths[goal]), cells[start], cells[goal]) for goal in drawn]
     return sorted(tasks)
 
 
 def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float[NDArray, "S N"]:
-    """Returns the lengths of shortest paths from some cells of the road to all, by their places in its list."""
+    """Returns the lengths of shortest paths from some cells of the road to all, by their indices in its list."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    number = np.cumsum(road).reshape(road.shape) - 1
+    index = np.cumsum(road).reshape(road.shape) - 1
     free = np.pad(road, 1)
     height, width = road.shape
     rows, columns, lengths = [], [], []
@@ -78,8 +79,8 @@ def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float
         moved = [free[1 + y : 1 + y + height, 1 + x : 1 + x + width] for y, x in ((down, right), (down, 0), (0, right))]
         able = road & np.logical_and.reduce(moved)
         row, column = np.nonzero(able)
-        rows.append(number[row, column])
-        columns.append(number[row + down, column + right])
+        rows.append(index[row, column])
+        columns.append(index[row + down, column + right])
         lengths.append(np.full(len(row), np.hypot(down, right)))
     count = int(road.sum())
     graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (count, count))

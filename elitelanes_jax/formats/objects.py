@@ -108,10 +108,31 @@ class MapObject(NamedTuple):
         return usual.length * scale, usual.width * scale
 
     @property
+    def is_round(self) -> bool:
+        """Whether the footprint is a disc."""
+        return OBJECT_KINDS[base_kind(self.kind)].is_round
+
+    @property
     def radius(self) -> float:
         """Radius in metres of the smallest disc around the footprint."""
         length, width = self.footprint
-        return length / 2 if OBJECT_KINDS[base_kind(self.kind)].is_round else hypot(length, width) / 2
+        return length / 2 if self.is_round else hypot(length, width) / 2
+
+
+class Standing(NamedTuple):
+    """An object and how it looks from its front.
+
+    Attributes:
+      thing: the object.
+      picture: a PNG file with transparency, from the floor to the object's height.
+      width: of the picture, in metres.
+      colour: the mean red, green and blue of its opaque pixels, 0 to 1.
+    """
+
+    thing: MapObject
+    picture: bytes
+    width: float
+    colour: tuple[float, float, float]
 
 
 def base_kind(kind: str) -> str:

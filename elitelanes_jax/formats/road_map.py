@@ -90,10 +90,10 @@ class RoadMap:
           InputError: if the name has the suffix of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
-        place = check_named("file", path, file)
-        if ends_as_file(place) and place.suffix.lower() != ".json":
-            raise InputError(f"file: expected a name that ends in .json, got {place}")
-        write_atomic(place, map_to_json(self).encode())
+        target = check_named("file", path, file)
+        if ends_as_file(target) and target.suffix.lower() != ".json":
+            raise InputError(f"file: expected a name that ends in .json, got {target}")
+        write_atomic(target, map_to_json(self).encode())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)
@@ -182,6 +182,18 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     return maps
 
 
+def as_map(source: UserValue) -> RoadMap:
+    """Returns one map in any form that `as_maps` takes.
+
+    Raises:
+      InputError: as `as_maps`, or for several maps or none.
+    """
+    maps = as_maps(source)
+    if len(maps) != 1:
+        raise InputError(f"map: expected one map, got {len(maps)}")
+    return maps[0]
+
+
 def _dimensions(value: UserValue) -> int:
     value = getattr(value, "codes", value)
     if isinstance(value, list | tuple):
@@ -193,6 +205,8 @@ def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read
     """Reads a file of at most `most` bytes, and parses its values, or those of a map of Duckietown."""
     is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
+    if Path(file).suffix.lower() == ".npz":
+        raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
     try:
         text = read_text(file, most)
     except OSError as error:
@@ -218,11 +232,11 @@ def _json_of(text: str) -> Plain:
 
 def _maps_of(listed: list[Plain]) -> list[RoadMap]:
     maps = []
-    for place, values in enumerate(listed):
+    for index, values in enumerate(listed):
         try:
             maps.append(_map_of(values))
         except InputError as error:
-            raise InputError(f"map {place}: {error}") from None
+            raise InputError(f"map {index}: {error}") from None
     return maps
 
 

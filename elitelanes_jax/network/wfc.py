@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import CROSSINGS, ROAD_ALPHABET, SIDES, check_alphabet
 
@@ -26,49 +26,20 @@ Domains = NDArray[np.int32]
 
 
 class Collapsed(NamedTuple):
-    """The result of one call; of `generate_batch`, arrays with a leading axis n.
+    """Collapsed grids.
 
     Attributes:
-      grid: int8 ``[H, W]``; zeros without success.
-      success: bool, whether all cells took a code without a contradiction.
-      attempts: int, the number of attempts, the successful one included.
+      grid: int8 ``[n, H, W]``; zeros without success.
+      success: bool ``[n]``, whether all cells took a code without a contradiction.
+      attempts: int ``[n]``, the number of attempts, the successful one included.
       solvable: bool, False if the constraints alone leave a cell without any code: then no attempt is made. True does
         not guarantee a solution.
     """
 
-    grid: AnyArray
-    success: AnyArray
-    attempts: AnyArray
+    grid: NDArray[np.int8]
+    success: NDArray[np.bool_]
+    attempts: NDArray[np.int_]
     solvable: bool
-
-
-def generate(
-    rng: np.random.Generator,
-    shape: tuple[int, int] = (12, 12),
-    *,
-    alphabet: UserValue = ROAD_ALPHABET,
-    border: Border = "open",
-    crossing_ban: bool = True,
-    attempts: int = 10,
-) -> Collapsed:
-    """Collapses one grid.
-
-    Args:
-      rng: the source of all randomness.
-      shape: (height, width), each at least 2.
-      alphabet: the codes that cells may take.
-      border: "open" lets roads leave the grid, as in the paper; "closed" does not.
-      crossing_ban: whether two crossings may not be linked, as in the paper.
-      attempts: the largest number of attempts. A contradiction in the last one is a result, not an error.
-
-    Returns:
-      A `Collapsed`. After success all connections within the grid are matched.
-
-    Raises:
-      InputError: for an argument out of its range.
-    """
-    many = generate_batch(rng, 1, shape, alphabet=alphabet, border=border, crossing_ban=crossing_ban, attempts=attempts)
-    return Collapsed(many.grid[0], bool(many.success[0]), int(many.attempts[0]), many.solvable)
 
 
 def generate_batch(
@@ -81,12 +52,22 @@ def generate_batch(
     crossing_ban: bool = True,
     attempts: int = 10,
 ) -> Collapsed:
-    """Collapses n grids together; see `generate` for the other arguments, limits and errors.
+    """Collapses n grids together; each grid also depends on n.
 
-    Each grid also depends on n.
+    Args:
+      rng: the source of all randomness.
+      n: the number of grids.
+      shape: (height, width), each at least 2.
+      alphabet: the codes that cells may take.
+      border: "open" lets roads leave the grid, as in the paper; "closed" does not.
+      crossing_ban: whether two crossings may not be linked, as in the paper.
+      attempts: the largest number of attempts at each grid. A contradiction in the last one is a result, not an error.
 
     Returns:
-      A `Collapsed` of arrays, grid int8 ``[n, H, W]``, success bool ``[n]``, attempts int ``[n]``.
+      A `Collapsed`. In a grid with success all connections within the grid are matched.
+
+    Raises:
+      InputError: for an argument out of its range.
     """
     if not isinstance(rng, np.random.Generator):
         raise InputError(f"rng: expected a numpy.random.Generator, got {type(rng).__name__}")

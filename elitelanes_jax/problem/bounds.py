@@ -27,6 +27,9 @@ _MOST_ROUNDS = 200
 # The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
 
+# Without any of these, straight roads lead away from each crossing, and have no roads beside them.
+_BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
+
 
 class _ContradictionError(Exception):
     """A lower bound of a metric is greater than its upper bound: no map exists."""
@@ -64,6 +67,8 @@ class FeatureBounds(NamedTuple):
         elif feature in _PER_TILE:
             (low, high), (smallest, largest) = self.intervals[_PER_TILE[feature]], self.intervals["tiles"]
             least, most = (unit * end // max(tiles, 1) for end, tiles in ((low, largest), (high, smallest)))
+        elif feature == "signable" and all(self.intervals[name] == (0, 0) for name in _BESIDE_CROSSINGS):
+            least = unit
         return Fraction(least, unit), Fraction(most, unit)
 
 
@@ -71,23 +76,21 @@ def find_bounds(
     shape: tuple[int, int],
     *,
     certain: Mapping[str, int],
-    repaired: bool = True,
     fix: FixedCells | None = None,
     alphabet: Iterable[int] | None = None,
 ) -> FeatureBounds:
-    """Finds bounds of the metrics of a set of grids.
+    """Finds bounds of the metrics of a set of repaired grids.
 
     Args:
       shape: (height, width) of the grids, each at least 2.
       certain: the metrics that have one value on all grids, with this value.
-      repaired: whether all connections within a grid are returned, and none leaves it.
       fix: fixed cells.
       alphabet: the codes of the tiles, besides dead ends and empty cells; by default any.
 
     Raises:
       InputError: if the set is empty.
     """
-    bounds = FeatureBounds(shape, _first_intervals(shape), tuple(_inequalities(shape, repaired)))
+    bounds = FeatureBounds(shape, _first_intervals(shape), tuple(_inequalities(shape)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
     if fix is not None:
@@ -166,10 +169,10 @@ def _first_intervals(shape: tuple[int, int]) -> dict[str, tuple[int, int]]:
     return {name: (0, largest) for name, largest in most.items()}
 
 
-def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
+def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:
     height, width = shape
     area, pairs, longest = height * width, 2 * height * width - height - width, max(shape)
-    found = [
+    return [
         *_equal({"tiles": 1, "empty_cells": 1}, area),
         *_equal({"cyclomatic": 1, "edges": -1, "tiles": 1, "components": -1}, 0),  # Euler's formula
         *_equal({"crossings": 1, "crossings3": -1, "crossings4": -1}, 0),
@@ -203,11 +206,7 @@ def _inequalities(shape: tuple[int, int], repaired: bool) -> list[_Inequality]:
         # A run of L straights scores L².
         _Inequality({"straight_score": 1, "straights": -1}, 0),
         _Inequality({"straight_score": -1, "straights": longest}, 0),
-    ]
-    if not repaired:
-        return found
-    return [
-        *found,
+        # All connections within a grid are returned, and none leaves it.
         *_equal({"mismatches": 1}, 0),
         *_equal({"boundary_violations": 1}, 0),
         *_equal({"tiles": 1, "dead_ends": -1, "straights": -1, "turns": -1, "crossings": -1}, 0),

@@ -23,7 +23,7 @@ _ROW = np.array([[1 / 255, 0, 0], [0, 0, 1], [0, -1 / 255, 0], [0, 0, -1]])  # a
 
 def solve_tones(
     grid: ArrayLike,
-    place: Int[NDArray, "H W"],
+    picture: Int[NDArray, "H W"],
     images: UInt8[NDArray, "T P P 3"],
     labels: UInt8[NDArray, "T P P"],
 ) -> Float[NDArray, "H W 3 2"]:
@@ -38,7 +38,7 @@ def solve_tones(
 
     Args:
       grid: codes ``[H, W]``.
-      place: the index of each cell's picture.
+      picture: the index of each cell's picture.
       images: the pictures.
       labels: their labels, indices in `tiles.render.LABELS`.
 
@@ -53,21 +53,21 @@ def solve_tones(
     cells = np.arange(count).reshape(codes.shape)
     # The normal equations of each channel; the unknowns are 255 · (gain - 1) and offset of each cell.
     diagonal = np.arange(2 * count)
-    places, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
+    positions, matrices = [np.stack([diagonal, diagonal])], [np.tile([_GAIN, _OFFSET], (3, count))]
     right = np.zeros((3, 2 * count))
     for turned, meets in _meetings(codes):
         first, second = (_turn(cells, turned)[:, part][meets] for part in (slice(None, -1), slice(1, None)))
-        pairs, number = np.unique(
-            np.stack([place.flat[first], place.flat[second]], axis=1), axis=0, return_inverse=True
+        pairs, pair = np.unique(
+            np.stack([picture.flat[first], picture.flat[second]], axis=1), axis=0, return_inverse=True
         )
         products, sides = _equations(pairs, _turn(images, turned, 1), _turn(labels, turned, 1))
         unknowns = np.stack([2 * first, 2 * first + 1, 2 * second, 2 * second + 1], axis=-1)
         square = np.broadcast_arrays(unknowns[:, :, None], unknowns[:, None, :])
-        places.append(np.stack([part.reshape(-1) for part in square]))
-        matrices.append(products[:, number.reshape(-1)].reshape(3, -1))
+        positions.append(np.stack([part.reshape(-1) for part in square]))
+        matrices.append(products[:, pair.reshape(-1)].reshape(3, -1))
         for channel in range(3):
-            np.add.at(right[channel], unknowns, sides[channel, number.reshape(-1)])
-    rows, columns = np.concatenate(places, axis=1)
+            np.add.at(right[channel], unknowns, sides[channel, pair.reshape(-1)])
+    rows, columns = np.concatenate(positions, axis=1)
     tones = []
     for values, side in zip(np.concatenate(matrices, axis=1), right, strict=True):
         matrix = coo_array((values, (rows, columns)), shape=(2 * count, 2 * count)).tocsc()
@@ -103,9 +103,9 @@ def feather(image: UInt8[NDArray, "h w 3"], labels: UInt8[NDArray, "h w"], grid:
     for turned, meets in _meetings(codes):
         seen, marks, delta = (_turn(layer, turned) for layer in (image, labels, change))
         along = np.repeat(meets, size, axis=0)
-        for number in range(ceil(reach - 0.5)):
-            share = np.float32((1 + np.cos(np.pi * (number + 0.5) / reach)) / 4)
-            left, right = slice(size - 1 - number, -size, size), slice(size + number, None, size)
+        for distance in range(ceil(reach - 0.5)):
+            share = np.float32((1 + np.cos(np.pi * (distance + 0.5) / reach)) / 4)
+            left, right = slice(size - 1 - distance, -size, size), slice(size + distance, None, size)
             mixed = along & (marks[:, left] == marks[:, right])
             step = share * mixed[..., None] * (seen[:, right].astype(np.float32) - seen[:, left])
             delta[:, left] += step

@@ -38,13 +38,13 @@ def contact_sheet(
     across = _GAP + max(columns * step, _length(title, _TITLE) + _GAP)
     sheet = np.full((top + rows * (height + below), across, 3), _GROUND, np.uint8)
     write_text(sheet, title, (_GAP, 2 * _GAP - 6), _TITLE, _INK)
-    for number, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
-        row, column = divmod(number, columns)
+    for index, (picture, lines) in enumerate(zip(pictures, captions, strict=True)):
+        row, column = divmod(index, columns)
         y, x = top + row * (height + below), _GAP + column * step
         sheet[y : y + height, x : x + width] = picture
-        for place, line in enumerate(lines):
-            ink = _FAINT if place else _INK
-            write_text(sheet, line, (x, y + height + _LINE * (place + 1)), _CAPTION, ink)
+        for level, line in enumerate(lines):
+            ink = _FAINT if level else _INK
+            write_text(sheet, line, (x, y + height + _LINE * (level + 1)), _CAPTION, ink)
     return sheet
 
 
@@ -63,14 +63,14 @@ def _length(text: str, scale: float) -> int:
 
 
 def write_text(
-    sheet: NDArray[np.uint8], text: str, place: tuple[int, int], scale: float, ink: tuple[int, int, int]
+    sheet: NDArray[np.uint8], text: str, position: tuple[int, int], scale: float, ink: tuple[int, int, int]
 ) -> None:
     """Writes a line of text on a picture uint8 ``[H, W, 3]``; letters outside ASCII become question marks.
 
-    `place` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
+    `position` is x and y of its lower left corner in pixels, `scale` 1 about 22 pixels high, `ink` its colour in RGB.
     """
     words = text.encode("ascii", "replace").decode()
     if _font() is None:
-        cv2.putText(sheet, words, place, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)
+        cv2.putText(sheet, words, position, cv2.FONT_HERSHEY_SIMPLEX, scale, ink, 1, cv2.LINE_AA)
     else:
-        cv2.putText(sheet, words, place, ink, _font(), round(_EM * scale))
+        cv2.putText(sheet, words, position, ink, _font(), round(_EM * scale))

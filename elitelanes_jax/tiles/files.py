@@ -137,14 +137,14 @@ def _plain_png(content: bytes) -> bytes:
     rows = _rows(content[16:29])
     left = sum(height * (1 + length) for height, length in rows)
     unpacked = zlib.decompressobj()
-    place, parts = 8, [_PNG]
+    start, parts = 8, [_PNG]
     for _ in range(_MOST_PARTS):
-        end = place + 12 + int.from_bytes(content[place : place + 4])
-        kind, data = content[place + 4 : place + 8], content[place + 8 : end - 4]
+        end = start + 12 + int.from_bytes(content[start : start + 4])
+        kind, data = content[start + 4 : start + 8], content[start + 8 : end - 4]
         if end > len(content) or zlib.crc32(data, zlib.crc32(kind)) != int.from_bytes(content[end - 4 : end]):
             break
         if kind in (b"IHDR", b"PLTE", b"tRNS", b"IDAT", b"IEND"):
-            parts.append(content[place:end])
+            parts.append(content[start:end])
         while kind == b"IDAT" and data and left >= 0 and not unpacked.eof:
             left -= len(unpacked.decompress(data, MIB))
             data = unpacked.unconsumed_tail
@@ -152,7 +152,7 @@ def _plain_png(content: bytes) -> bytes:
             if left == 0 and unpacked.eof:
                 return b"".join(parts)
             break
-        place = end
+        start = end
     raise ValueError("it is damaged or unfinished")
 
 

@@ -126,26 +126,26 @@ def mask_folder(
     folder, problems, proposals = Path(folder), list[str](), []
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a folder of tile pictures, got {'a file' if folder.exists() else 'none'}")
-    places = tile_folders(folder, problems)
-    if not places:
+    folders = tile_folders(folder, problems)
+    if not folders:
         problems.append(f"{folder}: expected folders such as turn_1 with an image.png, got none")
-    for place in places:
-        image = read_picture(place / "image.png", problems)
+    for tile_folder in folders:
+        image = read_picture(tile_folder / "image.png", problems)
         if image is None:
-            if not (place / "image.png").is_file():
-                problems.append(f"{place}: expected a photograph of the tile, image.png, got none")
+            if not (tile_folder / "image.png").is_file():
+                problems.append(f"{tile_folder}: expected a photograph of the tile, image.png, got none")
         elif image.ndim == 2:
-            problems.append(f"{place / 'image.png'}: expected a picture in colours, got a grey one")
+            problems.append(f"{tile_folder / 'image.png'}: expected a picture in colours, got a grey one")
         elif image.shape[0] != image.shape[1]:
-            problems.append(f"{place / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
+            problems.append(f"{tile_folder / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
         else:
             image = np.ascontiguousarray(image[..., :3])
             masks, found = propose_masks(image, colours), {}
             for name in MASKS:
-                kept = None if name in overwrite else read_mask(place / f"{name}.png", image, problems)
+                kept = None if name in overwrite else read_mask(tile_folder / f"{name}.png", image, problems)
                 found[name] = masks[name] if kept is None else kept
-            proposed = tuple(name for name in MASKS if name in overwrite or not (place / f"{name}.png").exists())
-            proposals.append(Proposal(place, image, found, proposed))
+            proposed = tuple(name for name in MASKS if name in overwrite or not (tile_folder / f"{name}.png").exists())
+            proposals.append(Proposal(tile_folder, image, found, proposed))
     if problems:
         raise InputError(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
     return proposals

@@ -195,29 +195,29 @@ def _load(folder: Path) -> ObjectSet:
     pictured = {file.parent for name in ("image.png", "object.toml") for file in folder.glob(f"*/{name}")}
     if not pictured:
         raise InputError(f"{folder}: expected folders with object.toml and image.png, such as duckie_1, got none")
-    return ObjectSet(folder.resolve().name, tuple(_load_pictures(place) for place in sorted(pictured)))
+    return ObjectSet(folder.resolve().name, tuple(_load_pictures(parent) for parent in sorted(pictured)))
 
 
-def _load_pictures(place: Path) -> ObjectPictures:
-    kind, height, footprint, tag = _about(place / "object.toml")
-    files = {file.stem: file for file in sorted(place.glob("*.png"))}
+def _load_pictures(folder: Path) -> ObjectPictures:
+    kind, height, footprint, tag = _about(folder / "object.toml")
+    files = {file.stem: file for file in sorted(folder.glob("*.png"))}
     views = {
         int(match[1] or 0): file
         for name, file in files.items()
         if (match := re.fullmatch(r"image(?:_(\d{1,3}))?", name))
     }
     if height and 0 not in views:
-        raise InputError(f"{place}: expected image.png, the view from the front, got none")
+        raise InputError(f"{folder}: expected image.png, the view from the front, got none")
     if "top" not in files and not height:
-        raise InputError(f"{place}: expected top.png, as the height is 0, got none")
+        raise InputError(f"{folder}: expected top.png, as the height is 0, got none")
     if views and max(views) > 359:
-        raise InputError(f"{place}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
+        raise InputError(f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
     drawn = {angle: _read(views[angle]) for angle in sorted(views)}
     if "top" in files:
-        return ObjectPictures(place.name, kind, height, footprint, tag, drawn, _read(files["top"]))
+        return ObjectPictures(folder.name, kind, height, footprint, tag, drawn, _read(files["top"]))
     front = drawn[0]
     lying = height, height * front.shape[1] / front.shape[0]
-    return ObjectPictures(place.name, kind, height, lying, tag, drawn, np.rot90(front, -1))
+    return ObjectPictures(folder.name, kind, height, lying, tag, drawn, np.rot90(front, -1))
 
 
 def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:

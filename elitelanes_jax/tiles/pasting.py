@@ -144,7 +144,7 @@ def _blend(part: UInt8[NDArray, "h w 3"], one: Placed, window: _Window, near: fl
             small = max(round(columns * shrunk), 1), max(round(rows * shrunk), 1)
             paint = cv2.resize(paint, small, interpolation=cv2.INTER_AREA).astype(np.float32)
             matrix = matrix @ np.diag([columns / small[0], rows / small[1], 1])
-    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # OpenCV's places are those of pixels' centres
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]])  # OpenCV's positions are those of pixels' centres
     size = ((right - left) * _FINER, (bottom - top) * _FINER)
     fine = cv2.warpPerspective(paint, np.linalg.inv(half) @ matrix @ half, size, flags=cv2.INTER_LINEAR)
     if (corners[:, 2] <= near).any():

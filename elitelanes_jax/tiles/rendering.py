@@ -1,7 +1,7 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, is_whole, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
@@ -132,11 +133,11 @@ def render(
         chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
     if chosen is None:
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
-    place = chosen[..., 0] * 4 + chosen[..., 1]
-    layers = {name: _lay_out(rotated[place]) for name, rotated in scale_tiles(tiles, tile_px).items()}
+    picture = chosen[..., 0] * 4 + chosen[..., 1]
+    layers = {name: _lay_out(rotated[picture]) for name, rotated in scale_tiles(tiles, tile_px).items()}
     if tiles.blend if blend is None else check_named("blend", switch, blend):
         codes, small = np.asarray(check_grid(grid)), scale_tiles(tiles, COMPARED_PX)  # one light at all sizes
-        toned = apply_tones(layers["image"], solve_tones(codes, place, small["image"], small["labels"]))
+        toned = apply_tones(layers["image"], solve_tones(codes, picture, small["image"], small["labels"]))
         layers["image"] = feather(toned, layers["labels"], codes)
     instances = None
     if things := getattr(grid, "objects", None):
@@ -145,7 +146,7 @@ def render(
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
-        points={name: _lay_points(name, tiles, place, tile_px) for name in tiles.points},
+        points={name: _lay_points(name, tiles, picture, tile_px) for name in tiles.points},
         instances=instances,
     )
 
@@ -171,10 +172,10 @@ def recall_choice(
     quarter turns are tables ``[H][W]``.
     """
     grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
-    places = {tile.name: place for place, tile in enumerate(tiles.pictures)}
-    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(places):
+    indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
+    if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
         return None
-    chosen = np.stack([np.vectorize(places.__getitem__)(listed), turns], axis=-1)
+    chosen = np.stack([np.vectorize(indices.__getitem__)(listed), turns], axis=-1)
     return chosen if _misfits(grid, tiles, chosen).size == 0 else None
 
 
@@ -198,8 +199,8 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
     for code, draws in tiles.rotations.items():
         shown[tuple(np.array(draws).T)] = code
     known = (chosen >= 0).all(axis=-1) & (chosen[..., 0] < len(tiles.pictures)) & (chosen[..., 1] < 4)
-    place = np.where(known[..., None], chosen, 0)
-    return np.argwhere(~known | (shown[place[..., 0], place[..., 1]] != grid))
+    safe = np.where(known[..., None], chosen, 0)
+    return np.argwhere(~known | (shown[safe[..., 0], safe[..., 1]] != grid))
 
 
 def write_picture(folder: str | Path, picture: Picture) -> None:
@@ -233,8 +234,30 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:
-    """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+def stand(objects: Sequence[MapObject], pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
+    """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
+
+    Args:
+      objects: of a map.
+      pictures: of objects, a set or its folder; by default the package's own. `render` chooses the same ones.
+
+    Raises:
+      InputError: for a kind without pictures in the set.
+    """
+    listed = []
+    for thing, chosen in zip(objects, load_objects(pictures).choose(objects), strict=True):
+        if thing.height:
+            front = chosen.views[0]
+            width = thing.height * front.shape[1] / front.shape[0]
+            red, green, blue = (front[front[..., 3] >= OPAQUE][:, :3].mean(axis=0) / 255).tolist()
+            listed.append(Standing(thing, png_of(front), width, (red, green, blue)))
+    return listed
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:
@@ -297,10 +320,10 @@ def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.flo
     return rotated
 
 
-def _lay_points(name: str, tiles: TileSet, place: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+def _lay_points(name: str, tiles: TileSet, picture: NDArray[np.int_], size: int) -> NDArray[np.float64]:
     rotated = _rotated_points(name, tiles, size)
-    cells = np.ndindex(place.shape)
-    return np.concatenate([rotated[place[row, column]] + (column * size, row * size) for row, column in cells])
+    cells = np.ndindex(picture.shape)
+    return np.concatenate([rotated[picture[row, column]] + (column * size, row * size) for row, column in cells])
 
 
 def _lay_out(tiles: np.ndarray) -> np.ndarray:

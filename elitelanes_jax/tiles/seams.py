@@ -50,16 +50,16 @@ class Seams(NamedTuple):
 
 def find_seams(tiles: TileSet) -> Seams:
     """Compares all open sides of a set's tiles. Each has road on it, as `inspect_tiles` checks."""
-    sides = tuple((place, side) for place, tile in enumerate(tiles.tiles) for side in SIDES if tile.code & side.bit)
+    sides = tuple((index, side) for index, tile in enumerate(tiles.tiles) for side in SIDES if tile.code & side.bit)
     pixels = max(tile.image.shape[0] for tile in tiles.tiles)
-    roads = np.stack([_scale(edge_pixels(tiles.tiles[place].road, side), pixels) for place, side in sides])
+    roads = np.stack([_scale(edge_pixels(tiles.tiles[index].road, side), pixels) for index, side in sides])
     away = np.stack([_distances(road) for road in roads])
     # Seen from the other tile, the side runs the other way.
     offsets = [
         np.maximum((road * away[:, ::-1]).max(axis=1), (far[::-1] * roads).max(axis=1))
         for road, far in zip(roads, away, strict=True)
     ]
-    colours = np.stack([_colour(tiles.tiles[place], side) for place, side in sides])
+    colours = np.stack([_colour(tiles.tiles[index], side) for index, side in sides])
     differences = np.abs(colours[:, None] - colours).max(axis=-1)
     return Seams(sides, pixels, np.stack(offsets), differences)
 
@@ -99,9 +99,9 @@ def seam_picture(tiles: TileSet, seams: Seams) -> NDArray[np.uint8]:
     image, road = (np.hstack(pair) for pair in zip(left, right, strict=True))
     here, there = road[:, size - 1], road[:, size]
     gaps = np.maximum(here * _distances(there), there * _distances(here)) if offset else here
-    place = int(np.argmax(gaps))
+    widest = int(np.argmax(gaps))
     half = int(np.clip(1.5 * offset, size // 12, size // 2))
-    top = int(np.clip(place - half, 0, size - 2 * half))
+    top = int(np.clip(widest - half, 0, size - 2 * half))
     near = np.s_[top : top + 2 * half, size - half : size + half]
 
     sheet = np.full((_TOP + _NEAR + _GAP, 3 * _GAP + 2 * _WHOLE + _NEAR, 3), _GROUND, np.uint8)
@@ -117,14 +117,14 @@ def seam_picture(tiles: TileSet, seams: Seams) -> NDArray[np.uint8]:
     write_text(sheet, f"left: {_side_name(tiles, seams, one)}", (_GAP, _TOP - 10), 0.48, _INK)
     write_text(sheet, f"right: {_side_name(tiles, seams, other)}", (_GAP + _WHOLE, _TOP - 10), 0.48, _INK)
     write_text(sheet, "the box, enlarged", (second, _TOP - 10), 0.48, _INK)
-    for number, line in enumerate(_ADVICE):
-        write_text(sheet, line, (_GAP, _TOP + _WHOLE + 28 + number * _LINE), 0.48, _FAINT)
+    for index, line in enumerate(_ADVICE):
+        write_text(sheet, line, (_GAP, _TOP + _WHOLE + 28 + index * _LINE), 0.48, _FAINT)
     return sheet
 
 
-def _side_name(tiles: TileSet, seams: Seams, number: int) -> str:
-    place, side = seams.sides[number]
-    return f"{tiles.tiles[place].name} {side.name}"
+def _side_name(tiles: TileSet, seams: Seams, index: int) -> str:
+    tile, side = seams.sides[index]
+    return f"{tiles.tiles[tile].name} {side.name}"
 
 
 def _distances(road: NDArray[np.bool_]) -> NDArray[np.float64]:
@@ -147,11 +147,11 @@ def _colour(tile: Tile, side: Side) -> NDArray[np.float64]:
 
 
 def _facing(
-    tiles: TileSet, place: tuple[int, Side], towards: int, pixels: int
+    tiles: TileSet, open_side: tuple[int, Side], towards: int, pixels: int
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
     """Returns image and road of a tile, rotated so that a side points to another, at a common size."""
-    tile = tiles.tiles[place[0]]
-    turns = SIDES.index(place[1]) - [side.bit for side in SIDES].index(towards)
+    tile = tiles.tiles[open_side[0]]
+    turns = SIDES.index(open_side[1]) - [side.bit for side in SIDES].index(towards)
     image = cv2.resize(np.rot90(tile.image, turns), (pixels, pixels), interpolation=cv2.INTER_LINEAR)
     road = cv2.resize(np.rot90(tile.road, turns).astype(np.uint8), (pixels, pixels), interpolation=cv2.INTER_NEAREST)
     return np.asarray(image, np.uint8), road > 0

@@ -89,9 +89,9 @@ class TileSet:
     def rotations(self) -> dict[int, tuple[RotatedTile, ...]]:
         """All tiles and rotations that draw each code of the set. Empty cells are bare ground."""
         draws: dict[int, list[RotatedTile]] = {}
-        for place, tile in enumerate(self.pictures):
+        for index, tile in enumerate(self.pictures):
             for turns in range(4):
-                draws.setdefault(rotate_codes(tile.code, turns), []).append(RotatedTile(place, turns))
+                draws.setdefault(rotate_codes(tile.code, turns), []).append(RotatedTile(index, turns))
         return {code: tuple(draws[code]) for code in sorted(draws)}
 
     @cached_property
@@ -147,13 +147,13 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
     problems: list[str] = []
     about = _about(folder, problems)
     tiles = []
-    places = tile_folders(folder, problems)
-    strangers = set(about.get("opens", {})) - set(_OPENS) - {place.name for place in places}
+    folders = tile_folders(folder, problems)
+    strangers = set(about.get("opens", {})) - set(_OPENS) - {tile_folder.name for tile_folder in folders}
     problems += [
         f"{folder / 'tileset.toml'}: [opens]: expected a tile of the set, got {_shown(name)}" for name in strangers
     ]
-    for place in places:
-        tile = _load_tile(place, about.get("opens", {}), problems)
+    for tile_folder in folders:
+        tile = _load_tile(tile_folder, about.get("opens", {}), problems)
         if tile is not None:
             tiles.append(tile)
     if lines:
@@ -176,21 +176,21 @@ def inspect_tiles(folder: str | Path, *, lines: bool = False) -> tuple[TileSet |
 def tile_folders(folder: Path, problems: list[str]) -> list[Path]:
     """Returns the folders of a set's tiles by kind and number. Folders with other names are added to the problems."""
     found = []
-    for place in folder.iterdir():
-        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", place.name)
-        if place.is_dir() and match and match[1] in _OPENS:
-            found.append(((list(_OPENS).index(match[1]), int(match[2])), place))
-        elif place.is_dir() and any((place / f"{name}.png").exists() for name in _FILES):
-            problems.append(f"{place}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
-    return [place for _, place in sorted(found)]
+    for entry in folder.iterdir():
+        match = re.fullmatch(r"([a-z]+\d?)_(\d+)", entry.name)
+        if entry.is_dir() and match and match[1] in _OPENS:
+            found.append(((list(_OPENS).index(match[1]), int(match[2])), entry))
+        elif entry.is_dir() and any((entry / f"{name}.png").exists() for name in _FILES):
+            problems.append(f"{entry}: expected a folder <kind>_<number>, the kind one of {', '.join(_OPENS)}")
+    return [entry for _, entry in sorted(found)]
 
 
 def stray_files(folder: Path) -> list[Path]:
     """Returns the files in the folders of a set's tiles that are not read, except hidden ones, sorted."""
     return [
         file
-        for place in tile_folders(folder, [])
-        for file in sorted(place.iterdir())
+        for tile_folder in tile_folders(folder, [])
+        for file in sorted(tile_folder.iterdir())
         if not file.name.startswith(".") and file.suffix != ".png" and file.name != "points.json"
     ]
 
@@ -272,33 +272,33 @@ def _code(sides: str) -> int | None:
     return sum(bits[letter] for letter in sides)
 
 
-def _load_tile(place: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
-    kind = place.name.rpartition("_")[0]
+def _load_tile(folder: Path, opens: dict[str, str], problems: list[str]) -> Tile | None:
+    kind = folder.name.rpartition("_")[0]
     before = len(problems)
-    missing = [f"{name}.png" for name in _FILES if not (place / f"{name}.png").is_file()]
+    missing = [f"{name}.png" for name in _FILES if not (folder / f"{name}.png").is_file()]
     if missing:
-        problems.append(f"{place}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
-    image = read_picture(place / "image.png", problems)
+        problems.append(f"{folder}: expected image.png, road.png, red.png and yellow.png, got no {', '.join(missing)}")
+    image = read_picture(folder / "image.png", problems)
     if image is not None:
         image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
         if image.shape[0] != image.shape[1]:
-            problems.append(f"{place / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
-    road, red, yellow = (read_mask(place / f"{name}.png", image, problems) for name in MASKS)
-    layers = _read_layers(place, image, problems)
-    points = read_points(place / "points.json", image, problems)
-    code = _code(opens.get(place.name, opens.get(kind, _OPENS[kind])))
+            problems.append(f"{folder / 'image.png'}: expected a square picture, got {size_of(image)} pixels")
+    road, red, yellow = (read_mask(folder / f"{name}.png", image, problems) for name in MASKS)
+    layers = _read_layers(folder, image, problems)
+    points = read_points(folder / "points.json", image, problems)
+    code = _code(opens.get(folder.name, opens.get(kind, _OPENS[kind])))
     if len(problems) > before or code is None or image is None or road is None or red is None or yellow is None:
         return None
-    if _check_sides(place, code, road, problems):
+    if _check_sides(folder, code, road, problems):
         return None
-    return Tile(place.name, code, image[..., :3], road, red, yellow, layers, points)
+    return Tile(folder.name, code, image[..., :3], road, red, yellow, layers, points)
 
 
-def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
+def _check_sides(folder: Path, code: int, road: NDArray[np.bool_], problems: list[str]) -> bool:
     """Adds the sides that a tile opens but no road reaches, and the reverse; returns whether there are any."""
     before, size = len(problems), road.shape[0]
-    for number, side in enumerate(SIDES):
-        across = np.rot90(road, number).sum(axis=1)  # by the distance from the side
+    for turns, side in enumerate(SIDES):
+        across = np.rot90(road, turns).sum(axis=1)  # by the distance from the side
         opens = code & side.bit > 0
         if opens == (across[0] >= _TOUCHES * size):
             continue
@@ -306,15 +306,15 @@ def _check_sides(place: Path, code: int, road: NDArray[np.bool_], problems: list
         expected = f"to reach the side {name}, which the tile opens" if opens else f"to end before the side {name}"
         short = int(np.argmax(across >= _TOUCHES * size))
         problems.append(
-            f"{place / 'road.png'}: expected the road {expected} (see [opens] in tileset.toml), "
+            f"{folder / 'road.png'}: expected the road {expected} (see [opens] in tileset.toml), "
             f"got road on {across[0]} of its {size} pixels" + (f"; it ends {short} pixels short of it" if short else "")
         )
     return len(problems) > before
 
 
-def _read_layers(place: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
+def _read_layers(folder: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.bool_]]:
     layers = {}
-    for file in sorted(place.glob("[!.]*.png")):
+    for file in sorted(folder.glob("[!.]*.png")):
         if file.stem in _FILES:
             continue
         if not re.fullmatch("[a-z][a-z0-9_-]*", file.stem) or file.stem in _OUTPUT:

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from elitelanes_jax import SearchSpec, evolve, fitness, measure
 from elitelanes_jax.network import METRIC_NAMES
-from elitelanes_jax.network.wfc import generate
+from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.optimizers import PRESETS, seed_keys
 from experiments.common import kept
 from experiments.paper.readings import Reading
@@ -141,13 +141,13 @@ def kept_runs(file: Path, method: str, shape: tuple[int, int], settings: Setting
 
 def _collapse(shape: tuple[int, int], settings: Settings) -> Runs:
     grids, seconds, succeeded = [], [], []
-    generate(np.random.default_rng(settings.seed), (2, 2))  # makes its tables, once
+    generate_batch(np.random.default_rng(settings.seed), 1, (2, 2))  # makes its tables, once
     for index in tqdm(range(settings.seeds), desc=f"wfc {shape[0]}x{shape[1]}", delay=1, disable=None):
         began = time.perf_counter()
-        collapsed = generate(np.random.default_rng([settings.seed, index]), shape)
+        collapsed = generate_batch(np.random.default_rng([settings.seed, index]), 1, shape)
         seconds.append(time.perf_counter() - began)
-        grids.append(collapsed.grid)
-        succeeded.append(collapsed.success)
+        grids.append(collapsed.grid[0])
+        succeeded.append(collapsed.success[0])
     metrics = jax.vmap(measure)(jnp.asarray(np.array(grids)))
     columns = {name: np.asarray(values) for name, values in metrics._asdict().items()}
     columns["fitness"] = np.asarray(fitness(metrics, settings.reading.weights))

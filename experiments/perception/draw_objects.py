@@ -506,13 +506,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run("draw_objects", lambda: draw_all(options.out))
 
 
-def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag")) -> None:
-    """Draws all variants of some kinds into a folder."""
+def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag"), first: int = 1) -> None:
+    """Draws the variants of some kinds from a first number on into a folder; from 1 on those of objects/."""
     for index, kind in enumerate(OBJECT_KINDS):
         if kind not in kinds:
             continue
         size, drawn = OBJECT_KINDS[kind], KINDS.get(kind, Kind(lambda rng: []))
-        for variant in range(1, drawn.variants + 1):
+        for variant in range(first, first + drawn.variants):
             place = folder / f"{kind}_{variant}"
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir(parents=True)

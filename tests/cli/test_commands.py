@@ -17,14 +17,12 @@ import numpy as np
 import pytest
 from folders import files, read_picture
 
+from elitelanes_jax import SearchSpec, measure, use_compile_cache
 from elitelanes_jax.cli import program
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.cli.signals import catch_interrupts
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.search.compile_cache import use_compile_cache
-from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles.tileset import default_tiles
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.tiles import default_tiles
 
 # The EA with the paper's settings compiles fast; all searches that go on for generations use this one program.
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]

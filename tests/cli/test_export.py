@@ -10,15 +10,12 @@ import networkx as nx
 import numpy as np
 import pytest
 
+from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats import sumo
-from elitelanes_jax.formats.road_map import RoadMap, read_map
-from elitelanes_jax.formats.road_map import map_to_json as map_json
-from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.formats import Streets, draw_text, sumo, table_to_csv
+from elitelanes_jax.formats import map_to_json as map_json
 from elitelanes_jax.formats.sumo import Network, plain_xml
-from elitelanes_jax.formats.table import measure_maps, table_to_csv, table_to_json
-from elitelanes_jax.formats.text import draw_text
-from elitelanes_jax.network.metrics import measure
+from elitelanes_jax.formats.table import measure_maps, table_to_json
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
 LOOP = np.array([[6, 3], [12, 9]], np.int8)

@@ -9,11 +9,8 @@ from pathlib import Path
 import pytest
 from folders import files
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, PickSpec, merge, pick
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.maps.generation import merge
-from elitelanes_jax.maps.picking import pick
-from elitelanes_jax.maps.spec import PickSpec
 
 DRAWN = Path(__file__).parents[2] / "tiles"
 SMALL = ["generate", "--size", "5", "6", "--seeds", "3", "--generations", "5", "--tile-px", "16", "--quiet"]

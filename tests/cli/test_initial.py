@@ -6,14 +6,10 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, SearchSpec, evolve, repair, road_problem
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.problem.descriptor import paper_axes
-from elitelanes_jax.problem.problem import road_problem
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.problem import paper_axes
 
 # Two loops side by side, by Duckietown's rules; fill would put roads into the middle of both.
 TOWN = np.array([[6, 5, 7, 5, 3], [10, 0, 10, 0, 10], [10, 0, 10, 0, 10], [12, 5, 13, 5, 9]], np.int8)

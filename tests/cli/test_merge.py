@@ -9,9 +9,8 @@ import pytest
 from folders import files
 from killed_runs import digest
 
+from elitelanes_jax import GenerateSpec, Result
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.search.result import Result
 
 SMALL = ["--size", "5", "6", "--seeds", "3", "--maps", "6", "--generations", "5", "--tile-px", "16"]
 SMALL += ["--method", "ea", "--preset", "paper"]

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax import DatasetSpec, RoadMap
 from elitelanes_jax.network.wfc import generate_batch
 
 __all__ = ["random_maps", "small"]

@@ -18,21 +18,15 @@ from ended_runs import MAPS, SPEC
 from folders import files, read_picture
 from given_maps import random_maps, small
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.dataset import STANDARD, tiles_by_split
 from elitelanes_jax.dataset._formats import FORMATS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
-from elitelanes_jax.dataset._tile_splits import tiles_by_split
-from elitelanes_jax.dataset._transforms import STANDARD
 from elitelanes_jax.dataset._views import View, warp
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.tiles.rendering import LABELS, render
-from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
+from elitelanes_jax.network import canonical_form
+from elitelanes_jax.tiles import LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
 SEARCH = ["--preset", "paper", "--evaluations", "2000", "--tile-px", "16"]

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from standing_oracle import TILE, TOWN, draw_back_to_front, some_objects
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.dataset import DatasetSpec, make_dataset
+from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset
+from elitelanes_jax.dataset import Viewpoints, draw_sample
 from elitelanes_jax.dataset._robot_views import draw_viewpoint
-from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset._viewpoints import Viewpoints
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects
 
 PX = 32

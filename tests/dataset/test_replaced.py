@@ -8,11 +8,10 @@ import pytest
 from folders import files
 from given_maps import random_maps, small
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, InputError, make_dataset
 from elitelanes_jax._util.folders import output_folder
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset._formats import FORMATS
-from elitelanes_jax.dataset.make import make_dataset
 
 OTHERS = random_maps(seed=1)
 
@@ -102,4 +101,12 @@ def test_a_folder_that_another_run_works_for_stays(folder):
         pytest.raises(InputError, match="expected no other run at work in it, got one"),
     ):
         make_dataset(small(seed=1), folder.with_name("other"), maps=OTHERS, force=True)
+    assert files(folder) == before
+
+
+def test_a_dataset_is_not_replaced_by_one_of_its_own_maps(folder):
+    before = files(folder)
+    spec = DatasetSpec(maps_from=folder, split=(1, 0, 0), tile_px=16, transforms="none")
+    with pytest.raises(InputError, match="expected a folder to replace that contains no input, got one with"):
+        make_dataset(spec, folder, force=True)
     assert files(folder) == before

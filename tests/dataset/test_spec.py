@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, InputError, SearchSpec
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.dataset._transforms import STANDARD, Transforms
-from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.dataset import STANDARD, Transforms
+from elitelanes_jax.dataset.spec import maps_by_shape, maps_by_split
 
 SQUARES = [(3, 3), (4, 4)]
 RECTANGLES = [(3, 5), (4, 5)]

@@ -16,15 +16,13 @@ import numpy as np
 import pytest
 from pages import blocks, commands, run_program
 
+from elitelanes_jax import DatasetSpec, GenerateSpec, RoadMap, load_tiles, read_map
 from elitelanes_jax.cli.arguments import read_options
 from elitelanes_jax.cli.main import main, make_parser
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
-from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.formats import map_to_json, to_duckietown
 from elitelanes_jax.tiles.files import read_points
 from elitelanes_jax.tiles.masking import COLOURS, parse_colour
-from elitelanes_jax.tiles.tileset import inspect_tiles, load_tiles
+from elitelanes_jax.tiles.tileset import inspect_tiles
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -5,13 +5,12 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive._camera import Camera, look, make_atlas, rays
-from elitelanes_jax.drive.lanes import Movement, Pose, lane_point, movements
+from elitelanes_jax import InputError, random_grids, render, repair
+from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
+from elitelanes_jax.drive._camera import rays
+from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles import choose_tiles, scale_tiles
 
 TILE_PX = 32
 frame = jax.jit(look)

@@ -11,20 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive._distances import (
-    NO_WAY,
-    UNREACHABLE,
-    Route,
-    distances,
-    lane_nodes,
-    route,
-    shortest_ways,
-    way_at,
-)
-from elitelanes_jax.drive.lanes import LaneNode
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive import UNREACHABLE, LaneNode, distances, lane_nodes, route
+from elitelanes_jax.drive._distances import NO_WAY, Route, shortest_ways, way_at
 
 SHAPE = (5, 6)
 find = jax.jit(distances)

@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 from conftest import compilations
 
-from elitelanes_jax.drive._environment import auto_reset
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive._levels import make_levels
-from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, auto_reset, make_levels
 from elitelanes_jax.drive.robot import Robot
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
 
 SHAPE, COUNT = (4, 5), 16
 ROUGH = Robot(noise=0.1, latency=0.5, trim=0.02)

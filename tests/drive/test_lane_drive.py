@@ -7,14 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
-from elitelanes_jax.drive._levels import make_levels
-from elitelanes_jax.drive._pure_pursuit import pure_pursuit
-from elitelanes_jax.drive.lanes import Pose, lane_pose
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.drive import LaneDrive, LaneDriveParams, Pose, lane_pose, make_levels, pure_pursuit
 from elitelanes_jax.drive.robot import TILE, Robot, drive, still, to_wheels
-from elitelanes_jax.formats.duckietown import without_dead_ends
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.formats import without_dead_ends
 
 SHAPE, COUNT = (4, 5), 16
 

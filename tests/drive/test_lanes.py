@@ -10,23 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from oracle import OPPOSITE
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive.lanes import (
-    LANE_OFFSET,
-    Movement,
-    Pose,
-    lane_errors,
-    lane_length,
-    lane_point,
-    lane_pose,
-    linked,
-    movements,
-    on_road,
-)
-from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax import InputError, random_grids, render, repair
+from elitelanes_jax.drive import Pose, lane_pose, movements
+from elitelanes_jax.drive.lanes import LANE_OFFSET, Movement, lane_errors, lane_length, lane_point, linked, on_road
 from elitelanes_jax.network.movements import MOVEMENTS
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.tiles.rendering import render
 
 SHAPE = (6, 7)
 TILE_PX = 64

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 from driving_oracle import lane_graph
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive._distances import UNREACHABLE
-from elitelanes_jax.drive._levels import check_level, make_level, make_levels
-from elitelanes_jax.drive.lanes import LaneNode
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax import InputError, random_grids, repair
+from elitelanes_jax.drive import UNREACHABLE, LaneNode, check_level, make_levels
+from elitelanes_jax.drive._levels import make_level
 
 SHAPE = (4, 5)
 make = jax.jit(make_level)

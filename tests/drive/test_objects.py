@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from standing_oracle import CAMERA, TOWN, draw_back_to_front, some_objects, some_poses
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive import Camera, LaneDrive, Pose, make, make_billboards, make_objects, make_sight
-from elitelanes_jax.drive._camera import look_around
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.drive import Camera, LaneDrive, Pose, look_around, make, make_billboards, make_objects, make_sight
 from elitelanes_jax.drive._objects import touches
 from elitelanes_jax.drive.robot import TILE, Robot, Wheels, drive
-from elitelanes_jax.formats import OBJECT_KINDS, MapObject, RoadMap
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject
 from elitelanes_jax.tiles import load_objects, scale_tiles
 
 # The pictures in a view have 64 x 64 pixels.

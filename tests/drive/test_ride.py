@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import cv2
+import jax
 import numpy as np
 import pytest
 
@@ -49,7 +50,8 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
     ends = np.hypot(*(ringed[:, None] - path[[0, -1]]).transpose(2, 0, 1))
     assert ends.min(axis=1).max() < 5 and (ends[:, 1] < 5).sum() > 8  # a dot, and where the goal's lane is entered
     short = rides._replace(steps=np.array([3]))
-    frames = list(film(GRID, drawn_tiles, short, tile_px=16))
+    both = jax.tree.map(lambda *parts: np.concatenate(parts), rides, short)
+    frames = list(film(GRID, drawn_tiles, both, 1, tile_px=16))
     assert [frame.shape for frame in frames] == [(480, 640 + 720, 3)] * 4
     assert (frames[0] != frames[3]).any()
     near = rides.x[0, 0] + 0.4 * np.cos(rides.theta[0, 0]), rides.y[0, 0] - 0.4 * np.sin(rides.theta[0, 0])

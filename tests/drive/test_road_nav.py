@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from driving_oracle import BITS, lane_graph, turned
 
-from elitelanes_jax.drive._levels import make_levels
-from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+from elitelanes_jax import random_grids, repair
+from elitelanes_jax.drive import RoadNav, RoadNavParams, make_levels
 from elitelanes_jax.network.codes import rotate_codes
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
 
 SHAPE, COUNT, LIMIT = (4, 5), 24, 12
 

@@ -14,7 +14,7 @@ from oracle import measure as oracle
 
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.weights import Weights, check_weights
-from elitelanes_jax.network.wfc import generate
+from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.search.result import Result
 from experiments.paper import runs
 from experiments.paper.ambiguities import main as ambiguities
@@ -175,7 +175,7 @@ def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, 
 
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr(runs, "generate", interrupt)
+        patch.setattr(runs, "generate_batch", interrupt)
         assert compare([*SMALL, "--out", str(out)]) == 130
     assert capsys.readouterr().err == "compare: interrupted; finished parts are kept; the same command continues\n"
     assert set(files(out)) == {"settings.json", SEARCHED, SEARCHED.replace("json", "npz")}
@@ -191,7 +191,8 @@ def test_a_study_that_is_interrupted_continues(compared, tmp_path, monkeypatch, 
 
 
 def test_wfc_that_fails_is_counted_and_the_search_is_reported(unfinished, monkeypatch, capsys):
-    monkeypatch.setattr(runs, "generate", lambda rng, shape: generate(rng, shape)._replace(success=False))
+    failed = {"success": np.array([False])}
+    monkeypatch.setattr(runs, "generate_batch", lambda *given: generate_batch(*given)._replace(**failed))
     assert compare([*SMALL, "--out", str(unfinished)]) == 0
     assert "wfc 5x5: 0 of 3 runs succeeded" in capsys.readouterr().out
     text = (unfinished / "tables.md").read_text()

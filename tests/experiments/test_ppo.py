@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from elitelanes_jax.drive._environment import Environment, Transition, draw_level
+from elitelanes_jax.drive import Environment, LaneNode, RoadNav, RoadNavParams, Transition
+from elitelanes_jax.drive._environment import draw_level
 from elitelanes_jax.drive._levels import make_level
-from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
-from elitelanes_jax.drive.lanes import LaneNode
 
 ppo = pytest.importorskip("experiments.navigation.ppo", reason="flax and optax are not here", exc_type=ImportError)
 from flax import linen as nn  # noqa: E402

@@ -7,11 +7,9 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax import InputError, SearchSpec, evolve
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.network import measure_town
 from experiments.realism.study import (
     FEATURES,
     PEOPLE,
@@ -126,7 +124,7 @@ def test_maps_of_a_size_with_fewer_come_more_than_once():
 
 def test_maps_are_picked_by_other_columns_too():
     real = np.array([[row[name] for name in FEATURES] for row in json.loads(PEOPLE.read_text()).values()])
-    pool = evolve(jax.random.split(jax.random.key(0), 2), (5, 5), style="town", evaluations=4_000)
+    pool = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=4_000)
     aimed = with_targets(pool, real, ["border_share", "crowded_per_tile", "turn_share"])
     assert [target.name for target in aimed.spec.targets] == ["border_share", "turn_share"]
     maps = aimed.maps(4)

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.graph import tile_graph
-from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax import InputError
+from elitelanes_jax.formats import tile_graph, to_duckietown
+from elitelanes_jax.network import plain_measure
 from experiments.realism.references import netgenerate_grid, netgenerate_rand, rasterised, use_map_utils
 from experiments.realism.study import SIZES, shares
 

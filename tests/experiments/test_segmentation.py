@@ -10,10 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax.dataset._samples import draw_sample
-from elitelanes_jax.dataset._transforms import STANDARD, Transforms
-from elitelanes_jax.formats.road_map import RoadMap
-from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax import RoadMap, rotate
+from elitelanes_jax.dataset import STANDARD, Transforms, draw_sample
 from elitelanes_jax.network.wfc import generate_batch
 from experiments.perception import segmentation
 from experiments.perception.throughput import main as throughput

@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from elitelanes_jax import Metrics, Result, SearchSpec
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
-from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
+from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.problem.descriptor import paper_axes
-from elitelanes_jax.search.elites import MeasuredElites
-from elitelanes_jax.search.result import History, Result, RunState
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.problem import paper_axes
+from elitelanes_jax.search import History, MeasuredElites, RunState
 
 __all__ = ["big_result", "float_result", "own_result", "write_run"]
 

@@ -10,14 +10,10 @@ import numpy as np
 import pytest
 from kernel_cases import ALPHABET, CASES, WEIGHTS, kernel_cases
 
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax import fitness, measure, random_grids, read_map, repair
+from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network.metrics import stack_metrics
 from elitelanes_jax.network.town_features import TownFeatures
 from elitelanes_jax.problem.kernels import measure_features
 

@@ -13,16 +13,13 @@ import numpy as np
 import pytest
 from explored import big_result, own_result, write_run
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, Result, RoadMap, evolve, load_tiles, read_map
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.explorer._collect import collect, collect_results
-from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map
-from elitelanes_jax.problem.archive import vacant_fitness
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.tiles.rendering import choose_tiles, recall_choice
-from elitelanes_jax.tiles.tileset import default_tiles, load_tiles
+from elitelanes_jax.explorer import collect, collect_results, page_of
+from elitelanes_jax.formats import map_to_json
+from elitelanes_jax.problem import vacant_fitness
+from elitelanes_jax.tiles import choose_tiles, default_tiles
+from elitelanes_jax.tiles.rendering import recall_choice
 
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 HOSTILE = "</script><script>alert(1)</script><!-- &lt; \u2028 '\""

@@ -15,16 +15,15 @@ import numpy as np
 from duckietown_lanes import OWN_ENVIRONMENT, check_lanes, read_by_duckietown_world
 from sumo_drive import drive, read
 
+from elitelanes_jax import InputError, read_map
 from elitelanes_jax._util.checks import one_of, path
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.cli.arguments import Parser, checked_by
 from elitelanes_jax.cli.program import guarded, leave, say, warn
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.formats.sumo import convert, plain_xml
-from elitelanes_jax.network.symmetry import canonical_form
+from elitelanes_jax.formats import convert, to_duckietown
+from elitelanes_jax.formats.sumo import plain_xml
+from elitelanes_jax.network import canonical_form
 
 _AT_ONCE = 50  # duckietown-world takes two seconds to start
 

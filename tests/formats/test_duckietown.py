@@ -13,16 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, evolve, measure, random_grids, read_map, repair
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
-from elitelanes_jax.formats.duckietown import from_duckietown, to_duckietown, without_dead_ends
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax.formats import from_duckietown, to_duckietown, without_dead_ends
+from elitelanes_jax.network import ROAD_ALPHABET
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.search.evolution import evolve
 
 # A loop with a bar across it: what each tile joins is plain.
 LOOP = """

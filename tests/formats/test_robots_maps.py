@@ -14,12 +14,11 @@ from conftest import grids
 from hypothesis import assume, example, given, settings
 from oracle import road_graph
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.drive import lane_nodes
-from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, movements, on_road
+from elitelanes_jax import InputError
+from elitelanes_jax.drive import lane_nodes, movements
+from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, on_road
+from elitelanes_jax.formats import to_movingai, to_nav2
 from elitelanes_jax.formats.lane_graph import LENGTHS, lane_graph, lane_points
-from elitelanes_jax.formats.movingai import to_movingai
-from elitelanes_jax.formats.nav2 import to_nav2
 from elitelanes_jax.network import wfc
 from elitelanes_jax.network.movements import linked_codes
 

@@ -18,11 +18,10 @@ from hypothesis import assume, example, given
 from oracle import road_graph
 from sumo_drive import drive, elements, points, read, run
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.streets import Streets
-from elitelanes_jax.formats.sumo import convert, network, plain_xml, write_sumo
+from elitelanes_jax import InputError, evolve
+from elitelanes_jax.formats import Streets, convert, write_sumo
+from elitelanes_jax.formats.sumo import network, plain_xml
 from elitelanes_jax.network.wfc import generate_batch
-from elitelanes_jax.search.evolution import evolve
 
 KNOT = np.array([[6, 3, 0], [12, 15, 1], [0, 8, 0]], np.int8)  # a road back to its own crossing, and two dead ends
 RING = np.array([[6, 3], [12, 9]], np.int8)

@@ -14,16 +14,10 @@ import pytest
 from folders import files
 from killed_runs import digest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec, generate, make_dataset
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import make
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.maps import cluster
-from elitelanes_jax.maps.cluster import dask_executor, generate_on
-from elitelanes_jax.maps.generation import generate
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax.maps import cluster, dask_executor, generate_on
 
 SEARCH = SearchSpec(method="ea", preset="paper", generations=12)
 SPEC = GenerateSpec(size=(5, 6), maps=3, seeds=7, tile_px=16, search=SEARCH)

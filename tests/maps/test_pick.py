@@ -7,15 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, PickSpec, Result, evolve, measure, read_map
+from elitelanes_jax import pick as pick_maps
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.formats.road_map import read_map
-from elitelanes_jax.maps.picking import pick as pick_maps
-from elitelanes_jax.maps.spec import PickSpec
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
+from elitelanes_jax.network import canonical_form
 
 SMALL = ["--size", "5", "6", "--maps", "6", "--generations", "5", "--tile-px", "16", "--quiet"]
 SMALL += ["--method", "ea", "--preset", "paper"]

@@ -3,18 +3,8 @@
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.codes import (
-    CONNECTIONS,
-    CROSSINGS,
-    EAST,
-    KINDS,
-    NORTH,
-    ROAD_ALPHABET,
-    SOUTH,
-    WEST,
-    check_alphabet,
-    rotate_codes,
-)
+from elitelanes_jax.network import CROSSINGS, EAST, KINDS, NORTH, ROAD_ALPHABET, SOUTH, WEST
+from elitelanes_jax.network.codes import CONNECTIONS, check_alphabet, rotate_codes
 
 
 def test_every_code_has_one_kind_and_its_connections():

@@ -5,11 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metric_names import Metrics
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.weights import Weights, check_weights
+from elitelanes_jax import InputError, Metrics, Weights, fitness, measure
+from elitelanes_jax.network.weights import check_weights
 
 
 def some_metrics(count=50):

@@ -4,10 +4,9 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.checks import check_grid, check_shape
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax import InputError, random_grids
+from elitelanes_jax.network import ROAD_ALPHABET, check_shape
+from elitelanes_jax.network.checks import check_grid
 
 
 def test_random_grids_are_uniform_over_the_alphabet():

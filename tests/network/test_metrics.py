@@ -7,12 +7,9 @@ import pytest
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
-from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.symmetry import mirror, rotate
+from elitelanes_jax import Metrics, fitness, measure, mirror, repair, rotate
+from elitelanes_jax.network import METRIC_NAMES, plain_measure
+from elitelanes_jax.network.metrics import stack_metrics, unstack_metrics
 from experiments.search.corridors import serpentine, spiral
 
 SHAPES = [(2, 2), (2, 9), (9, 2), (5, 7), (12, 12), (16, 16), (16, 17), (20, 65)]

@@ -11,10 +11,8 @@ from oracle import measure as oracle
 from oracle import raster_rank
 from oracle import repair as oracle_repair
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.repairing import repair
+from elitelanes_jax import InputError, measure, repair
+from elitelanes_jax.network import ROAD_ALPHABET
 
 
 @given(grids(thin=True), st.integers(0, 2**32 - 1))

@@ -7,13 +7,8 @@ from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 from oracle import repair as oracle_repair
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax import InputError, fitness, measure, random_grids, repair, rotate
+from elitelanes_jax.network import plain_measure
 
 measure_many = jax.jit(jax.vmap(measure))
 rotate_many = jax.vmap(rotate)

@@ -7,10 +7,8 @@ import pytest
 from conftest import grids
 from hypothesis import given
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.symmetry import mirror, rotate
-from elitelanes_jax.network.town import measure_town
+from elitelanes_jax import InputError, mirror, rotate
+from elitelanes_jax.network import KINDS, measure_town
 from elitelanes_jax.network.town_features import TOWN_PARTS, TownFeatures, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES
 

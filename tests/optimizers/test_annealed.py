@@ -11,12 +11,9 @@ import pytest
 from oracle import fitness as oracle_fitness
 from oracle import measure as oracle
 
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.metrics import measure
-from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.problem.descriptor import tuned_axes
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax import Weights, evolve, fitness, measure
+from elitelanes_jax.optimizers import seed_keys
+from elitelanes_jax.problem import tuned_axes
 
 METHODS = ("ea", "map-elites", "pso", "gwo")
 
@@ -130,7 +127,8 @@ def test_given_cells_are_in_every_map(method, preset):
 
 
 def test_duckietowns_rules_are_kept():
-    result = evolve(seed_keys(0, 2), (6, 6), preset="tuned", evaluations=16_000, rules="duckietown")
+    # The program of the tests of styles, so that it is compiled once.
+    result = evolve(seed_keys(0, 2), (6, 6), style="town", evaluations=16_000)
     metrics = result.elites.metrics
     lawful = np.asarray(result.elites.valid & (metrics.crowded_crossings == 0) & (metrics.unlinked_neighbours == 0))
     assert lawful.sum() > 20

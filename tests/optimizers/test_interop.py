@@ -13,11 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.optimizers._moves import MoveWeights
+from elitelanes_jax import Axis, InputError, random_grids, repair, road_problem
+from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.optimizers import MoveWeights
 from elitelanes_jax.optimizers.interop import (
     evosax_task,
     qdax_centroids,
@@ -27,8 +25,8 @@ from elitelanes_jax.optimizers.interop import (
     ribs_evaluate,
     ribs_grids,
 )
-from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, tuned_axes
-from elitelanes_jax.problem.problem import road_problem
+from elitelanes_jax.problem import niche_index, paper_axes, tuned_axes
+from elitelanes_jax.problem.descriptor import compute_descriptor
 
 # Other libraries' warnings are theirs.
 pytestmark = pytest.mark.filterwarnings("default")

@@ -10,12 +10,9 @@ import pytest
 from oracle import measure as oracle
 from oracle import road_graph
 
-from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.network import mirror, random_bits, repair, rotate
 from elitelanes_jax.network.codes import CONNECTIONS
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.symmetry import mirror, rotate
-from elitelanes_jax.optimizers._moves import (
-    KNOWN_MOVES,
+from elitelanes_jax.optimizers import (
     MoveWeights,
     clear_block,
     lay_straight,
@@ -31,6 +28,7 @@ from elitelanes_jax.optimizers._moves import (
     with_fill,
     with_symmetric_copy,
 )
+from elitelanes_jax.optimizers._moves import KNOWN_MOVES
 from elitelanes_jax.optimizers._windows import valid_windows
 
 CYCLES = {"corner": toggle_corner(), "outline": toggle_outline()}

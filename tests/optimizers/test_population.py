@@ -7,17 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.optimizers._mutations import Move, Variation
-from elitelanes_jax.optimizers._population import (
-    EvolutionConfig,
-    breed,
-    random_population,
-    survivors,
-    tournament,
-)
-from elitelanes_jax.problem.archive import Population
-from elitelanes_jax.problem.problem import road_problem
+from elitelanes_jax import InputError, road_problem
+from elitelanes_jax.optimizers import EvolutionConfig, Move, Variation, random_population
+from elitelanes_jax.optimizers._population import breed, survivors, tournament
+from elitelanes_jax.problem import Population
 
 PROBLEM = road_problem((4, 5))
 

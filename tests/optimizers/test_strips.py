@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax.network.bits import random_bits
-from elitelanes_jax.network.codes import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.optimizers._strips import refit_strip
+from elitelanes_jax.network import CROSSINGS, EAST, KINDS, NORTH, SOUTH, WEST, random_bits, repair
+from elitelanes_jax.optimizers import refit_strip
 
 NEIGHBOURS = ((EAST, WEST, 0, 1), (SOUTH, NORTH, 1, 0))
 TWO_RINGS = np.array([[6, 5, 5, 3], [10, 6, 5, 11], [10, 10, 0, 10], [12, 13, 5, 9]], np.int8)

@@ -5,12 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax.network.bits import categorical, random_bits, random_bits16
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.optimizers._gwo import GwoConfig, gwo
-from elitelanes_jax.optimizers._population import evaluate
-from elitelanes_jax.optimizers._pso import PsoConfig, pso
-from elitelanes_jax.problem.problem import road_problem
+from elitelanes_jax import gwo, pso, road_problem
+from elitelanes_jax.network import ROAD_ALPHABET, random_bits
+from elitelanes_jax.network.bits import categorical, random_bits16
+from elitelanes_jax.optimizers import GwoConfig, PsoConfig, evaluate
 
 SHAPE = (3, 4)
 PROBLEM = road_problem(SHAPE)

@@ -11,19 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.problem.archive import Population, insert
-from elitelanes_jax.problem.descriptor import (
-    Axis,
-    compute_descriptor,
-    niche_bins,
-    niche_index,
-    paper_axes,
-    resolve_axes,
-)
-from elitelanes_jax.problem.problem import Problem
+from elitelanes_jax import Axis, InputError, Problem, measure
+from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.problem import Population, insert, niche_bins, niche_index, paper_axes
+from elitelanes_jax.problem.descriptor import compute_descriptor, resolve_axes
 
 AXES = (Axis("cyclomatic", 3, width=2), Axis("dead_ends", 2, width=1))
 

@@ -7,11 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.optimizers._ea import ea
-from elitelanes_jax.optimizers._population import EvolutionConfig
+from elitelanes_jax import InputError, ea, evolve
+from elitelanes_jax.optimizers import EvolutionConfig
 from elitelanes_jax.problem.digests import digest
-from elitelanes_jax.search.evolution import evolve
 
 KEYS = jax.random.split(jax.random.key(5), 2)
 GRID = jax.ShapeDtypeStruct((3, 4), jnp.int8)

@@ -5,12 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax import InputError, Result, SearchSpec, evolve
+from elitelanes_jax.network import METRIC_NAMES, measure_town
 
 SHAPE, PAPER = (5, 5), {"preset": "paper"}
 

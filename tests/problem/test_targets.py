@@ -5,9 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, SearchSpec
 from elitelanes_jax.problem.targets import ExampleValues, SupportPoints, parse_targets
-from elitelanes_jax.search.spec import SearchSpec
 
 TWO = (ExampleValues("turn_share", (0.25, 0.5)), ExampleValues("crossings", (0.0, 3.0)))
 

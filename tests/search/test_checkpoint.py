@@ -15,17 +15,13 @@ import numpy as np
 import pytest
 from killed_runs import digest
 
-from elitelanes_jax._util.errors import InputError, NotEnoughMapsError
+from elitelanes_jax import GenerateSpec, InputError, NotEnoughMapsError, Result, SearchInterrupted, SearchSpec, evolve
 from elitelanes_jax._util.folders import has_unfinished, locked
-from elitelanes_jax.maps.generation import generate
-from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.maps import generate
 from elitelanes_jax.search import _programs
 from elitelanes_jax.search import evolution as search
 from elitelanes_jax.search._checkpoint import Checkpoint
 from elitelanes_jax.search._programs import Programs
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result, SearchInterrupted
-from elitelanes_jax.search.spec import SearchSpec
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(5), 3)

@@ -15,15 +15,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from elitelanes_jax import InputError, evolve, measure, random_grids, spread, use_cores
 from elitelanes_jax._util import threads
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.threads import side_by_side, use_cores
+from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax.cli.main import make_parser
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.metrics import measure
 from elitelanes_jax.search import _devices as devices
-from elitelanes_jax.search._devices import choose_devices, cut, join, spread
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search._devices import choose_devices, cut, join
 
 CPU = jax.devices("cpu")[0]
 

@@ -6,14 +6,11 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax import InputError, evolve
-from elitelanes_jax.maps.generation import generate
-from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax import GenerateSpec, InputError, SearchSpec, evolve, generate
+from elitelanes_jax.network import METRIC_NAMES
 from elitelanes_jax.network.codes import KIND_OF
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.problem.inventory import COUNTED, parse_inventory
 from elitelanes_jax.search.evolution import Users, prepare
-from elitelanes_jax.search.spec import SearchSpec
 
 SHELF = {"straight": 20, "turn": 10, "crossing3": 4, "crossing4": 0}
 

@@ -11,13 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.optimizers.presets import PRESETS, make_optimizer
+from elitelanes_jax import InputError, Result, evolve, evolve_islands, road_problem
+from elitelanes_jax.optimizers import PRESETS, make_optimizer
 from elitelanes_jax.problem.archive import VACANT
-from elitelanes_jax.problem.problem import road_problem
-from elitelanes_jax.search._islands import evolve_islands
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
 
 SHAPE = (5, 6)
 SMALL = {"preset": "standard", "generations": 23, "progress": False}

@@ -13,13 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, Optimizer, Result, SearchSpec, ea, evolve
 from elitelanes_jax._util.npz import pack, unpack
-from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, EvolutionConfig, MapElitesConfig, Optimizer, ea
+from elitelanes_jax.optimizers import PRESETS, AnnealedGwoConfig, EvolutionConfig, MapElitesConfig
 from elitelanes_jax.optimizers.presets import config_from_plain, config_to_plain, find_preset
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.spec import METHODS, SearchSpec
+from elitelanes_jax.search.spec import METHODS
 
 SHAPE = (5, 6)
 KEYS = jax.random.split(jax.random.key(3), 3)

@@ -12,22 +12,11 @@ import numpy as np
 import pytest
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.weights import Weights
-from elitelanes_jax.optimizers._annealed_map_elites import AnnealedMapElitesConfig
-from elitelanes_jax.optimizers._ea import ea
-from elitelanes_jax.optimizers._map_elites import MapElitesConfig
-from elitelanes_jax.optimizers._population import EvolutionConfig
-from elitelanes_jax.optimizers.base import Optimizer
-from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.optimizers.presets import PRESETS
-from elitelanes_jax.problem.descriptor import Axis
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import RunState
-from elitelanes_jax.search.spec import METHODS, SearchSpec
+from elitelanes_jax import Axis, GenerateSpec, InputError, Optimizer, SearchSpec, Weights, ea, evolve, fitness
+from elitelanes_jax.network import ROAD_ALPHABET
+from elitelanes_jax.optimizers import PRESETS, AnnealedMapElitesConfig, EvolutionConfig, MapElitesConfig, seed_keys
+from elitelanes_jax.search import RunState
+from elitelanes_jax.search.spec import METHODS
 
 SHAPE = (5, 6)
 KEY = jax.random.key(3)
@@ -232,12 +221,13 @@ def test_evaluations_are_rounded_up_to_generations():
 
 @pytest.mark.parametrize("preset", ["paper", pytest.param("tuned", marks=pytest.mark.slow)])
 def test_a_result_is_a_pytree_of_arrays(preset):
-    result = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=0)
+    keys = jax.random.split(KEY, 3)
+    result = search(keys, SHAPE, preset=preset, generations=0)
     for copy in (jax.jit(lambda result: result)(result), jax.device_put(result)):
         assert copy.axes == result.axes
         assert copy.spec == result.spec
         same(copy, result)
-        rest = evolve(jax.random.split(KEY, 2), (3, 3), preset=preset, generations=1, state=copy.state)
+        rest = search(keys, SHAPE, preset=preset, generations=1, state=copy.state)
         assert rest.state.generation == 1
 
 
@@ -276,9 +266,9 @@ def test_vacant_places_are_never_the_best():
 
 
 def test_with_64_bit_numbers_allowed_it_is_the_same():
-    usual = search(KEY, (4, 5), method="ea", generations=12)
+    usual = search(KEY, SHAPE, method="ea", generations=12)
     with jax.enable_x64(True):
-        wide = search(jax.random.key(3), (4, 5), method="ea", generations=12)
+        wide = search(jax.random.key(3), SHAPE, method="ea", generations=12)
         assert fitness(wide.elites.metrics).dtype == jnp.int32
     chex.assert_trees_all_equal(usual.elites, wide.elites)
     chex.assert_trees_all_equal_dtypes(usual.elites, wide.elites)

@@ -9,17 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.symmetry import canonical_form, mirror, rotate
-from elitelanes_jax.problem.descriptor import compute_descriptor, paper_axes
-from elitelanes_jax.search.elites import MeasuredElites
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import History, Result, RunState
-from elitelanes_jax.search.spec import SearchSpec
+from elitelanes_jax import InputError, Result, SearchSpec, evolve, measure, mirror, repair, rotate
+from elitelanes_jax.network import METRIC_NAMES, ROAD_ALPHABET, canonical_form
+from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.problem import paper_axes
+from elitelanes_jax.problem.descriptor import compute_descriptor
+from elitelanes_jax.search import History, MeasuredElites, RunState
 
 AXES = paper_axes((6, 6))
 

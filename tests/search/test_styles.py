@@ -12,19 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elitelanes_jax import Axis, DatasetSpec, InputError
+from elitelanes_jax import Axis, DatasetSpec, GenerateSpec, InputError, SearchSpec, evolve, generate, mirror, rotate
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.run import DIFFERENCE
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.plain_metrics import plain_measure, plain_town
-from elitelanes_jax.network.symmetry import mirror, rotate
-from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.network import measure_town, plain_measure
+from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.problem.features import feature_unit
-from elitelanes_jax.search.evolution import Users, evolve, prepare
+from elitelanes_jax.search.evolution import Users, prepare
 from elitelanes_jax.search.like import difference_from, settings_like
-from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.search.style import STYLES, Style
 
 RING = np.array([[6, 5, 5, 3], [10, 0, 0, 10], [10, 0, 6, 9], [12, 5, 9, 0]], np.int8)
@@ -236,16 +232,13 @@ def test_errors_name_the_origin_of_an_option_that_nobody_gave():
         evolve(0, like=[RING], rules=None, where="box_fill=..0.9")
 
 
-def test_towns_keep_the_rules_and_lie_in_the_styles_niches(any_types):
+def test_towns_lie_in_the_styles_niches(any_types):
     found = evolve(jax.random.split(jax.random.key(0), 2), (6, 6), style="town", evaluations=8_000)
     maps = found.maps(30)
     assert len(maps) > 10
     for road_map in maps:
         metrics, town = plain_measure(road_map.codes), plain_town(road_map.codes)
-        assert not any(
-            metrics[name] for name in ("crowded_crossings", "unlinked_neighbours", "dead_ends", "mismatches")
-        )
-        assert metrics["components"] == 1
+        assert metrics["components"] == 1 and not metrics["dead_ends"] and not metrics["mismatches"]
         assert road_map.descriptor["symmetry"] == town["symmetry"]
         assert road_map.descriptor["box_fill"] == town["box_fill"]
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import InputError, load_tiles, render
+from elitelanes_jax.tiles import choose_tiles, scale_tiles
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
-from elitelanes_jax.tiles.rendering import choose_tiles, render, scale_tiles
-from elitelanes_jax.tiles.tileset import load_tiles
 
 TOWN = np.array([[6, 5, 7, 3, 0], [10, 0, 10, 14, 3], [14, 5, 15, 13, 11], [12, 5, 9, 0, 8]], np.int8)
 PX = 64

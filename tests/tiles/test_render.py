@@ -6,22 +6,20 @@ import cv2
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, map_to_json
-from elitelanes_jax.network.grids import random_grids
-from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.symmetry import rotate
-from elitelanes_jax.tiles.rendering import (
+from elitelanes_jax import InputError, RoadMap, random_grids, render, repair, rotate
+from elitelanes_jax.formats import map_to_json
+from elitelanes_jax.formats.road_map import Drawn
+from elitelanes_jax.tiles import (
     LABEL_COLOURS,
     LABELS,
     Picture,
+    TileSet,
     choose_tiles,
+    default_tiles,
     overlay,
-    recall_choice,
-    render,
     write_picture,
 )
-from elitelanes_jax.tiles.tileset import TileSet, default_tiles
+from elitelanes_jax.tiles.rendering import recall_choice
 
 PIXELS = ("image", "road", "red", "yellow", "labels")
 RNG = np.random.default_rng(12)

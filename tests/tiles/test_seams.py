@@ -5,9 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from elitelanes_jax.tiles.seams import describe_seams, find_seams, seam_picture
+from elitelanes_jax.tiles import TileSet, describe_seams, find_seams, seam_picture
 from elitelanes_jax.tiles.tile import Tile
-from elitelanes_jax.tiles.tileset import TileSet
 
 
 def tile(name, code, road):

@@ -289,6 +289,8 @@ SPOILS = [
 
 @pytest.mark.parametrize(("spoil", "message"), SPOILS)
 def test_what_is_wrong_is_named(spoil, message, folder, capfd):
+    for tile in [*folder.glob("*_[34]"), *folder.glob("crossing3_2"), *folder.glob("end_*")]:
+        shutil.rmtree(tile)  # half of the tiles are read in half of the time
     spoil(folder)
     with pytest.raises(ValueError, match=message):
         load_tiles(folder)

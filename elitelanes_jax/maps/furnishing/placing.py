@@ -9,7 +9,7 @@ from elitelanes_jax._util.checks import check_named, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.objects import MapObject, check_objects
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.maps.furnishing.scenery import place_scenery
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_light, place_signs
 from elitelanes_jax.maps.furnishing.space import Space
@@ -24,7 +24,7 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
     The objects depend on the codes, the specification and the seed only.
 
     Args:
-      source: a `RoadMap`, or integer codes ``[H, W]``.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
         ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
         these words, and a file .toml, .json or .yaml with objects of your own.
@@ -35,7 +35,7 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
         used twice with `unique_tags`, objects of your own outside the map or where a sign has to be, or numbers of
         objects that do not fit.
     """
-    road_map = source if isinstance(source, RoadMap) else RoadMap(source)
+    road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
     return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", whole(0, 2**32 - 1), seed)))
 

@@ -112,6 +112,7 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     if isinstance(given, FurnishSpec):
         return given
     if isinstance(given, Mapping):
+        check_names(given, FurnishSpec.options())
         return FurnishSpec().replace(**given)
     words = _split_words(given)
     settings = [name for name, one in FurnishSpec.options().items() if one.metavar]
@@ -119,7 +120,7 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     values: dict[str, UserValue] = {}
     for word in words:
         name, _, value = word.partition("=")
-        if "=" in word:
+        if "=" in word and name not in ("", "all"):
             check_names([name], settings)
             if name in values:
                 raise InputError(f"expected each setting once, got {name} twice")
