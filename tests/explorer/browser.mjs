@@ -418,7 +418,7 @@ async function strokes(page, tiles, row) {
 {
   const page = await open("furnished.html", { hash: "view=maps&look=tiles" });
   const listed = await page.$$eval(".objects li", (kinds) => kinds.map((kind) => kind.textContent));
-  for (const [name, file] of [["PNG", "furnished.png"], ["map.json", "furnished.json"], ["YAML", "furnished.yaml"], ["Plan", "plan.svg"]])
+  for (const [name, file] of [["PNG", "furnished.png"], ["map.json", "furnished.json"], ["YAML", "furnished.yaml"], ["Plan", "plan.svg"], ["Save the list", "list.json"]])
     await saved(page, () => button(page, name), file);
   await page.locator(".look .switch", { hasText: "Labels" }).click();
   await page.getByLabel("Strength of the layers").fill("1");
@@ -432,7 +432,7 @@ async function strokes(page, tiles, row) {
   const opened = await page.textContent(".message");
   const editor = page.locator(".editor");
   const box = await editor.boundingBox();
-  const at = (x, y) => [box.x + (x * box.width) / 4, box.y + (y * box.height) / 4];
+  const at = (x, y) => [box.x + ((x + 0.3) * box.width) / 4.6, box.y + ((y + 0.3) * box.height) / 4.6];
   const press = async (...keys) => {
     for (const key of keys) await page.keyboard.press(key);
     await settle(page);

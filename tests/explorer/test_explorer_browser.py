@@ -273,6 +273,7 @@ def test_furnished_maps_are_shown_and_saved_with_their_objects(seen, place, furn
     stops = sum(thing.kind == "sign_stop" for thing in furnished.objects)
     assert f"stop sign {stops}" in seen["objects"]["listed"]
     assert read_map(place / "furnished.json").objects == furnished.objects
+    assert [one.objects for one in read_maps(place / "list.json")] == [furnished.objects]
     assert (place / "furnished.yaml").read_text() == to_duckietown(furnished.codes, objects=furnished.objects)
     picture = render(furnished, tile_px=64)
     shown, labels = (cv2.imread(str(place / f"furnished{name}.png"))[..., ::-1].astype(int) for name in ("", "-labels"))

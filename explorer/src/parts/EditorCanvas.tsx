@@ -38,7 +38,8 @@ export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fi
   const { grid, fixed, objects } = editor;
   const { kinds } = data.objects;
   const selected = tool === "objects" ? objectTool.selected : undefined;
-  const edge = edgeOf((objectTool.before ?? editor).objects, grid); // a drag does not change the scale
+  // Signs are also outside the map. A drag does not change the scale.
+  const edge = Math.max(edgeOf((objectTool.before ?? editor).objects, grid), tool === "objects" ? 0.3 : 0);
   const mending = { repair: mends, fill: fills && mends };
   useLayoutEffect(() => {
     if (!width) return;
