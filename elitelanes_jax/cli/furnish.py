@@ -30,7 +30,7 @@ def add_furnish(commands: Commands) -> None:
         nargs="+",
         metavar="WHAT",
         help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of the cells without "
-        "road, and a file .toml or .json with objects of your own",
+        "road, and a file .toml, .json or .yaml with objects of your own",
     )
     command.add_argument(
         "--unique-tags", action="store_true", help="refuse to use a tag number twice; the same as the word unique_tags"

@@ -68,7 +68,7 @@ class GenerateSpec(Record):
         which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
-        file .toml or .json of your own
+        file .toml, .json or .yaml of your own
       search: the search
       part: search only a part of the seeds, such as 3/10; elitelanes merge joins the parts
     """
@@ -142,7 +142,7 @@ class PickSpec(Record):
         which is on for photographs
       tile_px: side of a tile in pixels
       furnish: objects of the maps: signs, street_names, all, unique_tags, amounts such as duckies=6 or trees=0.2, and a
-        file .toml or .json of your own
+        file .toml, .json or .yaml of your own
     """
 
     maps: int = option(16, whole(1), "N")

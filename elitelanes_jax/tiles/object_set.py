@@ -27,7 +27,6 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import check_named, is_real, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB, read_text
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
 from elitelanes_jax.formats.tag_pictures import draw_tag
@@ -176,21 +175,18 @@ def _own_objects() -> ObjectSet:
     return _load(default_objects())
 
 
-def load_objects(folder: str | Path | None = None) -> ObjectSet:
+def load_objects(folder: ObjectSet | str | Path | None = None) -> ObjectSet:
     """Loads an object set.
 
     Args:
-      folder: of the set; by default the package's own.
+      folder: of the set, or a loaded set, which is returned; by default the package's own.
 
     Raises:
       InputError: for a fault of the folder; the message names the file.
     """
+    if isinstance(folder, ObjectSet):
+        return folder
     return _own_objects() if folder is None else _load(check_named("objects", path, folder))
-
-
-def as_objects(value: UserValue) -> ObjectSet:
-    """Returns an object set from one, from its folder, or from None for the package's own."""
-    return value if isinstance(value, ObjectSet) else load_objects(value)
 
 
 def _load(folder: Path) -> ObjectSet:

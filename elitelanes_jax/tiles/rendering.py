@@ -18,7 +18,7 @@ from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
 from elitelanes_jax.tiles._blend import apply_tones, feather, solve_tones
-from elitelanes_jax.tiles.object_set import ObjectSet, as_objects, lay_all_flat
+from elitelanes_jax.tiles.object_set import ObjectSet, lay_all_flat, load_objects
 from elitelanes_jax.tiles.pasting import paste_objects
 from elitelanes_jax.tiles.tileset import MASKS, TileSet, load_tiles
 
@@ -141,7 +141,7 @@ def render(
         layers["image"] = feather(toned, layers["labels"], codes)
     instances = None
     if things := getattr(grid, "objects", None):
-        placed, order = lay_all_flat(things, as_objects(objects).choose(things, seed or 0), tile_px)
+        placed, order = lay_all_flat(things, load_objects(objects).choose(things, seed or 0), tile_px)
         instances, _ = paste_objects(layers, placed, order)
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
@@ -251,7 +251,7 @@ def stand(objects: Sequence[MapObject], pictures: ObjectSet | str | Path | None 
       InputError: for a kind without pictures in the set.
     """
     listed = []
-    for thing, chosen in zip(objects, as_objects(pictures).choose(objects), strict=True):
+    for thing, chosen in zip(objects, load_objects(pictures).choose(objects), strict=True):
         if thing.height:
             front = chosen.views[0]
             width = thing.height * front.shape[1] / front.shape[0]

@@ -152,7 +152,7 @@ def test_objects_of_ones_own_are_kept_as_they_are(tmp_path):
     ("text", "words"),
     [
         ("objects = 3", "objects: expected a list of objects, got 3"),
-        ("x = 3", 'expected a table with a list of "objects", got none'),
+        ("x = 3", 'expected a list of "objects", got none'),
         (
             "[[objects]]\nkind = 'bus'\nx = 1\ny = 1\nsize = 3",
             "objects: object 0: expected the fields kind, .* got 'size'",

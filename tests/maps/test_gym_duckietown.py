@@ -28,7 +28,10 @@ def run(program, *arguments):
 @pytest.fixture(scope="module")
 def towns():
     """Furnished towns, one not square."""
-    return [furnish(TOWN, "all signs lights=0.5", seed=0), furnish(np.pad(TOWN, ((2, 0), (0, 0))), "all signs", seed=1)]
+    return [
+        furnish(TOWN, "all signs lights=0.5", seed=0),
+        furnish(np.pad(TOWN, ((2, 0), (0, 0))), "all signs street_names", seed=1),
+    ]
 
 
 def test_gym_duckietown_sees_the_signs_and_hits_nothing(towns, tmp_path):

@@ -27,7 +27,7 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
       source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
         ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
-        these words, and a file .toml or .json with objects of your own.
+        these words, and a file .toml, .json or .yaml with objects of your own.
       seed: of the places of objects, 0 to 2**32 - 1.
 
     Raises:

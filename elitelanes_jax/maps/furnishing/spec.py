@@ -5,15 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elitelanes_jax._util.checks import check_named, flag, one_of, real, split_settings
-from elitelanes_jax._util.errors import InputError, reason, shorten
-from elitelanes_jax._util.files import read_json, read_toml
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.files import read_toml
 from elitelanes_jax._util.records import Record, check_names, option
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
+from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import LONGEST_SIDE
 
 _MOST = 100_000
-_FILES = (".toml", ".json")
+_FILES = (".toml", ".json", ".yaml")
 
 
 def _amount(value: UserValue) -> float:
@@ -103,7 +104,7 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     Args:
       given: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
         ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
-        these words, and a file .toml or .json with objects of your own.
+        these words, and a file .toml, .json or .yaml with objects of your own.
 
     Raises:
       InputError: for anything else.
@@ -130,7 +131,7 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
             values["objects"] = (*values.get("objects", ()), *_read_objects(word))
         elif word != "all":
             names = ", ".join(f"{name}=..." for name in settings)
-            expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml or .json"
+            expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml, .json or .yaml"
             raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
     return spec.replace(**values)
 
@@ -148,14 +149,10 @@ def _words(text: str) -> list[str]:
 
 
 def _read_objects(file: str) -> tuple[MapObject, ...]:
-    """Reads the list "objects" of a file, such as a map file."""
-    try:
-        values = read_toml(file, file) if file.endswith(".toml") else read_json(file)
-    except (OSError, ValueError, RecursionError) as error:
-        if isinstance(error, InputError) and str(error).startswith(file):
-            raise
-        got = reason(error) if isinstance(error, OSError) else error
-        raise InputError(f"{file}: expected a readable JSON file, got: {got}") from None
-    if not isinstance(values, dict) or "objects" not in values:
-        raise InputError(f'{file}: expected a table with a list of "objects", got none')
+    """Reads the objects of a map file, or the list "objects" of a TOML file."""
+    if not file.endswith(".toml"):
+        return read_map(file).objects or ()
+    values = read_toml(file, file)
+    if "objects" not in values:
+        raise InputError(f'{file}: expected a list of "objects", got none')
     return check_named(file, _own_objects, values["objects"])
