@@ -45,7 +45,7 @@ def test_frames_are_relative_to_others(tmp_path):
 
 def test_dead_ends_and_sizes_are_refused():
     """As for Duckietown's other maps."""
-    with pytest.raises(InputError, match="got a dead end at row 0, column 0"):
+    with pytest.raises(InputError, match="got dead ends at row 0, column 0"):
         to_dt_maps(RoadMap([[2, 8]]))
     with pytest.raises(InputError, match="tile_size: expected metres"):
         to_dt_maps(RoadMap([[6, 3], [12, 9]]), tile_size=0)
