@@ -136,9 +136,11 @@ def locked(folder: Path, asked: str | Path) -> Iterator[None]:
         with suppress(OSError, Timeout):
             if folder.is_dir():
                 lock.acquire(blocking=False)  # an interruption may have come between the file and its lock
-                with suppress(OSError):  # Windows deletes no open file; there the release deletes it
-                    (folder / _LOCK).unlink()
-                lock.release(force=True)
+                try:
+                    with suppress(OSError):  # Windows deletes no open file; there the release deletes it
+                        (folder / _LOCK).unlink()
+                finally:
+                    lock.release(force=True)  # an interruption of this process, which may go on, leaves no lock
         if new:
             with suppress(OSError):  # it is not empty
                 folder.rmdir()

@@ -51,7 +51,7 @@ def parse_given(sources: UserValue) -> GivenMaps:
 
     Args:
       sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or
-        all files ``map.json`` in them, or where there is none, the ``.json``, ``.yaml`` and ``.yml`` right in them.
+        all files ``map.json`` in them. Without any, the files ``.json``, ``.yaml`` and ``.yml`` right in them are read.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.
