@@ -109,7 +109,7 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": _plain(view),
         **about,
-        "points": {name: _within(map_points(places, view.matrix), view) for name, places in picture.points.items()},
+        "points": {name: _within(map_points(points, view.matrix), view) for name, points in picture.points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }
