@@ -1,4 +1,4 @@
-"""Objects of a map: signs, lights, buildings, vehicles and duckies, each with a position and a direction."""
+"""Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
 
 from collections.abc import Iterable, Mapping
 from math import hypot, isfinite
