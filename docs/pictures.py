@@ -61,13 +61,17 @@ def map_and_labels() -> None:
 
 
 def furnished() -> None:
-    """Draws what a robot sees of a furnished town, with boxes, above its labels and instances."""
+    """Draws eight towns, and what a robot sees of one, with boxes, above its labels and instances."""
+    towns = evolve(0, (7, 7), style="town", evaluations=50_000).maps(8, where={"crossings": (2, 9)})
+    words = "all signs street_names lights=0.3 duckies=12 lane_robots=2"
+    towns = [furnish(town, words, seed=seed) for seed, town in enumerate(towns)]
+    sheet("furnished-towns.jpg", towns, tile_px=80, columns=4, scale=0.5)
     columns = []
     with TemporaryDirectory() as folder:
         out = Path(folder) / "dataset"
         spec = DatasetSpec().replace(
             maps_from=FOLDER / "examples" / "town.json",
-            furnish="all duckies=8 lane_duckies=5 lane_robots=2",
+            furnish="all street_names duckies=8 lane_duckies=5 lane_robots=2",
             camera=("rows=240", "columns=320"),
             views=12,
             split=(1, 0, 0),

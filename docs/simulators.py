@@ -1,26 +1,46 @@
-"""Draws the picture of MuJoCo: a town and the robot from above, what its camera sees, and what ours sees there.
+"""Draws the pictures of docs/simulators.md that the simulators in the environment can draw.
 
-MUJOCO_GL=egl python docs/simulators.py, with pip install '.[mujoco]'
+MUJOCO_GL=egl python docs/simulators.py, in .venv-mujoco and .venv-simulators of make simulators
 """
 
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax import read_map
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas
-from elitelanes_jax.formats import to_mjcf
+from elitelanes_jax.formats import RoadMap, Streets, convert, to_mjcf, to_opendrive
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
 
 FOLDER = Path(__file__).parent
 _TILE, _ROWS, _COLUMNS = 0.585, 480, 640
+_STREETS, _PX = Streets(8.43), 80  # Duckietown's proportions
+_SCALE = _PX / _STREETS.tile  # pixels to the metre
 
 
 def main() -> None:
+    if find_spec("mujoco"):
+        draw_mujoco()
+    if find_spec("carla") and find_spec("sumo"):
+        carla = np.pad(draw_carla(), [(0, 0), (0, 12), (0, 0)], constant_values=255)
+        write("networks.jpg", np.hstack([carla, draw_sumo()]))
+
+
+def draw_mujoco() -> None:
+    """Draws a town and the robot from above, what its camera sees, and what ours sees there."""
+    import mujoco
+
     town, tiles = read_map(FOLDER / "examples" / "town.json"), load_tiles()
     picture = png_of(render(town, tiles, tile_px=256).image)
     model = mujoco.MjModel.from_xml_string(to_mjcf(town.codes, "town.png"), assets={"town.png": picture})
@@ -42,9 +62,60 @@ def main() -> None:
     seen = look(jax.random.key(0), at, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=_ROWS, columns=_COLUMNS))
     gap = np.full((_ROWS, 12, 3), 255, np.uint8)
     row = np.hstack([shown[0], gap, shown[1], gap, np.asarray(seen.image)])
-    cv2.imwrite(
-        str(FOLDER / "mujoco.jpg"), cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)[..., ::-1]
-    )
+    half = cv2.resize(row, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    write("mujoco.jpg", np.asarray(half, np.uint8))
+
+
+def draw_carla() -> NDArray[np.uint8]:
+    """Draws CARLA's waypoints as lines along its lanes, white in junctions, and its landmarks: signs, and lights."""
+    import carla
+
+    town = furnish(read_map(FOLDER / "examples" / "town.json"), "signs lights=0.4")
+    image, pixel = floor(town)
+    city = carla.Map("town", to_opendrive(town, _STREETS))
+    for point in city.generate_waypoints(0.5):
+        start, ahead = point.transform.location, point.transform.get_forward_vector()
+        colour = (255, 255, 255) if point.is_junction else (0, 220, 255)
+        cv2.line(image, pixel(start.x, -start.y), pixel(start.x + 0.35 * ahead.x, -start.y - 0.35 * ahead.y), colour, 2)
+    for one in city.get_all_landmarks():  # CARLA's y is south
+        place, colour = one.transform.location, (255, 60, 220) if one.is_dynamic else (255, 140, 40)
+        cv2.circle(image, pixel(place.x, -place.y), 5, colour, -1, cv2.LINE_AA)
+    return image
+
+
+def draw_sumo() -> NDArray[np.uint8]:
+    """Draws SUMO's cars, two minutes after the first one."""
+    from sumo import SUMO_HOME
+
+    town = read_map(FOLDER / "examples" / "town.json")
+    image, pixel = floor(town)
+    with TemporaryDirectory() as folder:
+        convert(Path(folder, "net.xml"), town, _STREETS)
+        bots = '<additional><vType id="DEFAULT_VEHTYPE" length="2.6" width="1.8" minGap="1"/></additional>'
+        Path(folder, "bots.xml").write_text(bots)
+        for command in (
+            f"{sys.executable} {SUMO_HOME}/tools/randomTrips.py -n net.xml -o trips.xml --seed 1 --end 120 --period 4",
+            f"{SUMO_HOME}/bin/sumo -n net.xml -r trips.xml -a bots.xml --end 121 --device.fcd.begin 120 --fcd-output "
+            "places.xml",
+        ):
+            subprocess.run(command.split(), cwd=folder, check=True, stdout=subprocess.DEVNULL)
+        cars = list(ET.parse(Path(folder, "places.xml")).iter("vehicle"))
+    for car in cars:
+        x, y, angle = (float(car.attrib[key]) for key in ("x", "y", "angle"))
+        ahead = 1j * np.exp(-1j * np.radians(angle))  # clockwise from north; x and y are those of the front
+        corners = x + 1j * y + ahead * np.array([-0.9j, 0.9j, 0.9j - 2.6, -0.9j - 2.6])
+        cv2.fillConvexPoly(image, np.array([pixel(one.real, one.imag) for one in corners]), (255, 220, 0), cv2.LINE_AA)
+    return image
+
+
+def floor(town: RoadMap) -> tuple[NDArray[np.uint8], Callable[[float, float], tuple[int, int]]]:
+    """Returns a picture of a map, and where places in it are, in metres east and north of its south-west corner."""
+    image = np.ascontiguousarray(render(town.codes, tile_px=_PX).image)
+    return image, lambda east, north: (round(east * _SCALE), round(len(image) - north * _SCALE))
+
+
+def write(name: str, image: NDArray[np.uint8]) -> None:
+    cv2.imwrite(str(FOLDER / name), image[..., ::-1])
 
 
 if __name__ == "__main__":

@@ -34,6 +34,7 @@ ENVIRONMENTS = {
     "simulators": Environment(".venv-simulators", ("carla", "lanelet2", "eclipse-sumo")),
     "duckietown": Environment(".venv-duckietown", ("duckietown-world-daffy",)),
     "mujoco": Environment(".venv-mujoco", ("mujoco", "trimesh")),
+    "pogema": Environment(".venv-pogema", ("pogema",)),
     "gym-duckietown": Environment(".venv-gym-duckietown", ("duckietown-gym-daffy", "dt-maps")),
     "marimo": Environment(".venv-marimo", ("marimo", "anywidget")),
     "newest": Environment(".venv-newest", ("networkx", "numba")),

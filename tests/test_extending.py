@@ -188,6 +188,7 @@ def test_islands_take_all_of_it():
             {"fitness": lambda grid: grid},
             "fitness: expected it to return an integer or float scalar, got int32 of shape (4, 4)",
         ),
+        ({"fitness": lambda grid: "x"}, "expected it to return an integer or float scalar, got 'x'"),
         ({"fitness": lambda grid: grid[1, 1] > 1}, "integer or float scalar, got bool of shape ()"),
         ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
         ({"moves": 3}, "moves: expected weights and moves by name, got 3"),

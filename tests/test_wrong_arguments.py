@@ -13,6 +13,8 @@ from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
 from elitelanes_jax.explorer.page import explore
+from elitelanes_jax.formats import to_dt_maps, to_duckietown, to_gltf, to_movingai, to_nav2, to_opendrive
+from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.maps.generation import generate, merge
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.fitness import fitness
@@ -88,6 +90,16 @@ WRONG = {
     ),
     "parts: expected paths, got 3": lambda: merge(3, "out"),
     "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
+    "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: to_opendrive("town.json"),
+    "shape: expected (height, width), two whole numbers": lambda: to_gltf((3,), b"\x89PNG\r\n\x1a\n"),
+    "picture: expected a PNG file, got b'no pictu'": lambda: to_gltf((2, 2), b"no picture"),
+    "cells: expected at most 1,073,741,824 in all, got": lambda: to_nav2(np.full((1024, 1024), 15), "map.pgm"),
+    "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
+    "objects: expected a list of objects, got 'signs'": lambda: to_duckietown(GRID, objects="signs"),
+    "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
+    "to: expected one of duckietown, dt-maps, graphml": lambda: PackSpec(to=3),
+    "furnish: 3: expected one of signs, lights": lambda: furnish(GRID, {3: 3}),
+    "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
 }
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from queue import SimpleQueue
 from threading import Thread
 from typing import TypeVar
@@ -31,6 +32,18 @@ def count_cores() -> int:
     known = hasattr(os, "sched_getaffinity")  # not on macOS and Windows
     cores = len(os.sched_getaffinity(0)) if known else os.cpu_count() or 1
     return min(cores, _limit or cores)
+
+
+def start_thread(call: Callable[[], object]) -> Callable[[], None]:
+    """Calls a function in a thread; returns a function that waits for its end. Its errors are dropped."""
+
+    def work() -> None:
+        with suppress(Exception):
+            call()
+
+    thread = Thread(target=work)
+    thread.start()
+    return thread.join
 
 
 def side_by_side(

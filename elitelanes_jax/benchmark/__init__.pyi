@@ -1,5 +1,6 @@
 from .running import Measured as Measured
 from .running import run as run
+from .running import run_tasks as run_tasks
 from .scores import Scores as Scores
 from .scores import compute_scores as compute_scores
 from .scores import confidence_interval as confidence_interval
@@ -7,5 +8,6 @@ from .submissions import Submission as Submission
 from .submissions import score_submission as score_submission
 from .submissions import write_submission as write_submission
 from .tasks import BUDGETS as BUDGETS
+from .tasks import SIZES as SIZES
 from .tasks import Task as Task
 from .tasks import find_task as find_task

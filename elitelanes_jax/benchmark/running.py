@@ -1,16 +1,18 @@
-"""Runs a user's search on a task, and keeps its archive at every budget."""
+"""Runs a user's search on a task or on several, and keeps its archives at every budget."""
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
+from copy import deepcopy
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
 from elitelanes_jax._util.checks import check_named, whole
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
-from elitelanes_jax.benchmark.tasks import BUDGETS, Task
+from elitelanes_jax.benchmark.tasks import BUDGETS, Task, find_task
 
 
 class Measured(NamedTuple):
@@ -30,50 +32,112 @@ class Measured(NamedTuple):
 Search = Callable[[Task, np.random.Generator], Generator[AnyArray, Measured, None]]
 """A search: yields batches of grids ``[B, H, W]``, and receives a `Measured` for each batch."""
 
+MultiTaskSearch = Callable[[Sequence[Task], np.random.Generator], Generator[tuple[int, AnyArray], Measured, None]]
+"""A search of several tasks: yields the index of a task and grids for it, and receives a `Measured`."""
 
-def run(task: Task, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
+_Archive = tuple[Int8[np.ndarray, "N H W"], Int[np.ndarray, " N"]]  # the best grid and fitness by cyclomatic number
+
+
+def run(task: Task | str, search: Search, seeds: int | Iterable[int] = LEAST_RUNS) -> Submission:
     """Runs a search once for each seed, and keeps the best counting grid of each niche at every budget.
 
     Args:
-      task: to run.
+      task: to run, or its name.
       search: a generator function; see `Search`. It is stopped when the task's evaluations are spent. If a batch
         exceeds a budget, only its first grids count for this budget.
       seeds: their number, or the seeds of NumPy's generators. A submission needs 10 or more.
 
     Raises:
-      InputError: for grids of another shape or with other codes.
+      InputError: for an unknown task, a search that is no generator, or grids of another shape or with other codes.
     """
+    task = task if isinstance(task, Task) else find_task(task)
+    return _run([task], partial(_begin, search, task), lambda grids: (0, grids), seeds)[0]
+
+
+def run_tasks(
+    tasks: Sequence[Task], search: MultiTaskSearch, seeds: int | Iterable[int] = LEAST_RUNS
+) -> list[Submission]:
+    """Runs a search of several tasks once for each seed; returns a submission for each task.
+
+    A run has as many evaluations as the tasks have together, and the search divides them among the tasks. The archives
+    of a budget are those after this budget times the number of tasks.
+
+    Args:
+      tasks: to run, of equal budgets: for instance ``[find_task(f"{size}-10000") for size in SIZES]``.
+      search: a generator function; see `MultiTaskSearch`. It is stopped when all evaluations are spent.
+      seeds: as in `run`.
+
+    Raises:
+      InputError: for tasks of different budgets, for an index of no task, and for grids as in `run`.
+    """
+    if len({task.evaluations for task in tasks}) != 1:
+        raise InputError(f"tasks: expected equal budgets, got {', '.join(task.name for task in tasks) or 'no task'}")
+    return _run(tasks, partial(_begin, search, tasks), partial(_check_index, len(tasks)), seeds)
+
+
+def _begin(search: UserValue, *arguments: UserValue) -> UserValue:
+    return search(*arguments) if callable(search) else search  # `_run_seed` refuses what is no generator
+
+
+def _check_index(tasks: int, batch: UserValue) -> tuple[int, AnyArray]:
+    if not isinstance(batch, tuple | list) or len(batch) != 2:
+        raise InputError(f"search: expected the index of a task and grids, got {type(batch).__name__}")
+    return check_named("search", whole(0, tasks - 1), batch[0]), batch[1]
+
+
+def _run(
+    tasks: Sequence[Task],
+    search: Callable[[np.random.Generator], UserValue],
+    split: Callable[[UserValue], tuple[int, AnyArray]],
+    seeds: int | Iterable[int],
+) -> list[Submission]:
+    """Runs a search for each seed. `split` returns the index of a task and grids from what the search yields."""
     listed = seeds if isinstance(seeds, Iterable) else range(check_named("seeds", whole(1), seeds))
-    runs = [_run(task, search(task, np.random.default_rng(seed))) for seed in listed]
-    return Submission(task, *(np.stack(arrays) for arrays in zip(*runs, strict=True)))
+    runs = [_run_seed(tasks, search(np.random.default_rng(seed)), split) for seed in listed]
+    together = zip(tasks, zip(*runs, strict=True), strict=True)
+    return [
+        Submission(task, *(np.stack(arrays) for arrays in zip(*of_task, strict=True))) for task, of_task in together
+    ]
 
 
-def _run(task: Task, search: Generator[AnyArray, Measured, None]) -> tuple[np.ndarray, ...]:
-    budgets = [budget for budget in BUDGETS if budget <= task.evaluations]
-    most = task.shape[0] * task.shape[1]
-    grids, fitness = np.zeros((most, *task.shape), np.int8), np.full(most, np.iinfo(np.int32).max)
-    kept: list[tuple[np.ndarray, np.ndarray]] = []
+def _run_seed(
+    tasks: Sequence[Task], search: UserValue, split: Callable[[UserValue], tuple[int, AnyArray]]
+) -> list[tuple[np.ndarray, ...]]:
+    """Returns the grids, fitness and cyclomatic numbers of the archives of each task."""
+    if not isinstance(search, Generator):
+        raise InputError(f"search: expected a generator function, which yields grids, got {shorten(repr(search))}")
+    ends = [budget * len(tasks) for budget in BUDGETS if budget <= tasks[0].evaluations]
+    archives, kept = [_empty_archive(task) for task in tasks], list[list[_Archive]]()
     spent, batch = 0, next(search, None)
-    while batch is not None and len(kept) < len(budgets):
-        codes = _check(task, batch)
+    while batch is not None and len(kept) < len(ends):
+        index, grids = split(batch)
+        task, (best, lowest) = tasks[index], archives[index]
+        codes = _check(task, grids)
         counts = measure_grids(codes)
         counts["flawless"] &= (not task.fill) | (counts["empty_cells"] == 0)
-        for index, (code, value, niche, good) in enumerate(
+        for number, (code, value, niche, good) in enumerate(
             zip(codes, *(counts[name] for name in ("fitness", "cyclomatic", "flawless")), strict=True), start=1
         ):
-            if good and value < fitness[niche]:
-                grids[niche], fitness[niche] = code, value
-            if len(kept) < len(budgets) and spent + index == budgets[len(kept)]:
-                kept.append((grids.copy(), fitness.copy()))
+            if good and value < lowest[niche]:
+                best[niche], lowest[niche] = code, value
+            if len(kept) < len(ends) and spent + number == ends[len(kept)]:
+                kept.append(deepcopy(archives))
         spent += len(codes)
         try:
             batch = search.send(Measured(counts["fitness"], counts["cyclomatic"], counts["flawless"]))
         except StopIteration:
             batch = None
     search.close()
-    kept += [(grids, fitness)] * (len(budgets) - len(kept))
-    niches = np.broadcast_to(np.arange(most), (len(budgets), most))
-    return np.stack([one for one, _ in kept]), np.stack([one for _, one in kept]), niches
+    kept += [archives] * (len(ends) - len(kept))
+    return [
+        (*map(np.stack, zip(*of_task, strict=True)), np.tile(np.arange(len(of_task[0][1])), (len(ends), 1)))
+        for of_task in zip(*kept, strict=True)
+    ]
+
+
+def _empty_archive(task: Task) -> _Archive:
+    most = task.shape[0] * task.shape[1]
+    return np.zeros((most, *task.shape), np.int8), np.full(most, np.iinfo(np.int32).max)
 
 
 def _check(task: Task, batch: AnyArray) -> Int8[np.ndarray, "B H W"]:

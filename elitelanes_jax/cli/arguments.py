@@ -187,7 +187,8 @@ def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
 
 
 def _name_flag(message: str, flags: Mapping[str, str]) -> str:
-    """Replaces the name of a field at the start of a message by its option."""
+    """Replaces a field's name at the start of a message by its option, and settings such as field='value' in it."""
+    message = re.sub(r"\b(\w+)='(\w+)'", lambda found: f"{flags.get(found[1], found[1])} {found[2]}", message)
     name = re.match(r"\w+(?=[: ])", message)
     return flags[name[0]] + message[name.end() :] if name and name[0] in flags else message
 

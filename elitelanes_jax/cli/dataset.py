@@ -52,7 +52,7 @@ def _dataset(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from"):
+        with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from", "furnish"):
             if options.scheduler is None:
                 about = make_dataset(spec, options.out, force=options.force)
             else:

@@ -106,10 +106,10 @@ def _drive(options: argparse.Namespace) -> int:
     if kind == ".json":
         write_atomic(options.out, rides_to_json(road_map.codes, rides).encode())
     elif kind == ".png":
-        image = trails(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen)
+        image = trails(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen)
         write_atomic(options.out, png_of(image))
     else:
-        write_film(options.out, film(road_map.codes, tiles, rides, tile_px=options.tile_px, chosen=chosen))
+        write_film(options.out, film(road_map, tiles, rides, tile_px=options.tile_px, chosen=chosen))
     reached, count = int(rides.success.sum()), len(rides.success)
     say(f"{reached} of {count} goals reached, {rides.steps.sum() / 30:.1f} s driven, in {options.out}")
     return 0

@@ -84,9 +84,10 @@ def _write_maps(
 
     def contents(file: Path, road_map: RoadMap, name: str) -> tuple[str | bytes, ...]:
         try:
-            made = target.files(road_map, name, **settings)
+            with naming_options(FormatOptions()):
+                made = target.files(road_map, name, **settings)
         except InputError as error:
-            raise InputError(f"{file}: {error}".replace("dead_ends='grass'", "--dead-ends grass")) from None
+            raise InputError(f"{file}: {error}") from None
         warnings.extend(f"{file}: {warning}" for warning in made.warnings)
         return made.contents
 

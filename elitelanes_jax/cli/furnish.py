@@ -10,6 +10,7 @@ from elitelanes_jax.cli.program import say
 _EXAMPLES = """examples:
   elitelanes furnish map.json signs --out signed.json
   elitelanes furnish map.json all trees=0.4 duckies=6 --seed 3 --out furnished.json
+  elitelanes furnish map.json signs street_names own.toml --unique-tags --out named.json
 """
 
 
@@ -28,8 +29,11 @@ def add_furnish(commands: Commands) -> None:
         type=checked_by(name),
         nargs="+",
         metavar="WHAT",
-        help="signs, all, unique_tags, and amounts such as duckies=6 or trees=0.2: below 1 a share of the cells "
-        "without road",
+        help="signs, street_names, all, amounts such as duckies=6 or trees=0.2: below 1 a share of the cells without "
+        "road, and a file .toml or .json with objects of your own",
+    )
+    command.add_argument(
+        "--unique-tags", action="store_true", help="refuse to use a tag number twice; the same as the word unique_tags"
     )
     command.add_argument("--out", type=checked_by(path), required=True, metavar="FILE", help="a new map file, .json")
     command.add_argument(
@@ -44,7 +48,7 @@ def _furnish(options: argparse.Namespace) -> int:
     from elitelanes_jax.maps.furnishing.placing import furnish
     from elitelanes_jax.maps.furnishing.spec import parse_furnish
 
-    spec = check_named("furnish", parse_furnish, options.furnish)
+    spec = check_named("furnish", parse_furnish, options.furnish + ["unique_tags"] * options.unique_tags)
     check_new(options.out)
     road_map = read_map(options.map)
     try:

@@ -17,6 +17,7 @@ from elitelanes_jax.cli.arguments import (
     add_out,
     add_scheduler,
     add_verbosity,
+    naming_options,
     read_options,
 )
 from elitelanes_jax.cli.program import INTERRUPTED, fail, program_name, say
@@ -77,13 +78,14 @@ def _generate(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        if options.scheduler is None:
-            maps = generate(spec, options.out, force=options.force)
-        else:
-            from elitelanes_jax.maps.cluster import dask_executor, generate_on
+        with naming_options(GenerateSpec(), "furnish"):
+            if options.scheduler is None:
+                maps = generate(spec, options.out, force=options.force)
+            else:
+                from elitelanes_jax.maps.cluster import dask_executor, generate_on
 
-            with dask_executor(options.scheduler) as executor:
-                maps = generate_on(executor, spec, options.out, force=options.force)
+                with dask_executor(options.scheduler) as executor:
+                    maps = generate_on(executor, spec, options.out, force=options.force)
     except KeyboardInterrupt:
         if not has_unfinished(options.out):
             raise

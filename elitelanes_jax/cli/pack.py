@@ -33,7 +33,7 @@ def add_pack(commands: Commands) -> None:
         type=checked_by(path),
         nargs="+",
         metavar="FILE|DIR",
-        help="a folder of generate, pick or dataset, or files of maps",
+        help="a folder of generate, pick, dataset or pack, or files of maps",
     )
     command.add_argument(
         "--out", type=checked_by(folder), required=True, metavar="DIR", help="folder to write to, new or empty"

@@ -10,6 +10,7 @@ from elitelanes_jax.cli.arguments import (
     add_out,
     add_verbosity,
     checked_by,
+    naming_options,
     read_options,
 )
 from elitelanes_jax.cli.generate import describe_maps
@@ -55,8 +56,9 @@ def _pick(options: argparse.Namespace) -> int:
     spec = read_options(options, PickSpec())
     from elitelanes_jax.maps.picking import pick
 
-    maps = pick(
-        spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
-    )
+    with naming_options(PickSpec(), "furnish"):
+        maps = pick(
+            spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
+        )
     say(describe_maps(maps, spec.maps, options.out))
     return 0

@@ -14,7 +14,7 @@ from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset._samples import Sample
-from elitelanes_jax.formats.objects import OBJECT_KINDS
+from elitelanes_jax.formats.objects import OBJECT_KINDS, base_kind
 from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.tiles.rendering import LABELS, png_of
 from elitelanes_jax.tiles.tileset import MASKS
@@ -229,7 +229,7 @@ def _write_coco(file: Path, images: list[Record], annotations: list[Record], cat
 
 def _category(one: Record) -> Record:
     about = {name: one[name] for name in ("visible", "distance") if name in one}
-    return {"category_id": list(OBJECT_KINDS).index(one["kind"]) + 1, "iscrowd": 0} | about
+    return {"category_id": list(OBJECT_KINDS).index(base_kind(one["kind"])) + 1, "iscrowd": 0} | about
 
 
 # YOLO's text lies where Ultralytics looks for it: in labels/ where the picture is in images/.

@@ -2,10 +2,10 @@
 
 import json
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import accumulate
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax._util.threads import count_cores, start_thread
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.dataset.spec import DatasetSpec, maps_by_shape, maps_by_split
 from elitelanes_jax.formats.road_map import RoadMap
@@ -23,7 +24,7 @@ from elitelanes_jax.maps.spec import SPLITS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search.compile_cache import use_compile_cache
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.selection import MIN_DIFFERENCE
 from elitelanes_jax.search.spec import SearchSpec
 from elitelanes_jax.tiles.tileset import TileSet
@@ -83,11 +84,24 @@ def evolve_maps(spec: DatasetSpec, search: SearchSpec, work: Path, executor: Exe
             run_on(executor, _evolve_on_worker, jobs, lambda _: bar.count())
     rounds: list[Path] = []
     with Progress("evolving", spec.maps, "maps") as bar:
-        for shape, count in wanted.items():
+        compiled = None  # waits for the programs of the next size, which are compiled beside the search of this one
+        for (shape, count), after in zip(wanted.items(), [*list(wanted)[1:], None], strict=True):
+            if compiled is not None:
+                compiled()
+            compiled = _compile_aside(spec.seed, search, after, work)
             for file, found in _rounds(spec.seed, search, shape, count, work):
                 rounds.append(file)
                 bar.count(found)
     return Maps(rounds)
+
+
+def _compile_aside(
+    seed: int, search: SearchSpec, shape: tuple[int, int] | None, work: Path
+) -> Callable[[], None] | None:
+    """Compiles the programs of a size's first round, if it was not made before; returns a function that waits."""
+    if shape is None or _round_file(work, shape, 0).exists() or count_cores() == 1:
+        return None
+    return start_thread(partial(compile_search, seed_keys(seed, range(_SEEDS)), shape, search))
 
 
 def _evolve_on_worker(seed: int, search: SearchSpec, shape: tuple[int, int], wanted: int, work: Path) -> None:
@@ -103,7 +117,7 @@ def _rounds(
     found: list[NDArray[np.int8]] = []
     round_ = level = 0
     while len(found) < wanted:
-        file = work / "maps" / f"{shape[0]}x{shape[1]}-{round_}.jsonl"
+        file = _round_file(work, shape, round_)
         if not file.exists():
             _keep(file, _evolve_round(seed, search, shape, round_, wanted, found, MIN_DIFFERENCE[level]))
         new = [road_map.codes for road_map in _maps_of(file)]
@@ -118,6 +132,10 @@ def _rounds(
             )
         round_ += 1
         yield file, len(new)
+
+
+def _round_file(work: Path, shape: tuple[int, int], number: int) -> Path:
+    return work / "maps" / f"{shape[0]}x{shape[1]}-{number}.jsonl"
 
 
 def given_maps(maps: Sequence[RoadMap], work: Path) -> Maps:

@@ -6,11 +6,11 @@ smaller at a larger distance, and averaged; labels once, at the nearest pixel of
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
@@ -21,9 +21,12 @@ from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.network.codes import SIDES
 from elitelanes_jax.network.movements import list_movements
 
+_F = TypeVar("_F", np.float32, np.float64)
+
 # Gym-duckietown's horizons: a blue sky, a wall, darkness, a white hall; RGB.
 _HORIZONS = ((115, 210, 255), (165, 150, 125), (40, 40, 40), (235, 235, 235))
 _FINER = 2  # samples per pixel in each direction
+_WHITE_LINE = 0.09  # tiles from the tile's edge
 _LEVELS = 6  # the number of sizes of the map: whole, a half, a quarter and so on
 
 
@@ -35,12 +38,16 @@ class Viewpoint(NamedTuple):
         coordinate is the depth in metres; it is 0 or less behind the camera.
       size: (rows, columns) of the picture.
       sky: its colour, RGB.
+      tile_px: side of a tile of the rendered map in pixels.
+      lines: tiles by which the white lines are shifted outwards.
       about: of the metadata: ``d``, ``phi``, ``curvature``, ``pose``, ``movement``, ``nearest`` and ``camera``.
     """
 
     matrix: Float[NDArray, "3 3"]
     size: tuple[int, int]
     sky: tuple[int, int, int]
+    tile_px: int
+    lines: float
     about: dict[str, Plain]
 
 
@@ -68,6 +75,7 @@ def draw_viewpoint(
     along, beside, turned = rng.uniform(0, 1), *rng.uniform(-1, 1, 2)
     lower, tilt, wide = 1 + rng.uniform(-1, 1, 3) * viewpoints.wobble
     sky = _HORIZONS[rng.integers(len(_HORIZONS))]
+    lines = float(rng.uniform(-1, 1) * viewpoints.lines)
 
     d, phi = beside * viewpoints.offset, np.radians(turned * viewpoints.heading)
     bend = turn - 1  # to the left
@@ -91,13 +99,13 @@ def draw_viewpoint(
         "pose": {"x": float(x), "y": float(y), "theta": theta},
         "nearest": _nearest(lanes, x, y, theta) or on_lane,
         "movement": {"row": row, "column": column, "heading": heading, "turn": turn},
-        "camera": camera | {"sky": sky},
+        "camera": camera | {"sky": sky} | ({"lines": lines} if viewpoints.lines else {}),
     }
     size = (viewpoints.rows, viewpoints.columns)
     to_robot = _to_robot(x, y, theta) @ np.diag([1 / tile_px, 1 / tile_px, 1])
     onto_ground = np.array([[1, 0, -viewpoints.forward], [0, 1, 0], [0, 0, 0], [0, 0, 1]])
     matrix = project(camera, size) @ onto_ground @ to_robot
-    return Viewpoint(matrix, size, sky, about)
+    return Viewpoint(matrix, size, sky, tile_px, lines, about)
 
 
 def _nearest(lanes: Int[NDArray, "N 4"], x: float, y: float, theta: float) -> dict[str, Plain]:
@@ -186,7 +194,28 @@ def _places(viewpoint: Viewpoint, finer: int) -> tuple[NDArray[np.float32], NDAr
     depth = 1 / np.where(near, inverse_depth, 1)
     # Distant points exceed OpenCV's range.
     x, y = (np.clip(np.where(near, part * depth, -1e6), -1e6, 1e6).astype(np.float32) for part in (x, y))
-    return x, y, near
+    return *(_shift_lines(part, viewpoint.tile_px, -viewpoint.lines) for part in (x, y)), near
+
+
+def above_horizon(viewpoint: Viewpoint) -> Bool[NDArray, "rows columns"]:
+    """Returns which pixels show the sky."""
+    return ~_places(viewpoint, 1)[2]
+
+
+def shift_points(points: Float[NDArray, "N 2"], viewpoint: Viewpoint) -> Float[NDArray, "N 2"]:
+    """Returns where points of the rendered map lie after the shift of the lines."""
+    shifted = points
+    for _ in range(20):  # a fixed point, because the shift depends on the position after it
+        shifted = points + _shift_lines(shifted, viewpoint.tile_px, viewpoint.lines) - shifted
+    return shifted
+
+
+def _shift_lines(places: NDArray[_F], tile_px: int, lines: float) -> NDArray[_F]:
+    """Shifts coordinates away from the middle of each tile, by `lines` tiles where the white line is."""
+    if not lines:
+        return places
+    sides = np.sin(places * (2 * np.pi / tile_px)) * np.float32(lines * tile_px / np.sin(2 * np.pi * _WHITE_LINE))
+    return np.asarray(places - sides, places.dtype)
 
 
 def _levels(x: NDArray[np.float32], y: NDArray[np.float32], near: NDArray[np.bool_]) -> Int[NDArray, " rows"]:

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.dataset._robot_views import draw_viewpoint, see, see_labels
+from elitelanes_jax.dataset._robot_views import above_horizon, draw_viewpoint, see, see_labels, shift_points
 from elitelanes_jax.dataset._standing import stand
 from elitelanes_jax.dataset._transforms import Transforms
+from elitelanes_jax.dataset._variation import compress, varies, vary_background, vary_light, vary_motion
 from elitelanes_jax.dataset._viewpoints import Viewpoints
 from elitelanes_jax.dataset._views import View, draw_view, map_points, photograph, warp
 from elitelanes_jax.formats.objects import NEAR
@@ -76,6 +77,7 @@ def draw_sample(
         flat, order = lay_all_flat(things, pictures, tile_px)
         placed = [one._replace(matrix=view.matrix @ one.matrix) for one in flat]
         more: list[dict[str, Plain]] = [{} for _ in order]
+        points = picture.points
     else:
         viewpoint = draw_viewpoint(rng, camera, road_map.codes, tile_px)
         view = view._replace(matrix=viewpoint.matrix, size=viewpoint.size)
@@ -84,6 +86,13 @@ def draw_sample(
         seen |= {name: see_labels(mask, viewpoint) for name, mask in masks.items()}
         placed, order, distances = stand(things, pictures, viewpoint, tile_px)
         more = [{"distance": distance} for distance in distances]
+        points = {name: shift_points(places, viewpoint) for name, places in picture.points.items()}
+    if transforms.background:
+        paved = np.kron(road_map.codes != 0, np.ones((tile_px, tile_px), np.uint8))
+        sky = np.zeros(view.size, bool) if camera is None else above_horizon(viewpoint)
+        ground_seen = (warp(paved, view) if camera is None else see_labels(paved, viewpoint)) == 0
+        behind = np.random.default_rng([seed, index, 3])
+        seen["image"] = vary_background(behind, seen["image"], ground_seen & ~sky, sky, transforms)
     instances: dict[str, NDArray[np.uint16]] = {}
     if objects is not None:
         seen = {name: layer.copy() for name, layer in seen.items()}  # arrays may be shared with the rendered map
@@ -95,7 +104,12 @@ def draw_sample(
                 if one.visible
             ]
         }
+    if varies(transforms):
+        rng = np.random.default_rng([seed, index, 4])
+        seen["image"] = vary_motion(rng, vary_light(rng, seen["image"], transforms), transforms.motion)
     seen["image"] = photograph(seen["image"], view)
+    if varies(transforms):
+        seen["image"] = compress(rng, seen["image"], transforms.compression)
     record = {
         "number": index,
         "size": list(road_map.codes.shape),
@@ -109,7 +123,7 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": _plain(view),
         **about,
-        "points": {name: _within(map_points(points, view.matrix), view) for name, points in picture.points.items()},
+        "points": {name: _within(map_points(marks, view.matrix), view) for name, marks in points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }

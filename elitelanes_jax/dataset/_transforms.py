@@ -36,6 +36,14 @@ class Transforms(Record):
       colour: largest change of each channel alone, either way, as a share, 0 to 1.
       blur: largest standard deviation of a Gaussian blur in pixels, 0 to 20.
       noise: largest standard deviation of Gaussian noise in grey levels, 0 to 64.
+      background: share of the pictures with random patterns instead of plain ground and sky, 0 to 1.
+      shadow: largest share of the light that a shadow takes, 0 to 1.
+      vignette: largest share of the light that the corners lose, 0 to 1.
+      gamma: largest change of the tone curve's exponent, either way, as a power of 2, 0 to 2.
+      saturation: largest change of the colours' distance from grey, either way, as a share, 0 to 1.
+      warmth: largest change of red against blue, either way, as a share, 0 to 0.5: the colour temperature.
+      motion: longest motion blur in pixels, 0 to 100.
+      compression: lowest quality of JPEG, from 0 for no compression to 1 for a quality of 10.
     """
 
     quarter_turns: bool = option(False, flag)
@@ -48,23 +56,42 @@ class Transforms(Record):
     colour: float = option(0.0, real(0, 1))
     blur: float = option(0.0, real(0, 20))
     noise: float = option(0.0, real(0, 64))
+    background: float = option(0.0, real(0, 1))
+    shadow: float = option(0.0, real(0, 1))
+    vignette: float = option(0.0, real(0, 1))
+    gamma: float = option(0.0, real(0, 2))
+    saturation: float = option(0.0, real(0, 1))
+    warmth: float = option(0.0, real(0, 0.5))
+    motion: float = option(0.0, real(0, 100))
+    compression: float = option(0.0, real(0, 1))
 
 
 STANDARD = Transforms(True, 5, (0.9, 1.1), 0.04, light=0.2, contrast=0.2, colour=0.06, blur=0.8, noise=2)
 """Roughly the views of a camera over a real floor."""
 
+VARIED = STANDARD.replace(
+    **{"light": 0.3, "contrast": 0.4, "colour": 0.1, "noise": 8, "background": 0.8, "shadow": 0.6, "vignette": 0.5},
+    **{"gamma": 0.6, "saturation": 0.5, "warmth": 0.2, "motion": 2, "compression": 0.5},
+)
+"""Views that differ so much that a network that was trained on them works in other worlds."""
+
+PRESETS = {"none": Transforms(), "standard": STANDARD, "varied": VARIED}
+"""The words that set all transforms."""
 
 GEOMETRY = ("quarter_turns", "rotation", "scale", "perspective", "crop")
 """The fields of `Transforms` for the camera's position. The others change light and pixels."""
+
+VARIATION = ("background", "shadow", "vignette", "gamma", "saturation", "warmth", "motion", "compression")
+"""The fields of `Transforms` whose values are drawn after all others, so that they change no other value."""
 
 
 def parse_transforms(texts: UserValue) -> Transforms:
     """Reads transforms such as ``["standard", "noise=0"]`` or ``["quarter-turns", "scale=0.5..1.5"]``.
 
     Args:
-      texts: words, one or several: ``standard`` for `STANDARD`, ``none``, ``quarter-turns``, or ``NAME=NUMBER`` with a
-        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``; ``standard`` and ``none`` come first. Or a
-        mapping of a transform's fields, or a `Transforms`.
+      texts: words, one or several: a name in `PRESETS`, which comes first, ``quarter-turns``, or ``NAME=NUMBER`` with a
+        field of `Transforms`, for ``scale`` also ``scale=LOW..HIGH``. Or a mapping of a transform's fields, or a
+        `Transforms`.
 
     Raises:
       InputError: for anything else, or a number out of its range.
@@ -78,18 +105,17 @@ def parse_transforms(texts: UserValue) -> Transforms:
         raise InputError(f"transforms: expected words such as 'standard' or 'noise=0', got {shorten(repr(texts))}")
     transforms, numbers = Transforms(), [name for name in Transforms.options() if name != "quarter_turns"]
     check_unique("transforms", "transform", [text.partition("=")[0] for text in words])
-    late = set(words[1:]) & {"none", "standard"}
-    if late:
-        raise InputError(f"transforms: expected {late.pop()} alone or first, because it sets all transforms")
+    if late := [word for word in words[1:] if word in PRESETS]:
+        raise InputError(f"transforms: expected {late[0]} alone or first, because it sets all transforms")
     for text in words:
         name, equals, value = text.partition("=")
-        if text in ("none", "standard"):
-            transforms = STANDARD if text == "standard" else Transforms()
+        if text in PRESETS:
+            transforms = PRESETS[text]
         elif text == "quarter-turns":
             transforms = transforms.replace(quarter_turns=True)
         elif equals and name in numbers:
             transforms = transforms.replace(**{name: value})
         else:
-            known = ", ".join(("none", "standard", "quarter-turns", *(f"{number}=..." for number in numbers)))
+            known = ", ".join((*PRESETS, "quarter-turns", *(f"{number}=..." for number in numbers)))
             raise InputError(f"transforms: expected some of {known}, got {text!r}")
     return transforms

@@ -23,6 +23,8 @@ class Viewpoints(Record):
       pitch: degrees downwards, 0 to 90.
       field_of_view: degrees, from the upper to the lower edge, 1 to 170.
       wobble: largest change of height, pitch and field of view, either way, as a share, 0 to 0.5.
+      lines: largest shift of the white lines, outwards or inwards, in tiles, 0 to 0.08. The middle of the road and the
+        tile's edges stay, and what lies between is stretched: line positions and widths differ between labs.
     """
 
     rows: int = option(480, whole(16, 4096))
@@ -34,6 +36,7 @@ class Viewpoints(Record):
     pitch: float = option(19.15, real(0, 90))
     field_of_view: float = option(75.0, real(1, 170))
     wobble: float = option(0.05, real(0, 0.5))
+    lines: float = option(0.0, real(0, 0.08))
 
 
 def parse_viewpoints(texts: UserValue) -> Viewpoints:

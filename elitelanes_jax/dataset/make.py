@@ -76,7 +76,8 @@ class _Drawing(NamedTuple):
         road_map = self.maps[index // spec.views]
         if spec.furnish is not None:
             seed = int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
-            road_map = furnish(road_map, spec.furnish, seed=seed)
+            place = partial(furnish, spec=spec.furnish, seed=seed)
+            road_map = check_named(f"furnish: map {index // spec.views}", place, road_map)
         sample = draw_sample(
             road_map,
             tiles[split],
@@ -151,7 +152,7 @@ def make_dataset(
         except InputError:
             if not force:
                 raise
-    inputs = [folder for folder in (spec.tiles, spec.objects) if folder]
+    inputs = [*(own.paths if own else ()), *(folder for folder in (spec.tiles, spec.objects) if folder)]
     with output_folder(
         out, identity, inputs=inputs, foreign=foreign_to_dataset, force=force, resume_files=True
     ) as work:

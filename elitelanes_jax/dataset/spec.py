@@ -63,10 +63,12 @@ class DatasetSpec(Record):
       views: pictures of each map, each with other tile pictures, in another view
       hold_out_tiles: draw the test from tile pictures that no other split shows
       format: layout: imagefolder, mmseg, coco or plain
-      transforms: how views of the maps vary: standard or none, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
-        perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS; by default standard
+      transforms: how views of the maps vary: none, standard, varied, quarter-turns, rotation=DEGREES, scale=LOW..HIGH,
+        perspective=SHARE, crop=PIXELS, light=, contrast=, colour=SHARE, blur=PIXELS, noise=LEVELS, background=,
+        shadow=, vignette=, gamma=, saturation=, warmth=SHARE, motion=PIXELS, compression=SHARE; by default standard
       camera: views from a robot on the lanes instead of views from above: alone, or with rows=PIXELS, columns=PIXELS,
-        offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES, wobble=SHARE
+        offset=TILES, heading=DEGREES, height=METRES, forward=METRES, pitch=DEGREES, field_of_view=DEGREES,
+        wobble=SHARE, lines=TILES
       seed: seed of everything random
       maps_from: files or folders of maps, or lists of maps such as the explorer saves, to draw instead of evolving
         maps; they determine the number of maps and the sizes
@@ -154,8 +156,8 @@ class DatasetSpec(Record):
         asked = {name: getattr(self.transforms, name) for name in GEOMETRY}
         if changed := [name for name in GEOMETRY if asked[name] not in (still[name], usual[name])]:
             raise InputError(
-                "transforms: expected light, contrast, colour, blur and noise with a camera, which has its own "
-                f"positions, got {changed[0].replace('_', '-')}"
+                "transforms: expected changes of light and pixels with a camera, which has its own positions, got "
+                f"{changed[0].replace('_', '-')}"
             )
         object.__setattr__(self, "transforms", self.transforms.replace(**still))
 
@@ -197,7 +199,7 @@ class DatasetSpec(Record):
             "camera": self.camera and vars(self.camera),
             "search": self.search.to_plain(),
             "tiles": self.tiles and str(self.tiles),
-            "furnish": self.furnish and vars(self.furnish),
+            "furnish": self.furnish and self.furnish.settings(),
             "objects": self.objects and str(self.objects),
         }
 

@@ -37,6 +37,7 @@ from .lanes import LaneNode as LaneNode
 from .lanes import Pose as Pose
 from .lanes import lane_pose as lane_pose
 from .lanes import movements as movements
+from .lanes import random_pose as random_pose
 from .rides import film as film
 from .rides import make_rides as make_rides
 from .rides import trails as trails

@@ -17,7 +17,7 @@ from elitelanes_jax._util.types import AnyArray, Numeric
 from elitelanes_jax.drive._once import once
 from elitelanes_jax.drive.lanes import Pose, wrap_angle
 from elitelanes_jax.drive.robot import TILE
-from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, nearest_view
+from elitelanes_jax.formats.objects import NEAR, OBJECT_KINDS, OPAQUE, base_kind, nearest_view
 from elitelanes_jax.formats.road_map import RoadMap
 
 _SIDE = 64  # rows and columns of the pictures
@@ -72,7 +72,14 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     for index, things in enumerate(listed):
         for slot, thing in enumerate(things):
             radius = thing.radius if thing.height else 0
-            values[index, slot] = kinds.index(thing.kind), thing.x, thing.y, thing.angle, thing.height, radius
+            values[index, slot] = (
+                kinds.index(base_kind(thing.kind)),
+                thing.x,
+                thing.y,
+                thing.angle,
+                thing.height,
+                radius,
+            )
     kind, *rest = (jnp.asarray(values[..., part]) for part in range(6))
     return Objects(kind.astype(jnp.int32), *rest)
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, Int8, Key
 from numpy.typing import NDArray
 
 from elitelanes_jax.network import roads
@@ -184,6 +184,33 @@ def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLik
     x = movement.column + 0.5 + (forward - 0.5) * ahead_x + left * ahead_y
     y = movement.row + 0.5 + (forward - 0.5) * ahead_y - left * ahead_x
     return Pose(x, y, wrap_angle(_choose(_ANGLE, movement.heading) + bend * angle))
+
+
+def random_pose(
+    key: Key[Array, ""], grid: Int[ArrayLike, "H W"], *, offset: ArrayLike = 0.1, heading: ArrayLike = np.pi / 6
+) -> Pose:
+    """Draws a pose on the lanes of a grid, as datasets of robots' views do.
+
+    The movement is drawn uniformly from all movements of the grid; the position along it, the offset and the angle are
+    uniform too.
+
+    Args:
+      key: consumed.
+      grid: integer codes ``[H, W]`` with at least one movement.
+      offset: largest distance from the lane's centre in tiles, either way.
+      heading: largest angle from the lane's direction in radians, either way.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`).
+    """
+    exists = movements(grid)
+    count = jnp.cumsum(exists.reshape(-1))
+    which, along, beside, turned = jax.random.uniform(key, (4,))
+    index = jnp.searchsorted(count, jnp.floor(which * count[-1]).astype(jnp.int32) + 1)
+    row, column, entered, turn = jnp.unravel_index(jnp.minimum(index, count.size - 1).astype(jnp.int32), exists.shape)
+    movement = Movement(row, column, entered, turn)
+    pose = lane_point(movement, along * lane_length(turn), (2 * beside - 1) * offset)
+    return pose._replace(theta=wrap_angle(pose.theta + (2 * turned - 1) * heading))
 
 
 def on_road(

@@ -20,15 +20,18 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
-from elitelanes_jax._util.types import Pytree, UserValue
+from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
+from elitelanes_jax.drive._objects import make_billboards, make_objects
 from elitelanes_jax.drive._pure_pursuit import pure_pursuit
 from elitelanes_jax.drive.lanes import Movement, Pose, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.formats.rides import MOST_POSES, RIDES
+from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
+from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
 from elitelanes_jax.tiles.tileset import TileSet
 
@@ -44,6 +47,7 @@ _COLOURS = ((255, 90, 60), (60, 170, 255), (255, 210, 40), (170, 90, 255), (40, 
 _ROOM = 2**20  # bytes to write on a full disk, so that the error says why
 _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
+_MOST_SEEN = 32  # objects in a view
 _BITS = 4  # of the fraction of a pixel
 _PACE = 0.5  # tiles a second: the expert drives a little more
 
@@ -197,7 +201,7 @@ def _describe(error: Exception, file: str) -> str:
 
 
 def trails(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
+    grid: AnyArray, tiles: TileSet, rides: Rides, *, tile_px: int = 64, chosen: UserValue = None
 ) -> NDArray[np.uint8]:
     """Draws the trails of rides on the map, RGB uint8 ``[H·P, W·P, 3]``: a dot at the start, a ring at the goal.
 
@@ -214,9 +218,11 @@ def trails(
 
 
 def film(
-    grid: ArrayLike, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
+    grid: AnyArray, tiles: TileSet, rides: Rides, index: int = 0, *, tile_px: int = 128, chosen: UserValue = None
 ) -> Iterator[NDArray[np.uint8]]:
     """Draws a ride frame by frame, 30 per second: the camera's picture, and next to it the map with the robot.
+
+    Of a `RoadMap` both show its objects: the camera the nearest ones, and one picture for each kind.
 
     Yields:
       RGB uint8 ``[480, width, 3]``, all of one width.
@@ -224,22 +230,27 @@ def film(
     Raises:
       InputError: for a map that the tiles cannot draw (see `render`).
     """
-    grid, size = np.asarray(grid), check_tile_px(tile_px)
-    chosen = choose_tiles(grid, tiles) if chosen is None else chosen
-    picture = render(grid, tiles, tile_px=size, chosen=chosen)
+    codes, size = np.asarray(check_grid(grid)), check_tile_px(tile_px)
+    chosen = choose_tiles(codes, tiles) if chosen is None else chosen
+    picture = render(codes, tiles, tile_px=size, chosen=chosen)
     # Each cell has its own picture, because blended tiles all differ.
     atlas = make_atlas(*(_cells(layer, size) for layer in (picture.image, picture.labels)))
-    cells = jnp.arange(grid.size, dtype=jnp.int32).reshape(grid.shape)
-    camera = Camera(rows=_HEIGHT, columns=640)
-    side = min(_HEIGHT / grid.shape[0], _WIDEST / grid.shape[1])
-    shape = max(round(side * grid.shape[1]) // 2 * 2, 2), round(side * grid.shape[0])  # films have even sides
+    cells = jnp.arange(codes.size, dtype=jnp.int32).reshape(codes.shape)
+    camera = Camera(rows=_HEIGHT, columns=640, objects=_MOST_SEEN)
+    things = billboards = None
+    if isinstance(grid, RoadMap) and grid.objects:
+        picture = render(grid, tiles, tile_px=size, chosen=chosen)
+        things, billboards = make_objects([grid]), make_billboards(load_objects().views)
+        things = jax.tree.map(lambda part: part[0], things)
+    side = min(_HEIGHT / codes.shape[0], _WIDEST / codes.shape[1])
+    shape = max(round(side * codes.shape[1]) // 2 * 2, 2), round(side * codes.shape[0])  # films have even sides
     shrunk = np.asarray(cv2.resize(picture.image, shape, interpolation=cv2.INTER_AREA), np.uint8)
     background = np.pad(shrunk, [(0, _HEIGHT - shape[1]), (0, 0), (0, 0)])
     last, goal = int(rides.steps[index]), _goals(rides.levels)[index]
     for start in range(0, last + 1, _BATCH):
         steps = np.minimum(np.arange(start, start + _BATCH), last)
         poses = Pose(*(part[index][steps] for part in (rides.x, rides.y, rides.theta)))
-        views = np.asarray(_look(poses, cells, atlas, camera))
+        views = np.asarray(_look(poses, cells, atlas, camera, things, billboards))
         for step, view in zip(range(start, last + 1), views, strict=False):
             plan = background.copy()
             _draw_trail(plan, rides, index, step, goal, side)
@@ -255,8 +266,8 @@ def _cells(layer: NDArray[np.uint8], size: int) -> NDArray[np.uint8]:
 
 
 @jax.jit
-def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera) -> Pytree:
-    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera).image)(poses)
+def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pytree, billboards: Pytree) -> Pytree:
+    return jax.vmap(lambda pose: look(jax.random.key(0), pose, cells, atlas, camera, things, billboards).image)(poses)
 
 
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:

@@ -18,8 +18,12 @@ from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.benchmark.tasks import SIZES, find_task
 from elitelanes_jax.explorer._payload import Blob, Payload
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.objects import OBJECT_KINDS, object_values
+from elitelanes_jax.formats.plan import LONGEST_PLAN, REFERENCE, TAPE_WIDTHS, tapes_of
 from elitelanes_jax.formats.rides import RecordedRide, read_rides
-from elitelanes_jax.formats.road_map import Drawn, RoadMap, read_map, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
+from elitelanes_jax.formats.tags import SIGN_TAGS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
 from elitelanes_jax.network.metric_names import METRIC_NAMES
@@ -27,6 +31,7 @@ from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
+from elitelanes_jax.tiles.object_set import load_objects
 from elitelanes_jax.tiles.rendering import COMPARED_PX, png_of, recall_choice, scale_tiles
 from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
@@ -60,8 +65,8 @@ class _Finds(NamedTuple):
     extras: Mapping[str, NDArray[np.int32]] = {}  # [E] by name, the features measured beside the metrics
     niche: NDArray[np.int32] | None = None  # [E], see niche_index; None if the page computes it from metrics
     labels: tuple[str, ...] | None = None  # a name for each grid, or None
-    # The chosen maps: the index of each among the grids, its name, and its tile pictures if they are known.
-    maps: tuple[tuple[int, str, Drawn | None], ...] = ()
+    # The chosen maps: the index of each among the grids, its name, and the map itself.
+    maps: tuple[tuple[int, str, RoadMap], ...] = ()
     rides: tuple[tuple[int, RecordedRide], ...] = ()  # on maps, each with the index of its map
     history: "History | None" = None  # of the run
     usual_fitness: bool = True  # whether the fitness is the weighted sum of features plus the penalty of ranges
@@ -288,7 +293,7 @@ def _with_chosen(run: _Finds, chosen: Sequence[tuple[str, RoadMap]]) -> _Finds:
             raise InputError(f"{run.name}/maps/{name}: expected a map of {expected}, as the archive's, got {got}")
         found = index_of.get(road_map.codes.tobytes())
         if found is not None:
-            maps.append((found, name, road_map.drawn))
+            maps.append((found, name, road_map))
     return run._replace(maps=tuple(maps))
 
 
@@ -326,7 +331,7 @@ def _by_size(maps: Sequence[tuple[str, RoadMap]]) -> list[_Finds]:
                 alphabet=None,
                 usual_fitness=whole,
                 labels=tuple(name for name, _ in listed),
-                maps=tuple((index, name, road_map.drawn) for index, (name, road_map) in enumerate(listed)),
+                maps=tuple((index, name, road_map) for index, (name, road_map) in enumerate(listed)),
             )
         )
     return finds
@@ -367,7 +372,9 @@ def _pack(runs: Sequence[_Finds], tiles: TileSet, tile_px: int, title: str) -> P
         "version": __version__,
         "title": title,
         "tiles": _tile_values(tiles, tile_px),
-        # The first numbers that `choose_tiles` draws for seed 0 and any shape.
+        "objects": _object_values(),
+        "plan": plan_values(),
+        # The first numbers that `choose_tiles` and `ObjectSet.choose` draw for seed 0.
         "lots": blob.add(np.random.default_rng(0).random(max(cells, _LEAST_LOTS)), "float64"),
         "runs": [_run_values(run, tiles, blob) for run in runs],
     }
@@ -388,7 +395,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
         "niche": None if run.niche is None else blob.add(run.niche, "int32"),
         "features": {name: blob.add(values, "int32") for name, values in run.extras.items()},
         "labels": run.labels,
-        "maps": [_map_values(run.grids[elite], elite, name, drawn, tiles) for elite, name, drawn in run.maps],
+        "maps": [_map_values(elite, name, road_map, tiles, blob) for elite, name, road_map in run.maps],
         "rides": [
             {"elite": elite, "goal": ride.goal, "success": ride.success, "poses": blob.add(ride.poses, "float32")}
             for elite, ride in run.rides
@@ -400,13 +407,14 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     }
 
 
-def _map_values(grid: NDArray[np.int8], elite: int, name: str, drawn: Drawn | None, tiles: TileSet) -> dict[str, Plain]:
-    """Returns a chosen map: its elite, and its tile pictures as indices in the set times 4 plus quarter turns."""
-    chosen = None
+def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
+    """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
+    chosen, drawn = None, road_map.drawn
     if drawn is not None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
-    return {"elite": elite, "name": name, "pictures": pictures}
+    objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
+    return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}
 
 
 def _history_values(history: "History", blob: Blob) -> dict[str, Plain] | None:
@@ -444,6 +452,27 @@ def _layers(tiles: TileSet, tile_px: int) -> list[dict[str, Plain]]:
         masks = (road * 1 + red * 2 + yellow * 4).astype(np.uint8)
         found.append({"image": _data_url(layers["image"][upright]), "masks": _data_url(masks)})
     return found
+
+
+def _object_values() -> dict[str, Plain]:
+    """Returns the size of each kind of object, the tag numbers of signs, and the pictures of objects from above."""
+    return {
+        "kinds": dict(OBJECT_KINDS),
+        "tags": dict(SIGN_TAGS),
+        "pictures": {
+            kind: [{"image": _data_url(one.top), "height": one.height, "footprint": one.footprint} for one in pictures]
+            for kind, pictures in load_objects().kinds.items()
+        },
+    }
+
+
+def plan_values() -> dict[str, Plain]:
+    """Returns the tapes of each kind of tile, so that the page can write a plan."""
+    kinds = {
+        kind: {"code": code, "tapes": [[tape.colour, np.round(tape.points, 6).tolist()] for tape in tapes_of(kind, 0)]}
+        for kind, code in REFERENCE.items()
+    }
+    return {"tile_size": TILE_SIZE, "longest": LONGEST_PLAN, "widths": dict(TAPE_WIDTHS), "kinds": kinds}
 
 
 def _data_url(pixels: NDArray[np.uint8]) -> str:

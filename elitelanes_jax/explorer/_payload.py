@@ -1,5 +1,6 @@
 """The payload of the explorer: values for JSON, and one blob of arrays, compressed."""
 
+import json
 import zlib
 from typing import NamedTuple
 
@@ -39,6 +40,10 @@ class Blob:
         flat = grids.reshape(-1).astype(np.uint8)
         flat = np.pad(flat, (0, flat.size % 2))
         return self.add(flat[::2] | flat[1::2] << 4, "uint8") | {"codes": grids.size}
+
+    def add_json(self, values: Plain) -> dict[str, Plain]:
+        """Adds values as the bytes of their JSON, which pack well; returns the table that represents them."""
+        return self.add(np.frombuffer(json.dumps(values, separators=(",", ":")).encode(), np.uint8), "uint8")
 
     def packed(self) -> bytes:
         return zlib.compress(b"".join(self._parts), 9)

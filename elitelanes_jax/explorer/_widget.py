@@ -13,6 +13,7 @@ from elitelanes_jax._util.types import Untyped, UserValue
 from elitelanes_jax.explorer._collect import collect, has_usual_fitness
 from elitelanes_jax.explorer._payload import Payload
 from elitelanes_jax.explorer.page import static_text
+from elitelanes_jax.formats.objects import MapObject, object_values
 
 if TYPE_CHECKING:
     from elitelanes_jax.search.result import Result
@@ -24,9 +25,10 @@ _Continue = Callable[[_Grid, "Result"], "Result"]
 def show(what: UserValue, *, tile_px: int = 64, on_continue: _Continue | None = None) -> Untyped:
     """Shows a result, maps, or folders of runs in a notebook.
 
-    The widget has the page's views. Its ``grid`` is the drawn map, int8 ``[H, W]``, or None before a map is drawn. Its
-    ``result`` is the shown result, None for anything else. Both are observed with ``observe``. For a result, a button
-    of the editor continues the search from the drawn map; the widget then shows the new result.
+    The widget has the page's views. Its ``grid`` is the drawn map, int8 ``[H, W]``, or None before a map is drawn; its
+    ``objects`` is a tuple of that map's `MapObject`. ``observe`` reports changes of both. Its ``result`` is the shown
+    result, None for anything else. For a result, a button of the editor continues the search from the drawn map; the
+    widget then shows the new result.
 
     Args:
       what: a `Result`, a `RoadMap` or several, or a path or several, as `collect` takes them.
@@ -84,6 +86,11 @@ def _widget_class() -> Untyped:
             sync=True,
             to_json=lambda grid, _: None if grid is None else np.asarray(grid).tolist(),
             from_json=lambda rows, _: None if rows is None else np.array(rows, np.int8),
+        )
+        objects = traitlets.Any(default_value=()).tag(
+            sync=True,
+            to_json=lambda things, _: [object_values(thing) for thing in things],
+            from_json=lambda values, _: tuple(MapObject(**value) for value in values),
         )
 
         def __init__(self, payload: Payload, result: Untyped, tile_px: int, on_continue: _Continue) -> None:

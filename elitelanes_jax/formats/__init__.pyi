@@ -15,6 +15,7 @@ from .nav2 import to_nav2 as to_nav2
 from .objects import OBJECT_KINDS as OBJECT_KINDS
 from .objects import MapObject as MapObject
 from .objects import ObjectKind as ObjectKind
+from .objects import Standing as Standing
 from .opendrive import to_opendrive as to_opendrive
 from .plan import PlacedTile as PlacedTile
 from .plan import Plan as Plan
@@ -30,5 +31,6 @@ from .sumo import convert as convert
 from .sumo import write_sumo as write_sumo
 from .svg import draw_svg as draw_svg
 from .table import table_to_csv as table_to_csv
+from .tag_pictures import draw_tag as draw_tag
 from .text import LINES as LINES
 from .text import draw_text as draw_text

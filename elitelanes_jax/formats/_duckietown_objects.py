@@ -14,10 +14,8 @@ from math import cos, degrees, isfinite, pi, radians, remainder, sin
 
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject, check_kind
-
-TAG_SIZE = 0.065
-"""The side of an AprilTag in metres."""
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_SIZE
 
 TAG_FAMILY = "36h11"
 """The family of all tags."""
@@ -26,6 +24,9 @@ _OF_MAP = {
     "sign_1_way_left": "sign_oneway_left",
     "sign_1_way_right": "sign_oneway_right",
 }  # in duckietown-world
+
+# gym-duckietown needs a picture of each sign, and has none of street names.
+_STREET_NAME, _BLANK = "sign_street_name", "sign_blank"
 
 # Metres from the corner east and north, by slot.
 _LONG, _SHORT = 0.09, 0.035
@@ -54,7 +55,8 @@ def write_objects(objects: Sequence[MapObject], rows: int, tile_size: float) -> 
             offset = _STAND * thing.height
             x, y, angle = x + offset * cos(angle), y + offset * sin(angle), angle + pi / 2
         turned = _number(degrees(remainder(angle, 2 * pi)))
-        lines += [f"  {thing.kind}_{index}:", f"    kind: {thing.kind}"]
+        kind = _BLANK if thing.kind == _STREET_NAME else thing.kind.removeprefix(OTHER)
+        lines += [f"  {kind}_{index}:", f"    kind: {kind}"]
         lines += [f"    pose: {{~SE2Transform: {{p: [{_number(x)}, {_number(y)}], theta_deg: {turned}}}}}"]
         lines += [f"    height: {_number(thing.height)}"] * (thing.height > 0)
         if thing.tag is not None and (thing.kind == "floor_tag" or thing.kind.startswith("sign_")):
@@ -72,8 +74,7 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
       tile_size: in metres.
 
     Raises:
-      InputError: for anything else, an unknown kind, or an object whose position cannot be read; the message names the
-        object.
+      InputError: for anything else, or an object whose position cannot be read; the message names the object.
     """
     named = dict(enumerate(values)) if isinstance(values, list) else values or {}
     if not isinstance(named, dict):
@@ -90,17 +91,18 @@ def read_objects(values: Plain, rows: int, tile_size: float) -> list[MapObject]:
 def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
     if not isinstance(value, dict) or not isinstance(value.get("kind"), str):
         raise InputError(f'expected {{"kind": ...}}, got {shorten(repr(value))}')
-    kind = check_kind(_OF_MAP.get(value["kind"], value["kind"]))
+    given = str(value["kind"])
+    kind = _OF_MAP.get(given, given) if given in {*_OF_MAP, *OBJECT_KINDS} else check_kind(OTHER + given)
     x, y, angle = _pose(value, rows, tile_size)
-    usual = OBJECT_KINDS[kind].height
+    usual = OBJECT_KINDS[base_kind(kind)].height
     height = real_of(value, "height", usual) if usual else 0.0
     if kind == "trafficlight":
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
-    tag = None
-    if "tag" in value:
-        tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id"))
+    tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id")) if "tag" in value else None
+    if kind == _BLANK and tag in STREET_NAMES:
+        kind = _STREET_NAME
     static = str(value.get("static", True)).lower() not in ("false", "no", "off")
     return MapObject(kind, x, y, remainder(angle, 2 * pi), height, tag, static)
 

@@ -1,4 +1,4 @@
-"""The pages of a plan, drawn with matplotlib: the map with its measures and the bill of materials, and a check-list."""
+"""The pages of a plan, drawn with matplotlib: the map with its measures and its bill, a check-list, and tags."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -7,10 +7,14 @@ from math import cos, degrees, sin
 from pathlib import Path
 from textwrap import wrap
 
+import numpy as np
+
 from elitelanes_jax._util.packages import import_optional
 from elitelanes_jax._util.types import Untyped
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
+from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.plan import REFERENCE, TAPE_WIDTHS, Plan, tapes_of
+from elitelanes_jax.formats.tag_pictures import draw_tag
+from elitelanes_jax.formats.tags import STREET_NAMES, TAG_BORDER, TAG_SIZE
 
 # Lengths on pages are in millimetres.
 _A4, _MARGIN, _LINE = (210.0, 297.0), 14.0, 4.5
@@ -33,7 +37,7 @@ def draw_plan(plan: Plan, file: Path) -> None:
     with rc_context({"svg.hashsalt": "plan", "svg.fonttype": "none", "pdf.fonttype": 42}):
         if kind == ".pdf":
             with PdfPages(file, metadata={"CreationDate": None, "Title": "Plan of a map"}) as pages:
-                for page in (_map_page(plan), *_list_pages(plan)):
+                for page in (_map_page(plan), *_list_pages(plan), *_tag_pages(plan)):
                     pages.savefig(page)
         else:
             _map_page(plan).savefig(file, dpi=150, metadata={"Date": None} if kind == ".svg" else None)
@@ -119,7 +123,7 @@ def _draw_object(ax: Untyped, thing: MapObject, index: int, x: float, y: float, 
     east, south = cos(thing.angle), -sin(thing.angle)
     is_sign = thing.kind.startswith("sign_") or thing.kind == "trafficlight"
     colour = _STOP if thing.kind == "sign_stop" else _SIGN if is_sign else _THING
-    if OBJECT_KINDS[thing.kind].is_round:
+    if thing.is_round:
         ax.add_patch(Circle((x, y), length, facecolor=colour, lw=0))
     else:
         corners = [(length, width), (length, -width), (-length, -width), (-length, width)]
@@ -173,10 +177,37 @@ def _check_list(plan: Plan) -> list[str]:
         tag = "" if thing.tag is None else f", tag {thing.tag}"
         east, south = (round(length * plan.tile_size, 2) for length in (thing.x, thing.y))
         across, down = "west" if east < 0 else "east", "north" if south < 0 else "south"
-        faces = "" if OBJECT_KINDS[thing.kind].is_round else f", faces {_direction(thing.angle)}"
+        faces = "" if thing.is_round else f", faces {_direction(thing.angle)}"
         lines += [f"{_BOX} {index}  {_thing_name(thing.kind)}{tag}"]
         lines += [f"      {abs(east):.2f} {across}, {abs(south):.2f} {down}{faces}"]
     return lines
+
+
+def _tag_pages(plan: Plan) -> Iterator[Untyped]:
+    """Draws the tags of all objects on A4 in their size, to cut out."""
+    side, border = 1000 * TAG_SIZE, 1000 * TAG_BORDER
+    across, down = side + 2 * border + 4, side + 2 * border + _LINE
+    columns, rows = int((_A4[0] - 2 * _MARGIN) / across), int((_A4[1] - 2 * _MARGIN - 12) / down)
+    tagged = [(number, thing.kind, thing.tag) for number, thing in enumerate(plan.objects, 1) if thing.tag is not None]
+    for first in range(0, len(tagged), rows * columns):
+        page, ax = _page(*_A4, "Tags")
+        _write(ax, _MARGIN + 18, _MARGIN + 3, f"print at 100 %: black squares have {side / 10:g} cm", color=_FAINT)
+        for index, (number, kind, tag) in enumerate(tagged[first : first + rows * columns]):
+            x, y = _MARGIN + index % columns * across, _MARGIN + 12 + index // columns * down
+            right, bottom = x + side + 2 * border, y + side + 2 * border
+            ax.plot([x, right, right, x, x], [y, y, bottom, bottom, y], color=_FAINT, lw=0.4)
+            bits = np.kron(draw_tag(tag), np.ones((16, 16), np.uint8))  # large pixels, which viewers may smooth
+            extent = x + border, right - border, bottom - border, y + border
+            ax.imshow(bits, "gray", extent=extent, vmin=0, vmax=255, aspect="auto", interpolation="none")
+            name = STREET_NAMES.get(tag, "") if kind == "sign_street_name" else ""
+            _write(
+                ax,
+                x,
+                bottom + 0.7 * _LINE,
+                f"{number}  {_thing_name(kind)} {name}".rstrip() + f", tag {tag}",
+            )
+        ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
+        yield page
 
 
 def _tile_name(kind: str, quarter_turns: int | None = None) -> str:
@@ -185,7 +216,7 @@ def _tile_name(kind: str, quarter_turns: int | None = None) -> str:
 
 
 def _thing_name(kind: str) -> str:
-    return kind.removeprefix("sign_").replace("4_way", "4-way").replace("_", " ")
+    return kind.removeprefix("sign_").removeprefix("other:").replace("4_way", "4-way").replace("_", " ")
 
 
 def _direction(angle: float) -> str:

@@ -4,8 +4,10 @@ from collections import deque
 from itertools import count, groupby
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
 
 _HEAD = (
@@ -21,15 +23,16 @@ _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))  # of
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
 
 
-def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
+def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 
     Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures.
+      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
+        are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
-      A text; the same grid gives the same text. x is east and y north of the grid's south-west corner, in metres.
+      A text; the same map gives the same text. x is east and y north of the grid's south-west corner, in metres.
       Lanelets are numbered from 1 in ascending order of row, column, heading and turn. The format demands a planning
       problem: from lanelet 1 to a lanelet that is farthest from there.
 
@@ -37,6 +40,7 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, after, links = lanes(codes)
+    rights = rights_of_way(codes, streets)
     sides = [bounds(way, streets, len(links)) for way in ways]
     for way, (left, right) in zip(ways, sides, strict=True):
         if way.turn == BACK:  # the outline of a lanelet must not touch itself
@@ -65,13 +69,13 @@ def to_commonroad(codes: ArrayLike, streets: Streets = Streets()) -> str:
             parts += [f'<{_SUCCESSORS[ways[index].turn]} ref="{index + 1}"/>' for index in some]
             parts.append(f'<isLeftOf ref="{incoming[from_right]}"/>' if from_right in incoming else "")
             parts.append("</incoming>")
-            sign = _SIGNS.get(streets.right_of_way)
-            if streets.right_of_way == "priority" and low:
+            sign = _SIGNS.get(rights[tile])
+            if rights[tile] == "priority" and low:
                 sign = _YIELD if heading in low else _PRIORITY
             if sign:
                 signs.append(_sign(number := next(numbers), sides[entering[0]][1][-1], sign))
                 rules |= dict.fromkeys(entering, f'<trafficSignRef ref="{number}"/>')
-            if streets.right_of_way == "traffic_light":
+            if rights[tile] == "traffic_light":
                 lights.append(_light(number := next(numbers), heading))
                 rules |= dict.fromkeys(entering, f'<trafficLightRef ref="{number}"/>')
         intersections.append(f'<intersection id="{next(numbers)}">{"".join(parts)}</intersection>')

@@ -14,12 +14,13 @@ import yaml
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, read_text
-from elitelanes_jax._util.types import Plain
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, TAG_SIZE, real_of
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
-from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.objects import OBJECT_KINDS, MapObject
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
+from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.tags import TAG_SIZE
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
 
 LAYERS = ("frames", "tile_maps", "tiles", "traffic_signs", "ground_tags", "citizens", "vehicles", "decorations")
@@ -44,33 +45,32 @@ _SIGNS = {
 _KIND_OF_SIGN = {name: kind for kind, name in _SIGNS.items()}
 
 
-def to_dt_maps(road_map: RoadMap, *, tile_size: float = TILE_SIZE) -> dict[str, str]:
+def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE, dead_ends: str = "refuse") -> dict[str, str]:
     """Returns the texts of a map's layers, by their names in `LAYERS`.
 
     Args:
-      road_map: a map.
+      road_map: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       tile_size: in metres, 0.01 to 100.
+      dead_ends: "refuse" tiles with one connection, which Duckietown lacks; or "grass", to remove roads that lead
+        nowhere (see `without_dead_ends`).
 
     Raises:
-      InputError: for a tile with one connection, as Duckietown has none, or a bad tile size.
+      InputError: for a bad map or option; the message names refused tiles; or if no road is left.
     """
     check_tile_size(tile_size)
-    size, rows = float(tile_size), len(road_map.codes)
+    given = as_map(road_map)
+    grid = check_roads(given.codes, dead_ends)
+    size, rows = float(tile_size), len(grid)
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
-    for (row, column), code in np.ndenumerate(road_map.codes.astype(int)):
-        if code and int(code) not in _TILE:
-            raise InputError(
-                f"grid: expected tiles with two or more connections, as Duckietown has no other, got a dead end at row "
-                f"{row}, column {column}; without_dead_ends leaves such roads out"
-            )
+    for (row, column), code in np.ndenumerate(grid.astype(int)):
         i, j, (kind, turns) = column, rows - 1 - row, _TILE[int(code)] if code else ("grass", 0)
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
-    for index, thing in enumerate(road_map.objects or ()):
-        name = f"{_MAP}/{thing.kind}_{index}"
+    for index, thing in enumerate(given.objects or ()):
+        name = f"{_MAP}/{thing.kind.removeprefix(OTHER)}_{index}"
         layer, values = _entry(thing)
         layers[layer][name] = values | {"height": thing.height} | ({} if thing.static else {"static": False})
         layers["frames"][name] = _frame(_MAP, thing.x * size, (rows - thing.y) * size, thing.angle)
@@ -179,7 +179,7 @@ def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":
         return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
-    return "decorations", {"type": thing.kind} | tag
+    return "decorations", {"type": thing.kind.removeprefix(OTHER)} | tag
 
 
 def _object(
@@ -189,8 +189,8 @@ def _object(
     given = str(values.get("type"))
     kind = usual.get(layer) or (_KIND_OF_SIGN.get(given) if layer == "traffic_signs" else given)
     if kind not in OBJECT_KINDS:
-        raise InputError(f"{layer}: {name}: type: expected a known kind, got {shorten(repr(given), 40)}")
-    height = real_of(values, "height", OBJECT_KINDS[kind].height)
+        kind = check_named(f"{layer}: {name}", check_kind, OTHER + given)
+    height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
     tag = int(real_of(values, "id")) if "id" in values and layer not in ("citizens", "vehicles") else None
     static = str(values.get("static", True)).lower() != "false"
     return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)

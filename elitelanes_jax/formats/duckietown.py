@@ -18,7 +18,7 @@ from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import read_objects, write_objects
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.graph import linked_tiles
-from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.objects import MapObject, check_objects
 from elitelanes_jax.network.checks import check_grid, check_sides
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS, rotate_codes
 
@@ -73,12 +73,25 @@ def to_duckietown(
         nowhere (see `without_dead_ends`).
 
     Raises:
-      InputError: for a bad grid (see `check_grid`) or option; the message names refused tiles; or if no road is left.
+      InputError: for a bad grid (see `check_grid`), object or option; the message names refused tiles; or if no road
+        is left.
     """
-    grid = np.asarray(check_grid(codes))
+    grid = check_roads(codes, dead_ends)
     check_tile_size(tile_size)
     if ground not in GROUNDS:
         raise InputError(f"ground: expected one of {', '.join(GROUNDS)}, got {ground!r}")
+    things = check_objects(objects or (), *grid.shape)
+    kinds = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
+    width = max(len(kind) for row in kinds for kind in row) + 1
+    rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
+    metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
+    table = "".join(f"- [{row}]\n" for row in rows)
+    return f"tile_size: {metres}\ntiles:\n{table}" + write_objects(things, len(grid), float(tile_size))
+
+
+def check_roads(codes: ArrayLike, dead_ends: str) -> NDArray[np.int8]:
+    """Returns a grid that Duckietown can have, int8 ``[H, W]``; `to_duckietown` says what `dead_ends` does."""
+    grid = np.asarray(check_grid(codes))
     if dead_ends not in ("refuse", "grass"):
         raise InputError(f"dead_ends: expected 'refuse' or 'grass', got {dead_ends!r}")
     if dead_ends == "grass":
@@ -94,12 +107,7 @@ def to_duckietown(
             f"grid: expected tiles with two or more connections, as in Duckietown, got dead ends at {cells}{more}; "
             "dead_ends='grass' removes these roads"
         )
-    kinds = [[_TILE.get(code, ground) for code in row] for row in grid.tolist()]
-    width = max(len(kind) for row in kinds for kind in row) + 1
-    rows = ["".join(f"{kind},".ljust(width + 1) for kind in row).rstrip(", ") for row in kinds]
-    metres = np.format_float_positional(tile_size, trim="0")  # also short for a float32
-    table = "".join(f"- [{row}]\n" for row in rows)
-    return f"tile_size: {metres}\ntiles:\n{table}" + write_objects(objects or (), len(grid), float(tile_size))
+    return grid
 
 
 def from_duckietown(text: str) -> NDArray[np.int8]:

@@ -9,8 +9,10 @@ from itertools import groupby
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
 from elitelanes_jax.network.movements import TURNS
 
@@ -23,21 +25,23 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 _Member = tuple[str, int, str]  # kind of element, number and role
 
 
-def to_lanelet2(codes: ArrayLike, streets: Streets = Streets()) -> str:
+def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures.
+      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
+        are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
-      A text; the same grid gives the same text. Lanelets have the tag ``name``: row, column, the side by which they
+      A text; the same map gives the same text. Lanelets have the tag ``name``: row, column, the side by which they
       enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without any road.
     """
     ways, _, links = lanes(codes)
+    rules = rights_of_way(codes, streets)
     city = _Map()
     for tile, group in groupby(ways, attrgetter("tile")):
         here = {way: bounds(way, streets, len(links)) for way in group}
@@ -49,7 +53,7 @@ def to_lanelet2(codes: ArrayLike, streets: Streets = Streets()) -> str:
             lanelets[way] = city.number(), [("way", sides[0], "left"), ("way", sides[1], "right")]
         if crossing:
             ends = {way.heading: np.array([left[0], right[0]]) for way, (left, right) in here.items()}
-            _add_rules(city, lanelets, ends, streets.right_of_way)
+            _add_rules(city, lanelets, ends, rules[tile])
         for way, (number, members) in lanelets.items():
             tags = {"type": "lanelet", "subtype": "road", "location": "urban", "one_way": "yes", "name": way.name}
             tags["speed_limit"] = f"{streets.speed * 3.6:g} km/h"

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.nav2 import road_cells
+from elitelanes_jax.formats.streets import no_road
 
 _STARTS = 10  # of each, as many goals
 _BUCKET = 4  # lengths that share a bucket
+_MOST_CELLS = 2**25  # a path's length for each takes 4 GB of memory
 
 
 class MovingAI(NamedTuple):
@@ -39,11 +40,11 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells.
+      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells, over 2**25 in all.
     """
-    road = road_cells(codes, cells)
+    road = road_cells(codes, cells, _MOST_CELLS)
     if not road.any():
-        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+        raise no_road()
     height, width = road.shape
     rows = "".join("".join(row) + "\n" for row in np.where(road, ".", "@").tolist())
     lines = [

@@ -4,6 +4,7 @@ The robot has Duckietown's measures, as `drive.Robot` and `drive.Camera` have th
 other. All light is ambient: the floor has the colours of its picture.
 """
 
+from collections.abc import Sequence
 from math import atan2, cos, degrees, radians, sin
 from xml.sax.saxutils import quoteattr
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
+from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_grid
 
 WHEEL_RADIUS = 0.0318
@@ -40,7 +42,7 @@ _MODEL = """<mujoco model="elitelanes">
 contype="0" conaffinity="0"/>
     <geom name="floor" type="plane" pos="{east:.6g} {north:.6g} 0" size="{east:.6g} {north:.6g} 1" material="floor" \
 friction="1 0.005 0.0001"/>
-    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
+{things}    <body name="robot" pos="{x:.6g} {y:.6g} {radius}" euler="0 0 {degrees:.6g}">
       <freejoint name="robot"/>
       <geom name="chassis" type="box" pos="-0.02 0 0.02" size="0.06 0.035 0.03" mass="0.8" rgba="0.9 0.2 0.15 1"/>
       <geom name="caster" type="sphere" pos="-0.06 0 -0.0218" size="0.01" mass="0.05" condim="1" rgba="0.5 0.5 0.5 1"/>
@@ -63,7 +65,7 @@ friction="1 0.005 0.0001"/>
 """
 
 
-def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str:
+def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standing: Sequence[Standing] = ()) -> str:
     """Writes the model of a map as MuJoCo's XML.
 
     The origin is the map's south-west corner; x is east, y north, z up. The body ``robot`` starts in the middle of the
@@ -74,6 +76,8 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str
       codes: integer codes ``[H, W]``.
       picture: the name of the file with the map's picture, next to the model's file.
       tile_size: side of a tile in metres, 0.1 to 1000. The robot keeps its own measures.
+      standing: objects, such as `tiles.stand` returns. They are boxes and upright cylinders of the objects' sizes and
+        mean colours that do not move. They grow with the tiles.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), one without a lane, or a bad size.
@@ -82,7 +86,9 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str
     height, width = check_grid(codes).shape
     before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
     direction = after - before
+    things = [_solid(one, height, number, tile_size) for number, one in enumerate(standing)]
     return _MODEL.format(
+        things="".join(things),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
         picture=quoteattr(picture),
@@ -97,4 +103,19 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE) -> str
         up_z=cos(_PITCH),
         fov=_FIELD_OF_VIEW,
         top=_TOP_SPEED / WHEEL_RADIUS,
+    )
+
+
+def _solid(one: Standing, rows: int, number: int, tile_size: float) -> str:
+    """Returns the element of an object."""
+    thing, scale = one.thing, tile_size / TILE_SIZE
+    length, width, up = (side * scale / 2 for side in (*thing.footprint, thing.height))
+    shape = (
+        f'cylinder" size="{length:.6g} {up:.6g}' if thing.is_round else f'box" size="{length:.6g} {width:.6g} {up:.6g}'
+    )
+    red, green, blue = one.colour
+    return (
+        f'    <geom name="{thing.kind} {number}" type="{shape}" pos="{thing.x * tile_size:.6g} '
+        f'{(rows - thing.y) * tile_size:.6g} {up:.6g}" euler="0 0 {degrees(thing.angle):.6g}" '
+        f'rgba="{red:.3f} {green:.3f} {blue:.3f} 1"/>\n'
     )

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
@@ -19,7 +20,8 @@ from elitelanes_jax.network.movements import linked_codes
 from elitelanes_jax.network.roads import on_road
 
 _PIECES = 4  # of an arc: its chords stay within 0.014 tile of it
-_FREE, _OCCUPIED = 254, 0
+_FREE = 254  # and 0 is occupied
+_MOST_PIXELS = 2**30
 
 _YAML = """image: {image}
 mode: trinary
@@ -45,7 +47,7 @@ class Nav2(NamedTuple):
     graph: str
 
 
-def road_cells(codes: ArrayLike, cells: int) -> NDArray[np.bool_]:
+def road_cells(codes: ArrayLike, cells: int, most: int) -> NDArray[np.bool_]:
     """Returns whether the centre of each cell is on the road, bool ``[H·cells, W·cells]``, the first row north.
 
     With 5 cells or more along a tile's side, cells of neighbours that are not linked do not touch.
@@ -53,12 +55,15 @@ def road_cells(codes: ArrayLike, cells: int) -> NDArray[np.bool_]:
     Args:
       codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
       cells: along a tile's side, 5 to 256.
+      most: cells of the map.
 
     Raises:
       InputError: for a bad grid (see `check_grid`) or number of cells.
     """
     cells = check_named("cells", whole(5, 256), cells)
     links = linked_codes(np.asarray(check_grid(codes)))
+    if links.size * cells**2 > most:
+        raise InputError(f"cells: expected at most {most:,} in all, got {links.size * cells**2:,}")
     centres = (np.arange(cells) + 0.5) / cells
     tiles = on_road(np.arange(16)[:, None, None], centres, centres[:, None])
     height, width = links.shape
@@ -66,7 +71,7 @@ def road_cells(codes: ArrayLike, cells: int) -> NDArray[np.bool_]:
 
 
 def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: int = 39) -> Nav2:
-    """Writes a map for nav2.
+    """Writes a map for nav2, by the rules of its formats; nav2 itself has not read one.
 
     Args:
       codes: integer codes ``[H, W]``.
@@ -75,12 +80,12 @@ def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: i
       cells: pixels along a tile's side, 5 to 256; by default 1.5 cm each.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a lane, or a bad setting.
+      InputError: for a bad grid (see `check_grid`), one without a lane, a bad setting, or over 2**30 pixels.
     """
     check_tile_size(tile_size, most=1000)
+    road = road_cells(codes, cells, _MOST_PIXELS)
     graph = lane_graph(codes)
-    road = road_cells(codes, cells)
-    pixels = np.where(road, _FREE, _OCCUPIED).astype(np.uint8)
+    pixels = road * np.uint8(_FREE)
     picture = b"P5\n%d %d\n255\n" % road.shape[::-1] + pixels.tobytes()
     about = _YAML.format(image=json.dumps(image), resolution=tile_size / cells)
     return Nav2(picture, about, _geojson(graph, np.shape(codes)[0], tile_size))

@@ -1,5 +1,6 @@
 """Objects of a map: signs, lights, buildings, vehicles and duckies, with a place and a direction each."""
 
+import re
 from collections.abc import Iterable, Mapping
 from math import hypot, isfinite
 from typing import NamedTuple
@@ -7,6 +8,7 @@ from typing import NamedTuple
 from elitelanes_jax._util.checks import is_real, is_whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats.tags import LARGEST_TAG
 
 BEYOND = 1.0
 """How far from the map an object may be, in tiles: signs at a map's border are outside it."""
@@ -19,8 +21,6 @@ OPAQUE = 128
 
 MOST_OBJECTS = 2**18
 """The most objects of a map."""
-
-_LARGEST_TAG = 586  # of the family 36h11
 
 
 class ObjectKind(NamedTuple):
@@ -42,7 +42,8 @@ class ObjectKind(NamedTuple):
 
 
 # Heights are those of most objects in duckietown-world's maps, proportions those of its meshes. There a house has
-# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs.
+# 0.5 m, a building 0.6 m and a bus 0.18 m; here they are lower, so that they fit on a tile between signs. Street name
+# signs have the widest one of the manual, 7.2 inches.
 _SIGN = ObjectKind(0.18, 0.056, 0.072)
 _SIGNS = (
     *("stop", "4_way_intersect", "right_T_intersect", "left_T_intersect", "T_intersect", "t_light_ahead", "yield"),
@@ -64,8 +65,13 @@ OBJECT_KINDS: dict[str, ObjectKind] = {
     "checkerboard": ObjectKind(0.17, 0.171, 0.171),
     "floor_tag": ObjectKind(0.0, 0.065, 0.065),
     **{f"sign_{name}": _SIGN for name in _SIGNS},
+    "sign_street_name": ObjectKind(0.18, 0.056, 0.183),
+    "other": ObjectKind(0.1, 0.1, 0.1),
 }
-"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world."""
+"""The kinds of objects by name. Names are those of gym-duckietown and duckietown-world, except for "other"."""
+
+OTHER = "other:"
+"""What the kind of an object begins with if it is not one of `OBJECT_KINDS`."""
 
 
 class MapObject(NamedTuple):
@@ -75,7 +81,7 @@ class MapObject(NamedTuple):
     north-west corner of the map, in tiles. Angles are counter-clockwise as seen from above; 0 is east.
 
     Attributes:
-      kind: one of `OBJECT_KINDS`.
+      kind: one of `OBJECT_KINDS`; or "other:" and a name that an imported map has, such as "other:helicopter".
       x: of the footprint's centre, in tiles east of the map's north-west corner.
       y: tiles south of that corner.
       angle: the direction of the object's front, in radians. A vehicle drives in this direction. The printed side of a
@@ -97,19 +103,47 @@ class MapObject(NamedTuple):
     @property
     def footprint(self) -> tuple[float, float]:
         """Length and width in metres, along and across its direction, at its height."""
-        usual = OBJECT_KINDS[self.kind]
+        usual = OBJECT_KINDS[base_kind(self.kind)]
         scale = self.height / usual.height if usual.height else 1.0
         return usual.length * scale, usual.width * scale
+
+    @property
+    def is_round(self) -> bool:
+        """Whether the footprint is a disc."""
+        return OBJECT_KINDS[base_kind(self.kind)].is_round
 
     @property
     def radius(self) -> float:
         """Radius in metres of the smallest disc around the footprint."""
         length, width = self.footprint
-        return length / 2 if OBJECT_KINDS[self.kind].is_round else hypot(length, width) / 2
+        return length / 2 if self.is_round else hypot(length, width) / 2
+
+
+class Standing(NamedTuple):
+    """An object and how it looks from its front.
+
+    Attributes:
+      thing: the object.
+      picture: a PNG file with transparency, from the floor to the object's height.
+      width: of the picture, in metres.
+      colour: the mean red, green and blue of its opaque pixels, 0 to 1.
+    """
+
+    thing: MapObject
+    picture: bytes
+    width: float
+    colour: tuple[float, float, float]
+
+
+def base_kind(kind: str) -> str:
+    """Returns the name in `OBJECT_KINDS` of a kind: "other" for "other:helicopter"."""
+    return kind.partition(":")[0]
 
 
 def check_kind(kind: UserValue) -> str:
     """Returns the name of a kind of object; raises an `InputError` for an unknown one."""
+    if isinstance(kind, str) and re.fullmatch(OTHER + r"\w[\w.-]{0,63}", kind):
+        return kind
     if not isinstance(kind, str) or kind not in OBJECT_KINDS:
         hint = suggest(kind, list(OBJECT_KINDS)) if isinstance(kind, str) else ""
         raise InputError(f"kind: expected one of {', '.join(OBJECT_KINDS)}, got {shorten(repr(kind), 40)}{hint}")
@@ -164,7 +198,7 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
                 f"expected the fields {fields}, got {shorten(repr(name))}{suggest(str(name), MapObject._fields)}"
             )
     kind = check_kind(values["kind"])
-    usual = OBJECT_KINDS[kind].height
+    usual = OBJECT_KINDS[base_kind(kind)].height
     found = {
         "x": _number("x", values.get("x"), -BEYOND, width + BEYOND, "tiles"),
         "y": _number("y", values.get("y"), -BEYOND, height + BEYOND, "tiles"),
@@ -172,9 +206,9 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
         "height": _number("height", values.get("height", usual), 0.001 if usual else 0, 10 if usual else 0, "metres"),
     }
     tag, static = values.get("tag"), values.get("static", True)
-    if tag is not None and not (is_whole(tag) and 0 <= tag <= _LARGEST_TAG):
+    if tag is not None and not (is_whole(tag) and 0 <= tag <= LARGEST_TAG):
         raise InputError(
-            f"tag: expected a number of the family 36h11, 0 to {_LARGEST_TAG}, got {shorten(repr(tag), 40)}"
+            f"tag: expected a number of the family 36h11, 0 to {LARGEST_TAG}, got {shorten(repr(tag), 40)}"
         )
     if not isinstance(static, bool):
         raise InputError(f"static: expected true or false, got {shorten(repr(static), 40)}")

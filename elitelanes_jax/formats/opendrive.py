@@ -10,17 +10,12 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 import math
 from typing import NamedTuple
 
-from numpy.typing import ArrayLike
-
+from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
+from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
 from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
 from elitelanes_jax.network.codes import SIDE_TOWARDS
-
-_SIGNS = {  # by right of way
-    "allway_stop": 'country="DE" type="206" dynamic="no"',
-    "traffic_light": 'country="OpenDRIVE" type="1000001" dynamic="yes"',
-}
 
 
 class _End(NamedTuple):
@@ -40,15 +35,16 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
-def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
+def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: their measures.
+      codes: integer codes ``[H, W]``, or a `RoadMap`, whose signs and lights are written too. Connections that no
+        neighbour returns, or that leave the grid, are no roads.
+      streets: their measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
-      A text; the same grid gives the same text. x is east and y north of the grid's south-west corner, in metres. Roads
+      A text; the same map gives the same text. x is east and y north of the grid's south-west corner, in metres. Roads
       are named by the tile and the side where they start, such as ``3_4_east``; connecting roads by their tile, the
       side by which they enter and their turn, such as ``3_4_west_left``.
 
@@ -64,15 +60,22 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
             nodes |= {path[0], path[len(path) // 2]}
     junctions = {tile: number for number, tile in enumerate(sorted(nodes), 1) if links[tile]}
     first = max(junctions.values()) + 1  # CARLA takes a number for a road if there is one
-    roads: list[str] = []
-    ends: dict[tuple[Cell, Cell], _End] = {}  # by the tile of a junction and the next tile of the road
-    for number, path in enumerate(walk_roads(links, set(junctions)), first):
+    paths = walk_roads(links, set(junctions))
+    ends: dict[Arrival, _End] = {}
+    for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
+    rules = rights_of_way(codes, streets)
+    signals = list_signals(codes, rules, ends)
+    roads: list[str] = []
+    for number, path in enumerate(paths, first):
         (row, column), (next_row, next_column) = path[:2]
         name = f"{row}_{column}_{SIDE_TOWARDS[next_row - row, next_column - column].name}"
         both = [junctions[path[end]] for end in (0, -1)]
-        signs = [len(links[path[end]]) > 2 for end in (0, -1)]
-        roads.append(_road(number, name, middle(path, links, height), both, signs, streets))
+        pieces = middle(path, links, height)
+        length = sum(piece.length for piece in pieces) * streets.tile
+        signs = [signal_element(one, 0, 1, streets, height) for one in signals[path[0], path[1]]]
+        signs += [signal_element(one, length, -1, streets, height) for one in signals[path[-1], path[-2]]]
+        roads.append(_road(number, name, pieces, both, signs, streets))
 
     built: dict[Cell, list[str]] = {tile: [] for tile in junctions}
     for way in (way for way in network.ways if way.tile in junctions):
@@ -84,12 +87,13 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
         place = f'id="{len(connections)}" incomingRoad="{start.road}" connectingRoad="{number}" contactPoint="start"'
         connections.append(f'<connection {place}><laneLink from="{start.lane_in}" to="-1"/></connection>')
     controllers: list[str] = []
-    for tile, element in built.items():
-        if len(links[tile]) > 2:
-            approaches = [
-                [ends[tile, other] for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)
-            ]
-            element += _rights(approaches, controllers, streets)
+    for tile, rule in rules.items():
+        axes = [[(tile, other) for other in links[tile] if (other[1] == tile[1]) == side] for side in (0, 1)]
+        if rule == "traffic_light":
+            built[tile] += _lights([[one for end in axis for one in signals[end]] for axis in axes], controllers)
+        elif rule == "priority" and len(links[tile]) == 3:  # the road that goes straight on
+            (low,), high = sorted(axes, key=len)
+            built[tile] += [f'<priority high="{ends[end].road}" low="{ends[low].road}"/>' for end in high]
     return "\n".join(
         [
             '<?xml version="1.0" encoding="UTF-8"?>',
@@ -107,34 +111,22 @@ def to_opendrive(codes: ArrayLike, streets: Streets = Streets()) -> str:
     )
 
 
-def _rights(axes: list[list[_End]], controllers: list[str], streets: Streets) -> list[str]:
-    """Returns elements of a crossing that say who goes first, by its roads along each axis; adds their controllers."""
-    if streets.right_of_way == "priority" and sum(map(len, axes)) == 3:  # the road that goes straight on
-        (low,), high = sorted(axes, key=len)
-        return [f'<priority high="{end.road}" low="{low.road}"/>' for end in high]
+def _lights(axes: list[list[Signal]], controllers: list[str]) -> list[str]:
+    """Returns the elements of a crossing for its lights, together along each axis; adds their controllers."""
     rights = []
-    for sequence, axis in enumerate(axes if streets.right_of_way == "traffic_light" else ()):
-        lights = "".join(f'<control signalId="{_signal_id(*end)}" type="0"/>' for end in axis)
+    for sequence, axis in enumerate(axes):
+        lights = "".join(f'<control signalId="{one.number}" type="0"/>' for one in axis if one.kind == "trafficlight")
         place = f'id="{len(controllers) + 1}" sequence="{sequence}"'
         controllers.append(f"<controller {place}>{lights}</controller>")
         rights.append(f'<controller {place} type="0"/>')
     return rights
 
 
-def _road(number: int, name: str, pieces: list[Piece], nodes: list[int], signs: list[bool], streets: Streets) -> str:
-    """Returns the element of a road between junctions, with a lane on each side and signs at its ends."""
+def _road(number: int, name: str, pieces: list[Piece], nodes: list[int], signs: list[str], streets: Streets) -> str:
+    """Returns the element of a road between junctions, with a lane on each side and its signals."""
     sides = (("left", 1, "solid"), ("center", 0, "broken"), ("right", -1, "solid"))
     lanes = "".join(f"<{side}>{_lane(lane, mark, streets)}</{side}>" for side, lane, mark in sides)
-    signals = "".join(
-        f'<signal s="{0 if starts else sum(piece.length for piece in pieces) * streets.tile:.9g}" '
-        f't="{1.25 * lane * streets.lane:.9g}" id="{_signal_id(number, starts)}" name="" '
-        f'orientation="{"-" if starts else "+"}" {_SIGNS[streets.right_of_way]} subtype="-1" value="-1" '
-        f'zOffset="{0.7 * streets.lane:.9g}" height="{streets.lane / 4:.9g}" width="{streets.lane / 4:.9g}">'
-        f'<validity fromLane="{lane}" toLane="{lane}"/></signal>'
-        for starts, lane, sign in ((True, 1, signs[0]), (False, -1, signs[1]))
-        if sign and streets.right_of_way in _SIGNS
-    )
-    section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{signals}</signals>'
+    section = f'<lanes><laneSection s="0">{lanes}</laneSection></lanes><signals>{"".join(signs)}</signals>'
     links = [f'elementType="junction" elementId="{node}"' for node in nodes]
     return _element(f'name="{name}" id="{number}" junction="-1"', links, pieces, section, streets)
 
@@ -174,7 +166,3 @@ def _element(attributes: str, links: list[str], pieces: list[Piece], lanes: str,
         f'<type s="0" type="town"><speed max="{streets.speed:.9g}" unit="m/s"/></type>'
         f"<planView>{''.join(geometries)}</planView>{lanes}</road>"
     )
-
-
-def _signal_id(road: int, starts: bool) -> int:
-    return 2 * road + starts

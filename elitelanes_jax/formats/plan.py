@@ -16,7 +16,7 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.road_map import as_maps
+from elitelanes_jax.formats.road_map import as_map
 from elitelanes_jax.network.codes import KIND_OF, NORTH, SOUTH, WEST, rotate_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
@@ -100,9 +100,8 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         Duckietown does not have.
     """
     size = check_named("tile_size", real(0.55, 2, unit="metres"), tile_size)
-    if len(maps := as_maps(road_map)) != 1:
-        raise InputError(f"map: expected one map, got {len(maps)}")
-    codes, things = maps[0].codes, maps[0].objects or ()
+    given = as_map(road_map)
+    codes, things = given.codes, given.objects or ()
     height, width = codes.shape
     if max(height, width) > LONGEST_PLAN or not codes.any():
         got = f"{height} x {width}" if codes.any() else "none"

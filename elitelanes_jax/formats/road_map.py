@@ -182,6 +182,18 @@ def as_maps(sources: UserValue) -> list[RoadMap]:
     return maps
 
 
+def as_map(source: UserValue) -> RoadMap:
+    """Returns one map in any form that `as_maps` takes.
+
+    Raises:
+      InputError: as `as_maps`, or for several maps or none.
+    """
+    maps = as_maps(source)
+    if len(maps) != 1:
+        raise InputError(f"map: expected one map, got {len(maps)}")
+    return maps[0]
+
+
 def _dimensions(value: UserValue) -> int:
     value = getattr(value, "codes", value)
     if isinstance(value, list | tuple):
@@ -193,6 +205,8 @@ def _read(file: str | Path, most: int, parse: Callable[[Plain], _Read]) -> _Read
     """Reads a file of at most `most` bytes, and parses its values, or those of a map of Duckietown."""
     is_yaml = check_named("file", path, file).suffix.lower() in (".yaml", ".yml")
     kind = "YAML" if is_yaml else "JSON"
+    if Path(file).suffix.lower() == ".npz":
+        raise InputError(f"{file}: expected a file of maps, got an archive of a search; pick chooses maps from it")
     try:
         text = read_text(file, most)
     except OSError as error:

@@ -15,13 +15,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS
 
@@ -66,12 +68,13 @@ class Network(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
+def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
     """Returns a grid as plain XML.
 
     Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
-      streets: the measures.
+      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
+        are no roads.
+      streets: the measures. A crossing with lights or stop signs on the map has these, and no other right of way.
 
     Returns:
       A `PlainXml`; the same grid gives the same texts.
@@ -81,21 +84,22 @@ def plain_xml(codes: ArrayLike, streets: Streets = Streets()) -> PlainXml:
     """
     roads = _roads(codes)
     if not roads:
-        raise InputError("grid: expected a road, two tiles that connect to each other, got none")
+        raise no_road()
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
     height = len(check_grid(codes))
     lines = [streets.tile * _line(road, exits, height) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
+    rules = rights_of_way(codes, streets)
     return PlainXml(
-        _xml("nodes", (_node(node, place, len(exits[node]), streets) for node, place in places.items())),
+        _xml("nodes", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
         _xml("connections", (_connection(road, after) for road in roads for after in _ways_on(road, exits))),
     )
 
 
-def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
+def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
     """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
 
     Missing folders are made. Existing files are replaced when all three are written.
@@ -120,11 +124,11 @@ def write_sumo(prefix: str | Path, codes: ArrayLike, streets: Streets = Streets(
     return nodes, edges, connections
 
 
-def network(codes: ArrayLike, streets: Streets = Streets()) -> Network:
+def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
     """Makes a network of a grid by SUMO's `netconvert`.
 
     Args:
-      codes: integer codes ``[H, W]``, see `plain_xml`.
+      codes: integer codes ``[H, W]``, or a `RoadMap`, see `plain_xml`.
       streets: their measures.
 
     Returns:
@@ -155,13 +159,13 @@ def network(codes: ArrayLike, streets: Streets = Streets()) -> Network:
     return Network(_COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning")))
 
 
-def convert(file: str | Path, codes: ArrayLike, streets: Streets = Streets()) -> tuple[str, ...]:
+def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[str, ...]:
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
       file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept
         after an error.
-      codes: integer codes ``[H, W]``.
+      codes: integer codes ``[H, W]``, or a `RoadMap`.
       streets: their measures.
 
     Raises:
@@ -175,7 +179,7 @@ def convert(file: str | Path, codes: ArrayLike, streets: Streets = Streets()) ->
     return warnings
 
 
-def _roads(codes: ArrayLike) -> list[list[Cell]]:
+def _roads(codes: AnyArray) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
     grid = check_grid(codes)
     links = linked_tiles(grid)
@@ -214,11 +218,10 @@ def _ways_on(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
     return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
 
 
-def _node(node: Cell, place: complex, degree: int, streets: Streets) -> str:
+def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
     # between adjacent crossings.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
-    kind = streets.right_of_way if degree > 2 else "priority"
     point = f'x="{place.real:.4f}" y="{place.imag:.4f}"'
     return f'<node id="{_id(node)}" {point} type="{kind}" radius="{radius:.4f}"/>'
 

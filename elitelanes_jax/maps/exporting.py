@@ -1,7 +1,7 @@
 """The formats that maps are exported to: for each its files, and the settings that it takes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -15,6 +15,7 @@ from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.road_map import RoadMap
 
 if TYPE_CHECKING:
+    from elitelanes_jax.formats.objects import Standing
     from elitelanes_jax.formats.streets import Streets
     from elitelanes_jax.tiles.tileset import TileSet
 
@@ -73,20 +74,20 @@ def _graphml(road_map: RoadMap, name: str, reduced: bool) -> Files:
 def _sumo(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
     from elitelanes_jax.formats.sumo import network
 
-    text, warnings = network(road_map.codes, _streets(measures))
+    text, warnings = network(road_map, _streets(measures))
     return Files((text,), tuple(f"netconvert: {line.removeprefix('Warning: ')}" for line in warnings))
 
 
 def _sumo_plain(road_map: RoadMap, name: str, **measures: UserValue) -> Files:
     from elitelanes_jax.formats.sumo import plain_xml
 
-    return Files(plain_xml(road_map.codes, _streets(measures)))
+    return Files(plain_xml(road_map, _streets(measures)))
 
 
 def _network(road_map: RoadMap, name: str, to: str, **measures: UserValue) -> Files:
     from elitelanes_jax import formats
 
-    return Files((getattr(formats, f"to_{to}")(road_map.codes, _streets(measures)),))
+    return Files((getattr(formats, f"to_{to}")(road_map, _streets(measures)),))
 
 
 def _streets(measures: dict[str, UserValue]) -> "Streets":
@@ -102,22 +103,28 @@ def _tiles(folder: Path | None) -> "TileSet":
     return load_tiles(folder)
 
 
-def _picture(road_map: RoadMap, tiles: Path | None = None, tile_px: int = 64) -> bytes:
-    from elitelanes_jax.tiles.rendering import png_of, render
+def _floor(road_map: RoadMap, tiles: Path | None = None, tile_px: int = 64) -> tuple[bytes, "list[Standing]"]:
+    """Returns the picture of a map with its tags, and the objects that stand on it."""
+    from elitelanes_jax.tiles.rendering import png_of, render, stand
 
-    return png_of(render(road_map, _tiles(tiles), tile_px=tile_px).image)
+    objects = road_map.objects or ()
+    tags = tuple(thing for thing in objects if not thing.height)
+    image = render(replace(road_map, objects=tags), _tiles(tiles), tile_px=tile_px).image
+    return png_of(image), stand(objects)
 
 
-def _gltf(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **picture: UserValue) -> Files:
+def _gltf(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **drawn: UserValue) -> Files:
     from elitelanes_jax.formats.gltf import to_gltf
 
-    return Files((to_gltf(road_map.codes.shape, _picture(road_map, **picture), tile_size),))
+    picture, standing = _floor(road_map, **drawn)
+    return Files((to_gltf(road_map.codes.shape, picture, tile_size, standing),))
 
 
-def _mujoco(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **picture: UserValue) -> Files:
+def _mujoco(road_map: RoadMap, name: str, tile_size: float = TILE_SIZE, **drawn: UserValue) -> Files:
     from elitelanes_jax.formats.mujoco import to_mjcf
 
-    return Files((to_mjcf(road_map.codes, f"{name}.png", tile_size), _picture(road_map, **picture)))
+    picture, standing = _floor(road_map, **drawn)
+    return Files((to_mjcf(road_map.codes, f"{name}.png", tile_size, standing), picture))
 
 
 def _nav2(road_map: RoadMap, name: str, **settings: UserValue) -> Files:
@@ -142,7 +149,7 @@ _FLOOR = ("tile_size", "tiles", "tile_px")
 
 FORMATS = {
     "duckietown": Format((".yaml",), _duckietown, ("tile_size", "ground", "dead_ends")),
-    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size",)),
+    "dt-maps": Format(_DT_MAPS, _dt_maps, ("tile_size", "dead_ends")),
     "graphml": Format((".graphml",), partial(_graphml, reduced=False)),
     "graphml-reduced": Format((".graphml",), partial(_graphml, reduced=True)),
     "sumo": Format((".net.xml",), _sumo, _STREETS),

@@ -54,8 +54,8 @@ def write_maps(
     """
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     if furnish:
-        named = enumerate(maps)
-        maps = [check_named(f"map {index}", partial(_furnish, furnish, seed), one) for index, one in named]
+        place = partial(furnish_map, spec=furnish, seed=seed)
+        maps = [check_named(f"furnish: map {index}", place, one) for index, one in enumerate(maps)]
     drawn, small = [], []
     with Progress("drawing", len(maps), "maps") as bar:
         for index, plain in enumerate(maps):
@@ -72,10 +72,6 @@ def write_maps(
     sheet = contact_sheet(title, small, [_caption(index, road_map) for index, road_map in enumerate(drawn)])
     write_png(folder / "contact-sheet.png", sheet)
     return drawn
-
-
-def _furnish(spec: FurnishSpec, seed: int, road_map: RoadMap) -> RoadMap:
-    return furnish_map(road_map, spec, seed=seed)
 
 
 def foreign_to_maps(folder: Path) -> str | None:

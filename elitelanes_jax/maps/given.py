@@ -22,11 +22,13 @@ class GivenMaps:
       maps: at least one, each with its metrics.
       digest: of all fields of all maps.
       repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
+      paths: the files and folders they were read from.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
     repeated: int = 0
+    paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -34,10 +36,11 @@ class GivenMaps:
         return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
 
 
-def given(maps: Sequence[RoadMap], repeated: int = 0) -> GivenMaps:
+def given(maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = ()) -> GivenMaps:
     """Returns the maps with their metrics, which are measured if a map has none."""
     measured = tuple(map(_measured, maps))
-    return GivenMaps(measured, sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16], repeated)
+    digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
+    return GivenMaps(measured, digest, repeated, tuple(paths))
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -47,23 +50,24 @@ def parse_given(sources: UserValue) -> GivenMaps:
     same network.
 
     Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset, or all files
-        ``map.json`` in them, or where there is none, the files ``.json``, ``.yaml`` and ``.yml`` right in them.
+      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or
+        all files ``map.json`` in them, or where there is none, the ``.json``, ``.yaml`` and ``.yml`` right in them.
 
     Raises:
       InputError: for a file or folder that is missing or bad, or no map; the message names it.
     """
     if isinstance(sources, GivenMaps):
         return sources
-    listed = [sources] if isinstance(sources, str | Path) else sources
+    listed, paths = [sources] if isinstance(sources, str | Path) else sources, []
     if isinstance(listed, list | tuple):
+        paths = [Path(source) for source in listed if isinstance(source, str | Path)]
         listed = [one for source in listed for one in _files(source)]
     found = as_maps(listed)
     if not found:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given(maps, len(found) - len(maps))
+    return given(maps, len(found) - len(maps), paths)
 
 
 def _files(source: UserValue) -> list[UserValue]:
@@ -72,6 +76,8 @@ def _files(source: UserValue) -> list[UserValue]:
         return [source]
     if (source / "dataset.json").is_file():
         return _of_dataset(source)
+    if (source / "pack.json").is_file():
+        return sorted((source / "maps").rglob("*.json"))
     kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
     if not files:

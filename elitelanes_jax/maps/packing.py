@@ -3,11 +3,13 @@
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError
@@ -47,8 +49,8 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
 
     Args:
       spec: of the pack.
-      sources: a folder of `generate` or `pick`, a dataset, or maps in any form that `as_maps` takes; or several of
-        these. Of maps that are the same when rotated or mirrored the first one is packed.
+      sources: a folder of `generate` or `pick`, a dataset, a pack, or maps in any form that `as_maps` takes; or several
+        of these. Of maps that are the same when rotated or mirrored the first one is packed.
       out: the folder, new or empty.
       force: whether another pack in the folder is replaced, if nothing else is in the folder.
 
@@ -71,7 +73,8 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
         "versions": installed_versions(),
     }
     identity = {"command": "pack", **about}
-    with output_folder(out, identity, foreign=_foreign, force=force, resume_files=True) as work:
+    inputs = [*maps.paths, *([spec.formats.tiles] if spec.formats.tiles else [])]
+    with output_folder(out, identity, inputs=inputs, foreign=_foreign, force=force, resume_files=True) as work:
         write_json(work.kept / "maps.json", [one.id for one in packed])
         rows = []
         with Progress("packing", len(packed), "maps") as bar:
@@ -151,10 +154,16 @@ def _trips(spec: PackSpec, one: _Packed, graph: LaneGraph) -> list[dict[str, Pla
     rng = np.random.default_rng([spec.seed, int(one.id, 16)])
     count = len(graph.nodes)
     ways = csr_array((LENGTHS[graph.turns], graph.edges.T), shape=(count, count))
-    trips: list[dict[str, Plain]] = []
-    for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips):
+
+    @lru_cache(1 + 2**24 // count)  # 128 MB
+    def lengths_from(start: int) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         lengths = dijkstra(ways, indices=start)
-        goal = rng.choice(np.flatnonzero(np.isfinite(lengths) & (lengths > 0)))
+        return lengths, np.flatnonzero(np.isfinite(lengths) & (lengths > 0))
+
+    trips: list[dict[str, Plain]] = []
+    for start in rng.choice(np.unique(graph.edges[:, 0]), spec.trips).tolist():
+        lengths, goals = lengths_from(start)
+        goal = rng.choice(goals)
         places = {
             f"{end}_{name}": int(value)
             for end, node in (("start", start), ("goal", goal))

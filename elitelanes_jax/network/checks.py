@@ -1,6 +1,7 @@
 """Checks of shapes and grids, for arrays of NumPy and JAX, without importing JAX."""
 
 import sys
+from pathlib import PurePath
 
 import numpy as np
 
@@ -50,6 +51,8 @@ def check_grid(grid: AnyArray) -> AnyArray:
     """
     jax = sys.modules.get("jax")
     grid = getattr(grid, "codes", grid)
+    if isinstance(grid, str | PurePath):
+        raise InputError(f"grid: expected rows of tile codes, got {str(grid)!r}; read_map reads the map of a file")
     try:
         array = grid if jax and isinstance(grid, jax.Array) else np.asarray(grid)
     except ValueError:

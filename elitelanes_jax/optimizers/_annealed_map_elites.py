@@ -5,8 +5,7 @@ from a random grid, and copies parts of other elites. Every evaluated grid is of
 
 Elites descend from each other, so an archive soon holds one family of networks and loses the stepping stones to the
 other niches. Half of the chains are therefore isolated. They form groups, and a group knows only the elites that it
-found. Some of their cycles restart from random grids. While niches are vacant, some restarts take a direction: one long
-cycle counts penalties alone and moves past a vacant niche to the ends of the axes, so that no reward stops it.
+found. Some of their cycles restart from random grids.
 """
 
 from collections.abc import Callable
@@ -38,11 +37,9 @@ from elitelanes_jax.optimizers._annealing import (
 )
 from elitelanes_jax.optimizers._emitters import (
     Niches,
-    draw_direction,
     draw_goal,
     nearest_elite,
     penalise_distance,
-    reachable,
 )
 from elitelanes_jax.optimizers._moves import with_symmetric_copy
 from elitelanes_jax.optimizers._mutations import Move, Variation
@@ -56,8 +53,6 @@ from elitelanes_jax.problem.problem import Problem
 # All measured in experiments/search/moves.md. The weight of `refit_window` on small grids, the number of groups of
 # isolated chains, and the number of niches from which the elite nearest to the goal becomes the mate.
 _REFIT, _GROUPS, _TOURNAMENT = 25, 4, 8
-# Cycles in a direction: their share of the restarts, length in usual cycles, penalty of a bin, and temperatures.
-_DIRECTION_SHARE, _DIRECTION_LENGTH, _DIRECTION_PENALTY, _DIRECTION_HOTTEST, _DIRECTION_COLDEST = 0.4, 49, 200, 50, 25
 
 
 @pytree
@@ -79,8 +74,8 @@ class AnnealedMapElitesConfig(Record):
       diagonal: whether the symmetric copy may also be mirrored in a diagonal; static. By default it may on grids of up
         to 64 cells whose cells may stay empty.
       initial_towns_from: the least number of cells with which the chains start from grown towns (see `grow_town`)
-        instead of random grids, and do not restart; None for never; static. On 24 x 24 tiles the moves do not lead from
-        random grids to networks without violations.
+        instead of random grids; None for never; static. On 24 x 24 tiles the moves do not lead from random grids to
+        networks without violations.
       accept_equal: whether a grid replaces an elite of equal fitness; static. Many towns have equal fitness. Without
         this, elites would hardly change, and cycles would start from the same elites.
       require_feasible: whether a niche counts as vacant until its elite has no penalty; static. Without this, cycles
@@ -91,7 +86,7 @@ class AnnealedMapElitesConfig(Record):
     bin_penalty: Int[ArrayLike, "..."] = traced(400, whole(1, 10_000))
     restart: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
     restart_length: Int[ArrayLike, "..."] = traced(16, whole(1))
-    vacant_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
+    vacant_probability: Real[ArrayLike, "..."] = traced(0.1, real(0, 1))
     elite_mate: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     symmetric_probability: Real[ArrayLike, "..."] = traced(0.5, real(0, 1))
     strips: bool = static(True, flag)
@@ -106,23 +101,21 @@ class _Bits(NamedTuple):
 
     goal: UInt32[Array, "*C 2"]
     restart: UInt32[Array, "*C"]
-    direction: UInt32[Array, "*C"]
     elite_mate: UInt32[Array, "*C"]
     rivals: UInt32[Array, "*C T"]
 
     @staticmethod
     def of(bits: UInt32[Array, "C B"]) -> "_Bits":
-        return _Bits(bits[:, :2], bits[:, 2], bits[:, 3], bits[:, 4], bits[:, 5:])
+        return _Bits(bits[:, :2], bits[:, 2], bits[:, 3], bits[:, 4:])
 
 
-_BITS = 5 + _TOURNAMENT
+_BITS = 4 + _TOURNAMENT
 
 
 class Cycle(NamedTuple):
     """The cycles of C chains."""
 
     goal: Int32[Array, "*C D"]  # the bins of the niche that the cycle pursues
-    directed: Bool[Array, "*C"]  # whether the cycle takes a direction
     restarts: Bool[Array, "*C"]  # whether the cycle starts from a random grid
     start: Int32[Array, "*C"]  # the index of the elite that any other cycle starts from
 
@@ -145,8 +138,6 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
     annealing, shape, count = config.annealing, problem.shape, config.annealing.population
     cells = shape[0] * shape[1]
     starts_from_towns = cells >= (config.initial_towns_from or np.inf) and min(shape) >= SMALLEST_GROWN
-    if starts_from_towns:
-        config = replace(config, restart=0.0)
     groups, length = _Groups.of(problem, count, config.accept_equal), _usual_length(config, shape)
     small, moves = cells <= SMALL, annealing.moves
     if small and moves.refit is None:
@@ -169,7 +160,7 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
         vacant = problem.empty_archive(chains.fitness.dtype, copies=_GROUPS + 1)
         archives = groups.insert(vacant, problem.niche(chains.features), chains)
         zero, no = jnp.zeros(count, jnp.int32), jnp.zeros(count, bool)
-        cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, no, zero)
+        cycles = Cycle(jnp.zeros((count, len(problem.axes)), jnp.int32), no, zero)
         return AnnealedMapElitesState(chains, cycles, archives, Cooling(zero, jnp.broadcast_to(length, count)))
 
     def step(key: Array, state: AnnealedMapElitesState) -> tuple[AnnealedMapElitesState, Info]:
@@ -186,21 +177,16 @@ def annealed_map_elites(problem: Problem, config: AnnealedMapElitesConfig = Anne
             return select(begins, drawn, cycles)
 
         cycles = run_if(begins.any(), new_cycles, cycles)
-        times = jnp.where(cycles.directed, _DIRECTION_LENGTH, jnp.where(cycles.restarts, config.restart_length, 1))
-        lengths = (length * times).astype(jnp.int32)
+        lengths = (length * jnp.where(cycles.restarts, config.restart_length, 1)).astype(jnp.int32)
         cooling = cooling._replace(length=jnp.where(begins, lengths, cooling.length))
 
         mates = island_mates(bits.mate, chains.grids, annealing.chains_on(shape))
         mates = _draw_mates(groups, config, own_bits, cycles, archives, mates)
         elites = archives.grids[cycles.start]
-        temperature = jnp.where(
-            cycles.directed,
-            cooling.temperature(_DIRECTION_HOTTEST, _DIRECTION_COLDEST, shape),
-            cooling.temperature(annealing.hottest, annealing.coldest, shape),
-        )
+        temperature = cooling.temperature(annealing.hottest, annealing.coldest, shape)
         varied = vary(bits, temperature, cycles.restarts, chains.grids, mates)
         children = evaluate(problem, make_children(bits.fresh, begins, cycles.restarts, varied, elites))
-        pursued = partial(_pursued_fitness, problem, groups.niches, config, cycles)
+        pursued = partial(_pursued_fitness, problem, config, cycles)
         accepted = metropolis_accepts(bits.accept, temperature, pursued(chains), pursued(children))
         chains = select(begins | accepted, children, chains)
         archives = groups.insert(archives, problem.niche(children.features), children)
@@ -230,8 +216,7 @@ def _usual_length(config: AnnealedMapElitesConfig, shape: tuple[int, int]) -> In
     length = config.annealing.cycle
     if length is None:
         length = max(16, config.annealing.first_cycle(shape) // 32)
-    longest = jnp.maximum(config.restart_length, _DIRECTION_LENGTH)
-    return jnp.clip(length, 1, LONGEST_CYCLE // longest).astype(jnp.int32)
+    return jnp.clip(length, 1, LONGEST_CYCLE // jnp.asarray(config.restart_length)).astype(jnp.int32)
 
 
 class _Groups(NamedTuple):
@@ -270,13 +255,10 @@ def _draw_cycle(
     `fitness` and `filled` are those of all archives; niches that are not filled count as vacant.
     """
     niches = groups.niches
-    known, known_filled = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.bins)) for array in (fitness, filled))
-    filled = filled[groups.last :]
+    known, filled = (jax.lax.dynamic_slice_in_dim(array, first, len(niches.bins)) for array in (fitness, filled))
     restarts = isolated & bernoulli(bits.restart, config.restart)
-    directed = restarts & reachable(niches, filled).any() & bernoulli(bits.direction, _DIRECTION_SHARE)
-    goal = draw_goal(niches, bits.goal, known_filled, config.vacant_probability)
-    goal = jnp.where(directed, draw_direction(niches, bits.goal[1], filled), goal)
-    return Cycle(goal, directed, restarts, first + nearest_elite(known, niches.bins, goal, config.bin_penalty))
+    goal = draw_goal(niches, bits.goal, filled, config.vacant_probability)
+    return Cycle(goal, restarts, first + nearest_elite(known, niches.bins, goal, config.bin_penalty))
 
 
 def _draw_mates(
@@ -295,7 +277,7 @@ def _draw_mates(
     fitness, bins = archives.fitness[rivals + groups.first[:, None]], jnp.asarray(groups.niches.bins)[rivals]
     nearest = nearest_elite(fitness, bins, cycle.goal, config.bin_penalty)
     mate = groups.first + jnp.take_along_axis(rivals, nearest[:, None], axis=1)[:, 0]
-    is_elite = bernoulli(bits.elite_mate, config.elite_mate) & archives.valid[mate] & ~cycle.directed
+    is_elite = bernoulli(bits.elite_mate, config.elite_mate) & archives.valid[mate]
     return jnp.where(is_elite[:, None, None], archives.grids[mate], otherwise)
 
 
@@ -351,11 +333,8 @@ def _make_child(
 
 
 def _pursued_fitness(
-    problem: Problem, niches: Niches, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
+    problem: Problem, config: AnnealedMapElitesConfig, cycle: Cycle, found: Population
 ) -> Real[Array, " C"]:
     bins = niche_bins(problem.descriptor(found.features), problem.axes)
-    usual = penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty)
-    bin_penalties = np.where(niches.free, _DIRECTION_PENALTY, 0).astype(np.int32)
-    directed = penalise_distance(problem.penalties(found.features), bins, cycle.goal, bin_penalties)
     # A sum with the fitness of a refused grid would not fit int32.
-    return jnp.where(found.valid, jnp.where(cycle.directed, directed, usual), found.fitness)
+    return jnp.where(found.valid, penalise_distance(found.fitness, bins, cycle.goal, config.bin_penalty), found.fitness)

@@ -1,8 +1,7 @@
 """Emitters: the niche that is the goal of a chain for one cycle, and the penalised fitness that leads to it.
 
-A chain with a goal is an improvement emitter. A chain that moves to the end of an axis is a random direction emitter
-(Fontaine et al., "Covariance matrix adaptation for the rapid illumination of behavior space", 2020). Both anneal
-instead of adapting a distribution.
+A chain with a goal is an improvement emitter (Fontaine et al., "Covariance matrix adaptation for the rapid illumination
+of behavior space", 2020) that anneals instead of adapting a distribution.
 """
 
 from typing import NamedTuple
@@ -87,18 +86,6 @@ def draw_goal(
     vacant = bernoulli(bits[0], vacant_probability) & near.any()
     chosen = draw_true(bits[1], jnp.where(vacant, near, kept))
     return jnp.where(niches.free, jnp.asarray(niches.bins)[chosen], niches.targets)
-
-
-def draw_direction(niches: Niches, bits: UInt32[Array, ""], filled: Bool[Array, " N"]) -> Int32[Array, " D"]:
-    """Draws a reachable vacant niche and returns the ends of the axes beyond it, away from most filled niches.
-
-    At least one vacant niche must be reachable.
-    """
-    vacant = jnp.asarray(niches.bins)[draw_true(bits, reachable(niches, filled))]
-    kept = (filled & niches.targeted)[:, None]
-    upwards = (jnp.sign(vacant - niches.bins) * kept).sum(axis=0, dtype=jnp.int32) > 0
-    last = np.array(niches.shape, np.int32) - 1
-    return jnp.where(niches.free, jnp.where(upwards, last, 0), niches.targets)
 
 
 def draw_true(bits: UInt32[Array, "..."], flags: Bool[Array, " N"]) -> Int32[Array, "..."]:

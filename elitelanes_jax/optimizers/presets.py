@@ -41,7 +41,7 @@ Config: TypeAlias = (
 # No mirrored blocks and few copied blocks, so that the parts of a map differ. Outlines of rectangles lead from one
 # sparse network to the next: with this weight a run finds 67 towns of 12 x 12, with the usual weight 47. Many towns
 # have the same fitness, and most infeasible towns violate one constraint. Therefore equal grids replace elites, windows
-# are refitted, and a niche is pursued until its elite is feasible.
+# are refitted, and a niche is pursued until its elite is feasible. Cycles from random grids fill no more niches.
 _IRREGULAR = AnnealingConfig(
     chains=1,
     hottest=40,
@@ -54,6 +54,8 @@ PRESETS: dict[tuple[str, str], Config] = {
     ("map-elites", "paper"): MapElitesConfig(),
     ("map-elites", "standard"): MapElitesConfig(parents="archive"),
     ("map-elites", "irregular"): AnnealedMapElitesConfig(
+        restart=0.0,
+        vacant_probability=0.5,
         symmetric_probability=0.0,
         strips=False,
         diagonal=False,

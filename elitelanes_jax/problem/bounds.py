@@ -27,6 +27,9 @@ _MOST_ROUNDS = 200
 # The town features that are a metric / tiles.
 _PER_TILE = {"loops_per_tile": "cyclomatic", "adjacent_turns_per_tile": "adjacent_turns"}
 
+# Without any of these, straight roads lead away from each crossing, and have no roads beside them.
+_BESIDE_CROSSINGS = ("crowded_crossings", "unlinked_neighbours")
+
 
 class _ContradictionError(Exception):
     """A lower bound of a metric is greater than its upper bound: no map exists."""
@@ -64,6 +67,8 @@ class FeatureBounds(NamedTuple):
         elif feature in _PER_TILE:
             (low, high), (smallest, largest) = self.intervals[_PER_TILE[feature]], self.intervals["tiles"]
             least, most = (unit * end // max(tiles, 1) for end, tiles in ((low, largest), (high, smallest)))
+        elif feature == "signable" and all(self.intervals[name] == (0, 0) for name in _BESIDE_CROSSINGS):
+            least = unit
         return Fraction(least, unit), Fraction(most, unit)
 
 

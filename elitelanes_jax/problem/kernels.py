@@ -40,6 +40,8 @@ It returns an integer scalar, at most 2**29 in size, or a float scalar, converte
 value, such as NaN, is refused, see `road_problem`.
 """
 
+_SCALAR = "an integer or float scalar"
+
 
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
     """Checks the user's features for grids of a shape: kernels by name, or None.
@@ -82,7 +84,7 @@ def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Seq
     grids, usual = jax.ShapeDtypeStruct((1, *shape), jnp.int8), jax.ShapeDtypeStruct((1,), jnp.int32)
     made = _traced("fitness: expected", partial(apply_fitness, fitness, feature_names), grids, features, usual)
     if getattr(made, "shape", None) != (1,) or not jnp.issubdtype(made.dtype, jnp.number) or made.dtype.kind == "c":
-        raise InputError(f"fitness: expected it to return an integer or float scalar, got {_described(made, batch=1)}")
+        raise InputError(f"fitness: expected it to return {_SCALAR}, got {_described(made, batch=1)}")
     return fitness
 
 
@@ -107,7 +109,11 @@ def apply_fitness(
             "grid": grid,
             "usual": usual,
         }
-        total = jnp.asarray(fitness(**{name: known[name] for name in arguments}))
+        value = fitness(**{name: known[name] for name in arguments})
+        try:
+            total = jnp.asarray(value)
+        except TypeError:
+            raise InputError(f"fitness: expected it to return {_SCALAR}, got {shorten(repr(value), 60)}") from None
         if jnp.issubdtype(total.dtype, jnp.floating):
             return total.astype(jnp.float32)
         return _clipped(total) if jnp.issubdtype(total.dtype, jnp.integer) else total  # `check_fitness` refuses others

@@ -14,7 +14,7 @@ from functools import cache
 from hashlib import sha256
 from importlib.util import find_spec
 from pathlib import Path
-from threading import get_ident
+from threading import Lock, get_ident
 from typing import NamedTuple
 
 import jax
@@ -62,14 +62,14 @@ def find_file(*parts: Plain) -> Path | None:
     folder = jax.config.values.get("jax_compilation_cache_dir")
     if not folder or "://" in folder or jax.local_devices()[0].platform != "cpu" or jax.process_count() > 1:
         return None
-    settings = [setting for setting in settings_of_thread() if "_cache" not in setting[0]]
-    said = repr((_of_machine(), os.environ.get("XLA_FLAGS"), settings, parts))
+    said = repr((_of_machine(), os.environ.get("XLA_FLAGS"), settings_of_thread(), parts))
     return Path(folder) / "executables" / sha256(said.encode()).hexdigest()
 
 
 def settings_of_thread() -> tuple[tuple[str, Plain], ...]:
-    """Returns the names and values of JAX's settings, which may differ between threads."""
-    return tuple((name, getattr(jax.config, name, None)) for name in sorted(jax.config.values))
+    """Returns the names and values of JAX's settings, but those of its cache; they may differ between threads."""
+    names = sorted(name for name in jax.config.values if "_cache" not in name)
+    return tuple((name, getattr(jax.config, name, None)) for name in names)
 
 
 @cache
@@ -177,13 +177,21 @@ def _unoptimised() -> dict[str, str | bool]:
     return options
 
 
+_SHORTEST = "jax_persistent_cache_min_compile_time_secs"
+_lock = Lock()
+_before: list[float] = []  # the setting, once for each thread in the block below
+
+
 @contextmanager
 def without_the_cache_of_jax() -> Iterator[None]:
-    """Keeps JAX from writing programs to its own cache in this block."""
-    name = "jax_persistent_cache_min_compile_time_secs"
-    before = getattr(jax.config, name)
-    jax.config.update(name, float("inf"))
+    """Keeps JAX from writing programs to its own cache while a thread is in this block."""
+    with _lock:
+        _before.append(_before[0] if _before else getattr(jax.config, _SHORTEST))
+        jax.config.update(_SHORTEST, float("inf"))
     try:
         yield
     finally:
-        jax.config.update(name, before)
+        with _lock:
+            before = _before.pop()
+            if not _before:
+                jax.config.update(_SHORTEST, before)

@@ -48,8 +48,9 @@ MOST = 256
 # Parts of programs' names. A program that advances the seeds of a device also has the device in its name.
 _ADVANCE, _UNOPTIMISED = "advance", "unoptimised"
 
-# Optimising takes a second on two cores. Unoptimised programs lose less than that up to this number of evaluated cells.
-_FEW_CELLS = 3_000_000
+# Optimising takes 8 more seconds of processor time, on several cores at once. An unoptimised program loses 0.6 s per
+# million evaluated cells. So optimising pays beyond 13 million on one core, and beyond 6 million on two.
+_FEW_CELLS = 8_000_000
 
 
 class Traced(NamedTuple):
@@ -143,17 +144,20 @@ class Programs:
         """The bytes of the states of all seeds."""
         return sum(leaf.size * leaf.dtype.itemsize for leaf in self.states)
 
-    def prepare(self, *, starts: bool, generations: int) -> None:
+    def prepare(self, *, starts: bool, generations: int, runs: bool = True) -> None:
         """Loads the programs for a run of some generations, and compiles the missing ones, side by side.
 
         The programs that start and collect run once and are not optimised. The program that advances is optimised when
-        the searches in this process have evaluated more than a few cells. The bits are the same.
+        the searches in this process have evaluated more than a few cells. The bits are the same. `runs` says whether
+        this run counts among them.
         """
         height, width = self._static.shape
-        self._cells += generations * self.evaluations_per_step * len(self._keys) * height * width
+        cells = self._cells + generations * self.evaluations_per_step * len(self._keys) * height * width
         names = ["start"] * starts + ["collect"]
         if generations:
-            names += [self._to_advance(device) for device in self._devices]
+            names += [self._to_advance(device, cells) for device in self._devices]
+        if runs:
+            self._cells = cells
         names = [name for name in names if name not in self._programs]
         self._load([name for name in names if name in self._contents])
         if names := [name for name in names if name not in self._programs]:
@@ -167,7 +171,7 @@ class Programs:
         self, device: jax.Device, traced: Traced, keys: KeyData, states: States, first: int, last: int
     ) -> tuple[States, Info]:
         """Runs the generations `first` to `last` of the seeds of a device, see `loop.advance`; waits for the end."""
-        program = self._programs[self._to_advance(device)]
+        program = self._programs[self._to_advance(device, self._cells)]
         return jax.block_until_ready(program(traced, keys, states, np.int32(first), np.int32(last)))
 
     def collect(self, traced: Traced, states: States) -> tuple[MeasuredElites, States]:
@@ -178,11 +182,11 @@ class Programs:
         # A loaded program binds its results to their device, a compiled one does not.
         return jax.device_put(jax.tree.map(np.asarray, found)) if isinstance(program, Executable) else found
 
-    def _to_advance(self, device: jax.Device) -> str:
-        """Returns the name of the program that advances the seeds of a device."""
+    def _to_advance(self, device: jax.Device, cells: int) -> str:
+        """Returns the name of the program that advances the seeds of a device, for some evaluated cells."""
         name = f"{_ADVANCE} {device}"
         known = name in self._programs or name in self._contents
-        return name if known or self._cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
+        return name if known or cells > _FEW_CELLS else f"{name}, {_UNOPTIMISED}"
 
     def _load(self, names: Sequence[str]) -> None:
         """Loads programs of the file. If one of them cannot be loaded, none is."""

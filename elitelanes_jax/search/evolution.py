@@ -116,23 +116,50 @@ def evolve(
         far. A checkpoint has this result too, if the search took ten seconds.
       NotEnoughMemoryError: a `MemoryError`, if the search does not fit into the free memory.
     """
-    keys, impl, single = check_keys(key, seeds)
-    shape = check_shape(shape, new=True)
-    chosen = choose_devices(devices)
-    if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
-        chosen = chosen[:1]
-    spec, config, static, traced = prepare(spec, shape, config, optimizer, Users(features, fitness, moves), options)
-    static = static._replace(impl=impl)
-    numbers, structure = jax.tree.flatten(traced)
-    digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
-    fingerprint = _fingerprint(static, traced, keys, digests)
-    programs = find_programs(static, traced, keys, single, chosen)
-    search = _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
+    search = _check(key, shape, seeds, spec, config, optimizer, Users(features, fitness, moves), options, devices)
     done, inner = (0, None) if state is None else _restore(state, search)
     if checkpoint is None:
         return _evolve(search, done, inner, None, progress)
     with open_checkpoint(checkpoint, _identity(search, done), check_named("every", real(0), every)) as kept:
         return _evolve(search, done, inner, kept, progress)
+
+
+def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec) -> None:
+    """Compiles what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+
+    Raises:
+      NotEnoughMemoryError: as `evolve`.
+    """
+    search = _check(key, shape, None, spec, None, None, Users(), {}, None)
+    programs = search.programs
+    _check_memory(programs.memory, len(search.keys), shape)
+    programs.prepare(starts=True, generations=spec.steps(programs.evaluations_per_step), runs=False)
+
+
+def _check(
+    key: UserValue,
+    shape: tuple[int, int],
+    seeds: int | None,
+    spec: SearchSpec,
+    config: Config | None,
+    optimizer: Callable[[Problem], Optimizer] | None,
+    users: "Users",
+    options: Mapping[str, UserValue],
+    devices: int | Sequence[jax.Device] | None,
+) -> "_Search":
+    """Checks the arguments of `evolve`, and finds the programs of the search."""
+    keys, impl, single = check_keys(key, seeds)
+    shape = check_shape(shape, new=True)
+    chosen = choose_devices(devices)
+    if len(keys) == 1 or impl != "threefry2x32":  # the bits of other keys depend on the whole batch
+        chosen = chosen[:1]
+    spec, config, static, traced = prepare(spec, shape, config, optimizer, users, options)
+    static = static._replace(impl=impl)
+    numbers, structure = jax.tree.flatten(traced)
+    digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
+    fingerprint = _fingerprint(static, traced, keys, digests)
+    programs = find_programs(static, traced, keys, single, chosen)
+    return _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
 
 
 def _evolve(

@@ -13,6 +13,7 @@ from .rendering import overlay as overlay
 from .rendering import png_of as png_of
 from .rendering import render as render
 from .rendering import scale_tiles as scale_tiles
+from .rendering import stand as stand
 from .rendering import write_picture as write_picture
 from .rendering import write_png as write_png
 from .seams import describe_seams as describe_seams

@@ -2,7 +2,8 @@
 
 An object set has a folder for each object, such as ``duckie_1``. Each has
 
-- ``object.toml``: ``kind``, one of `OBJECT_KINDS`; ``height`` and ``footprint = [length, width]``, in metres;
+- ``object.toml``: ``kind``, one of `OBJECT_KINDS`; ``height`` and ``footprint = [length, width]``, in metres; optional
+  ``tag = [middle, side]``, for an AprilTag in front: how high its middle is, and the side of its black square;
 - ``image.png``: the object from its front, with transparency. Its lowest row is the floor, its top row the height, and
   its middle column the middle of the object. Tags on the floor, of height 0, have none;
 - ``image_45.png`` and other numbers of degrees, as many as there are: from a viewer so far counter-clockwise from the
@@ -14,10 +15,10 @@ An object set has a folder for each object, such as ``duckie_1``. Each has
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, lru_cache
 from hashlib import sha256
-from math import degrees
+from math import cos, degrees, radians
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +29,12 @@ from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import KIB, read_text
 from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
-from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, check_kind, nearest_view
+from elitelanes_jax.formats.objects import OBJECT_KINDS, OPAQUE, MapObject, base_kind, check_kind, nearest_view
+from elitelanes_jax.formats.tag_pictures import draw_tag
 from elitelanes_jax.tiles.files import read_picture
-from elitelanes_jax.tiles.pasting import Placed
+from elitelanes_jax.tiles.pasting import Placed, paste
 
-_KEYS = ("kind", "height", "footprint")
+_KEYS, _TAG = ("kind", "height", "footprint"), "tag"
 _MOST_TOML = 16 * KIB
 
 
@@ -45,6 +47,7 @@ class ObjectPictures:
       kind: one of `OBJECT_KINDS`.
       height: metres from the lowest to the top row of the views.
       footprint: length and width in metres of the picture from above.
+      tag: metres from the floor to the middle of its AprilTag, and the side of the tag's black square; None without.
       views: uint8 ``[rows, columns, 4]``, RGB and opacity, by degrees counter-clockwise from the front; sorted.
       top: uint8 ``[rows, columns, 4]``, from above, its front to the right.
     """
@@ -53,6 +56,7 @@ class ObjectPictures:
     kind: str
     height: float
     footprint: tuple[float, float]
+    tag: tuple[float, float] | None
     views: Mapping[int, NDArray[np.uint8]]
     top: NDArray[np.uint8]
 
@@ -84,31 +88,63 @@ class ObjectSet:
     @property
     def views(self) -> dict[str, Mapping[int, NDArray[np.uint8]]]:
         """The views of the first object of each kind, by degrees; for the cameras of `elitelanes_jax.drive`."""
-        return {kind: pictures[0].views for kind, pictures in self.kinds.items()}
+        return {kind: pictures[0].views for kind, pictures in self.kinds.items() if kind in OBJECT_KINDS}
 
     @cached_property
     def digest(self) -> str:
         """A digest of all pictures and sizes."""
         found = sha256()
         for one in self.pictures:
-            found.update(repr((one.name, one.kind, one.height, one.footprint)).encode())
+            found.update(repr((one.name, one.kind, one.height, one.footprint, one.tag)).encode())
             for angle, pixels in (*one.views.items(), ("top", one.top)):
                 found.update(repr((angle, pixels.shape)).encode() + pixels.tobytes())
         return found.hexdigest()[:16]
 
     def choose(self, objects: Sequence[MapObject], seed: int | list[int] = 0) -> list[ObjectPictures]:
-        """Chooses pictures for each object at random among those of its kind.
+        """Chooses pictures for each object at random among those of its kind, with the object's own AprilTag.
 
         Raises:
           InputError: for a kind without pictures in the set.
         """
-        for thing in objects:
-            if thing.kind not in self.kinds:
+        choices = [self.kinds.get(thing.kind) or self.kinds.get(base_kind(thing.kind), ()) for thing in objects]
+        for thing, choice in zip(objects, choices, strict=True):
+            if not choice:
                 known = ", ".join(self.kinds)
                 raise InputError(f"objects: expected kinds that the set {self.name!r} has ({known}), got {thing.kind}")
         lots = np.random.default_rng(seed).random(len(objects))
-        choices = [self.kinds[thing.kind] for thing in objects]
-        return [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
+        chosen = [choice[int(lot * len(choice))] for choice, lot in zip(choices, lots, strict=True)]
+        return [
+            one if thing.tag is None else _with_tag(one, thing.tag) for thing, one in zip(objects, chosen, strict=True)
+        ]
+
+
+@lru_cache(maxsize=1024)
+def _with_tag(one: ObjectPictures, number: int) -> ObjectPictures:
+    """Returns the pictures of an object with an AprilTag of that number, where it has one."""
+    if one.tag is None:
+        return one
+    middle, side = one.tag
+    if not one.height:
+        metre = one.top.shape[1] / one.footprint[0]
+        return replace(one, top=_paint_tag(one.top, number, one.top.shape[0] / 2, side * metre, side * metre))
+    views = {}
+    for angle, pixels in one.views.items():
+        metre = pixels.shape[0] / one.height
+        row, wide = pixels.shape[0] - middle * metre, side * metre * cos(radians(angle))
+        views[angle] = _paint_tag(pixels, number, row, side * metre, wide) if wide > 1 else pixels
+    return replace(one, views=views)
+
+
+def _paint_tag(pixels: NDArray[np.uint8], number: int, row: float, high: float, wide: float) -> NDArray[np.uint8]:
+    """Paints an AprilTag around the middle column, as bright as the brightest of the tag that was there."""
+    left, top = (pixels.shape[1] - wide) / 2, row - high / 2
+    old = pixels[round(top) : round(top + high), round(left) : round(left + wide), :3]
+    white = np.percentile(old, 95, axis=(0, 1)) if old.size else np.full(3, 255)
+    tag = np.repeat(draw_tag(number), 8, axis=0).repeat(8, axis=1)
+    face = np.dstack([*(tag / 255 * part for part in white), np.full(tag.shape, 255)]).astype(np.uint8)
+    painted = np.ascontiguousarray(pixels[..., :3])
+    paste(painted, [Placed(face, np.array([[wide / len(tag), 0, left], [0, high / len(tag), top], [0, 0, 1]]))])
+    return np.dstack([painted, pixels[..., 3]])
 
 
 def lay_flat(thing: MapObject, pictures: ObjectPictures, tile_px: int) -> Placed:
@@ -167,7 +203,7 @@ def _load(folder: Path) -> ObjectSet:
 
 
 def _load_pictures(folder: Path) -> ObjectPictures:
-    kind, height, footprint = _about(folder / "object.toml")
+    kind, height, footprint, tag = _about(folder / "object.toml")
     files = {file.stem: file for file in sorted(folder.glob("*.png"))}
     views = {
         int(match[1] or 0): file
@@ -182,33 +218,34 @@ def _load_pictures(folder: Path) -> ObjectPictures:
         raise InputError(f"{folder}: expected views image_1.png to image_359.png, got image_{max(views)}.png")
     drawn = {angle: _read(views[angle]) for angle in sorted(views)}
     if "top" in files:
-        return ObjectPictures(folder.name, kind, height, footprint, drawn, _read(files["top"]))
+        return ObjectPictures(folder.name, kind, height, footprint, tag, drawn, _read(files["top"]))
     front = drawn[0]
     lying = height, height * front.shape[1] / front.shape[0]
-    return ObjectPictures(folder.name, kind, height, lying, drawn, np.rot90(front, -1))
+    return ObjectPictures(folder.name, kind, height, lying, tag, drawn, np.rot90(front, -1))
 
 
-def _about(file: Path) -> tuple[str, float, tuple[float, float]]:
+def _about(file: Path) -> tuple[str, float, tuple[float, float], tuple[float, float] | None]:
     try:
         about = tomllib.loads(read_text(file, _MOST_TOML))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
         got = "none" if isinstance(error, FileNotFoundError) else str(error)
         raise InputError(f"{file}: expected a readable TOML file with {', '.join(_KEYS)}, got {got}") from None
-    for wrong in sorted({*about} ^ {*_KEYS}):
+    for wrong in sorted({*about} - {_TAG} ^ {*_KEYS}):
         got = shorten(repr(wrong)) if wrong in about else f"no {wrong}"
         raise InputError(f"{file}: expected the keys {', '.join(_KEYS)}, got {got}")
     kind, height, footprint = (about[key] for key in _KEYS)
-    try:
-        check_kind(kind)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
-    flat = OBJECT_KINDS[kind].height == 0
+    kind = check_named(str(file), check_kind, kind)
+    flat = OBJECT_KINDS[base_kind(kind)].height == 0
     if not is_real(height) or not (height == 0 if flat else 0 < height <= 10):
         expected = "0 for tags on the floor" if flat else "metres over 0, to 10"
         raise InputError(f"{file}: height: expected {expected}, got {shorten(repr(height), 40)}")
     if not isinstance(footprint, list) or [is_real(side) and 0 < side <= 10 for side in footprint] != [True, True]:
         raise InputError(f"{file}: footprint: expected [length, width] in metres, got {shorten(repr(footprint), 40)}")
-    return kind, float(height), (float(footprint[0]), float(footprint[1]))
+    tag = about.get(_TAG)
+    if tag is not None and (not isinstance(tag, list) or [is_real(part) for part in tag] != [True, True]):
+        raise InputError(f"{file}: tag: expected [middle, side] in metres, got {shorten(repr(tag), 40)}")
+    sides = float(footprint[0]), float(footprint[1])
+    return kind, float(height), sides, None if tag is None else (float(tag[0]), float(tag[1]))
 
 
 def _read(file: Path) -> NDArray[np.uint8]:

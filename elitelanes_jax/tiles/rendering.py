@@ -1,7 +1,7 @@
 """Rendering: from a grid to one picture, its masks and its label map (paper, "Real-World Data Integration")."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, is_whole, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
+from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
 from elitelanes_jax.formats.road_map import read_map
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KIND_OF
@@ -233,8 +234,30 @@ def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:
-    """Encodes a PNG file with a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    return cv2.imencode(".png", pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+    """Encodes a PNG file with a picture ``[H, W]``, in RGB ``[H, W, 3]``, or with opacity ``[H, W, 4]``."""
+    if pixels.ndim == 3:
+        pixels = pixels[..., [2, 1, 0, 3][: pixels.shape[2]]]
+    return cv2.imencode(".png", pixels)[1].tobytes()
+
+
+def stand(objects: Sequence[MapObject], pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
+    """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
+
+    Args:
+      objects: of a map.
+      pictures: of objects, a set or its folder; by default the package's own. `render` chooses the same ones.
+
+    Raises:
+      InputError: for a kind without pictures in the set.
+    """
+    listed = []
+    for thing, chosen in zip(objects, as_objects(pictures).choose(objects), strict=True):
+        if thing.height:
+            front = chosen.views[0]
+            width = thing.height * front.shape[1] / front.shape[0]
+            red, green, blue = (front[front[..., 3] >= OPAQUE][:, :3].mean(axis=0) / 255).tolist()
+            listed.append(Standing(thing, png_of(front), width, (red, green, blue)))
+    return listed
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind
+from elitelanes_jax.formats import OBJECT_KINDS, ObjectKind, draw_tag
 from experiments.common import Parser, leave, run
 
 Field = NDArray[np.float64]
@@ -384,16 +384,16 @@ def sign(name: str) -> Maker:
             cone(0, 0, 0, (0.028, 0.026), 0.008, WOOD),
             cone(-0.006, 0, 0, (0.004, 0.004), 0.17, WOOD),
             board(0.036, 0.072, 0.072, tag_face()),
-            board(0.108, 0.072, 0.072, sign_face(name)),
+            board(0.108, 0.183 if name == "street_name" else 0.072, 0.072, sign_face(name)),
         ]
 
     return make
 
 
-def tag_face() -> NDArray[np.uint8]:
-    """Draws a board with AprilTag 0 of the family 36h11."""
-    tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), 0, 80)
-    return np.repeat(np.pad(tag, 8, constant_values=255)[..., None], 3, axis=2)
+def tag_face(border: int = 4) -> NDArray[np.uint8]:
+    """Draws a board with AprilTag 0, of 80 pixels, in a white border."""
+    tag = draw_tag(0).repeat(10, axis=0).repeat(10, axis=1)
+    return np.repeat(np.pad(tag, border, constant_values=255)[..., None], 3, axis=2)
 
 
 _TURNS = {"left_T_intersect": "NSW", "right_T_intersect": "NES", "T_intersect": "ESW", "4_way_intersect": "NESW"}
@@ -408,7 +408,11 @@ def sign_face(name: str) -> NDArray[np.uint8]:
     middle = (96, 96)
     angles = np.radians(np.arange(8) * 45 + 22.5)
     octagon = np.rint(96 + 88 * np.stack([np.cos(angles), np.sin(angles)], axis=1)).astype(np.int32)
-    if name == "stop":
+    if name == "street_name":
+        face = np.full((192, 488, 3), GREEN, np.uint8)
+        _write(face, "STREET", 1.5)
+        face = np.asarray(cv2.resize(face, (192, 192), interpolation=cv2.INTER_AREA), np.uint8)
+    elif name == "stop":
         cv2.fillPoly(face, [octagon], RED)
         _write(face, "STOP", 0.86)
     elif name in _TURNS:
@@ -456,7 +460,7 @@ def sign_face(name: str) -> NDArray[np.uint8]:
 
 def _write(face: NDArray[np.uint8], text: str, scale: float) -> None:
     size, _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 2 * scale, round(9 * min(scale, 2)))
-    place = (96 - size[0] // 2, 96 + size[1] // 2)
+    place = (face.shape[1] // 2 - size[0] // 2, 96 + size[1] // 2)
     cv2.putText(face, text, place, cv2.FONT_HERSHEY_SIMPLEX, 2 * scale, WHITE, round(9 * min(scale, 2)), cv2.LINE_AA)
 
 
@@ -488,6 +492,7 @@ KINDS = {
     "building": Kind(building, 2, 8, 0.5),
     "trafficlight": Kind(traffic_light, 1, 8),
     "checkerboard": Kind(checkerboard, 1, 8),
+    "other": Kind(lambda rng: [box(0, 0, 0, (0.1, 0.1, 0.1), GREY)], 1, 8),
     **{name: Kind(sign(name.removeprefix("sign_")), 1, 8) for name in OBJECT_KINDS if name.startswith("sign_")},
 }
 
@@ -501,17 +506,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return run("draw_objects", lambda: draw_all(options.out))
 
 
-def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag")) -> None:
-    """Draws all variants of some kinds into a folder."""
+def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag"), first: int = 1) -> None:
+    """Draws the variants of some kinds from a first number on into a folder; from 1 on those of objects/."""
     for index, kind in enumerate(OBJECT_KINDS):
         if kind not in kinds:
             continue
         size, drawn = OBJECT_KINDS[kind], KINDS.get(kind, Kind(lambda rng: []))
-        for variant in range(1, drawn.variants + 1):
+        for variant in range(first, first + drawn.variants):
             place = folder / f"{kind}_{variant}"
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir(parents=True)
-            pictures = {"top": np.dstack([tag_face(), np.full((96, 96), 255, np.uint8)])}
+            pictures = {"top": np.dstack([tag_face(8), np.full((96, 96), 255, np.uint8)])}
             if size.height:
                 model = drawn.make(np.random.default_rng([index, variant]))
                 pictures = _views(model, size, drawn)
@@ -520,6 +525,7 @@ def draw_all(folder: Path, kinds: Sequence[str] = (*KINDS, "floor_tag")) -> None
                 if not cv2.imwrite(str(file), cv2.cvtColor(pixels, cv2.COLOR_RGBA2BGRA), _SMALL):
                     raise OSError(f"{file}: could not be written")
             about = f'kind = "{kind}"\nheight = {size.height}\nfootprint = [{size.length}, {size.width}]\n'
+            about += "tag = [0.072, 0.065]\n" * kind.startswith("sign_") + "tag = [0, 0.054]\n" * (not size.height)
             (place / "object.toml").write_text(about, encoding="utf-8")
 
 

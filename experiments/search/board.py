@@ -4,10 +4,11 @@
     python -m experiments.search.board ROW ... --tune
     python -m experiments.search.board --table [--out DIR]
 
-A row runs on each task. The program writes its raw archive, which `elitelanes score` measures, and its scores. `--tune`
-tries settings on 6 x 6 alone, with other seeds: eight for every row, drawn at random from its choices. Finished trials
-are kept in the folder `tuning`; the same command continues. `--table` makes the table and the curves of all rows in the
-folder. QDax, evosax and pyribs come with the extra `interop`.
+A row runs on each task: one of the board's, or a Python file of yours with a function `search` as
+`elitelanes_jax.benchmark.run` takes it. The program writes its raw archive, which `elitelanes score` measures, and its
+scores. `--tune` tries settings on 6 x 6 alone, with other seeds: eight for every row, drawn at random from its choices.
+Finished trials are kept in the folder `tuning`; the same command continues. `--table` makes the table and the curves of
+all rows in the folder. QDax, evosax and pyribs come with the extra `interop`.
 
 All grids that a search evaluates are offered to a record of the best network of each niche, which the search does not
 see. The record of the tuned EA has the grids that its chains move to.
@@ -15,9 +16,10 @@ see. The record of the tuned EA has the grids that its chains move to.
 
 import argparse
 import json
+import runpy
 import time
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import cycle, product
 from pathlib import Path
 from typing import TypedDict
 
@@ -28,7 +30,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax import InputError
+from elitelanes_jax import InputError, benchmark
 from elitelanes_jax.benchmark import (
     BUDGETS,
     Scores,
@@ -42,16 +44,13 @@ from elitelanes_jax.benchmark import (
 )
 from elitelanes_jax.search import use_compile_cache
 from experiments.common import Parser, leave, run, save, table, whole, write
-from experiments.search.board_rows import ROWS, Found, Setting
+from experiments.search.board_rows import ROWS, Found, Row, Setting
 
 __all__ = ["TASKS", "TRIALS", "TUNED_ON", "Trial", "best_of", "drawn_settings", "main", "mean_reliability"]
 
 TASKS = [f"{size}-1000000" for size in ("6x6B", "7x7B")]
 TUNED_ON = [f"{size}-100000" for size in ("6x6A", "6x6B")]
 TRIALS, _TUNING_SEEDS, _FIRST_TUNING_SEED = 8, 4, 1000
-
-# The evaluations at which scores are kept: 1, 2 and 5 times the powers of ten.
-_STEPS = [factor * 10**power for power in range(3, 6) for factor in (1, 2, 5)] + [10**6]
 
 _COLOURS = (*mpl.color_sequences["tab10"], "black")
 
@@ -71,7 +70,7 @@ Record = dict[str, str | float | list[int] | list[list[float]]]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("board", __doc__)
-    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}, or a file FILE.py")
     parser.add_argument("--tasks", nargs="+", default=TASKS, metavar="TASK", help=f"default {' '.join(TASKS)}")
     parser.add_argument("--runs", type=whole(10), default=10, metavar="N", help="of each task; default 10, the least")
     parser.add_argument("--out", type=Path, default=Path("results/board"), metavar="DIR", help="folder of results")
@@ -82,19 +81,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
-    unknown = [name for name in options.rows if name not in ROWS]
-    if unknown or not (options.rows or options.table):
-        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, got {unknown[0] if unknown else 'none'}")
+    if not (options.rows or options.table):
+        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py, got none")
+    rows = dict(_find_row(name) for name in options.rows)
     tasks = [find_task(name) for name in options.tasks]
     use_compile_cache()
-    for name in options.rows:
+    for name, row in rows.items():
         if options.tune:
             _tune(name, options.out)
             continue
         for task in tasks:
-            _measure_row(name, task, options.runs, options.out)
+            _measure_row(name, row, task, options.runs, options.out)
     if options.table:
         _write_table(options.out)
+
+
+def _find_row(name: str) -> tuple[str, Row]:
+    """Returns a row of the board by its name, or a row that runs the search in a file."""
+    if name in ROWS:
+        return name, ROWS[name]
+    file = Path(name)
+    search = runpy.run_path(name).get("search") if file.suffix == ".py" and file.is_file() else None
+    if not callable(search):
+        raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
+
+    def play(task: Task, first: int, runs: int, budgets: Sequence[int], settings: Mapping[str, Setting]) -> Found:
+        _, *found = benchmark.run(task, search, range(first, first + runs))
+        return Found(*found)
+
+    return file.stem, Row(file.stem, play, steps=BUDGETS)
 
 
 def best_of(task: Task, found: Found) -> NDArray[np.float64]:
@@ -104,11 +119,11 @@ def best_of(task: Task, found: Found) -> NDArray[np.float64]:
     return np.where(in_niche, found.fitness[..., None], np.inf).min(axis=2)
 
 
-def _measure_row(name: str, task: Task, runs: int, out: Path) -> None:
+def _measure_row(name: str, row: Row, task: Task, runs: int, out: Path) -> None:
     """Runs a row on a task; writes its raw archive and its scores."""
-    budgets = [budget for budget in _STEPS if budget <= task.evaluations]
+    budgets = [budget for budget in row.steps if budget <= task.evaluations]
     began = time.process_time()
-    found = ROWS[name].play(task, 0, runs, budgets, ROWS[name].settings)
+    found = row.play(task, 0, runs, budgets, row.settings)
     seconds = time.process_time() - began
     at = [budgets.index(budget) for budget in BUDGETS if budget <= task.evaluations]
     submission = Submission(task, *(array[:, at] for array in found))
@@ -154,7 +169,7 @@ def _tune(name: str, out: Path) -> None:
 
 def drawn_settings(name: str) -> list[dict[str, Setting]]:
     """Draws the settings of a row that are tried, the same each time: every choice comes equally often, or nearly."""
-    choices, draws = ROWS[name].choices, np.random.default_rng(0)
+    choices, draws = ROWS[name].choices if name in ROWS else {}, np.random.default_rng(0)
     if not choices:
         raise InputError(f"{name}: expected a row with settings to tune, got one without")
     while True:
@@ -177,22 +192,23 @@ def _write_table(out: Path) -> None:
     }
     if not records:
         raise InputError(f"{out}: expected scores of rows, got none")
+    titles = {name: row.title for name, row in ROWS.items()} | {name: name for name, _ in records if name not in ROWS}
     sizes = sorted({size for _, size in records})
     about = "Means of the runs, with bootstrap intervals of 95 %. [The searches](../../../docs/benchmark.md#board)."
     parts = ["# The board", about]
     for size, budget in product(sizes, BUDGETS):
         lines = []
-        for name, row in ROWS.items():
+        for name, title in titles.items():
             record = records.get((name, size))
             if record and budget in record["evaluations"]:
                 at = record["evaluations"].index(budget)
                 values = [np.array(record[field], float)[:, at] for field in Scores._fields]
-                lines.append([row.title, *map(_cell, values)])
+                lines.append([title, *map(_cell, values)])
         if lines:
             parts += [f"{size}-{budget}", table(["search", *Scores._fields], lines)]
     parts += _tuning_table(out / "tuning")
     write(out / "board.md", "\n\n".join(part.rstrip() for part in parts) + "\n")
-    _draw(records, sizes, out / "board.png")
+    _draw(records, titles, sizes, out / "board.png")
     print(f"written to {out}")
 
 
@@ -219,7 +235,7 @@ def _tuning_table(folder: Path) -> list[str]:
     return ["Tuning", table(head, lines)] if lines else []
 
 
-def _draw(records: Mapping[tuple[str, str], dict], sizes: Sequence[str], file: Path) -> None:
+def _draw(records: Mapping[tuple[str, str], dict], titles: Mapping[str, str], sizes: Sequence[str], file: Path) -> None:
     """Plots reliability and the share of niches at the optimum against evaluations, by size."""
     size = (max(8, 3.1 * len(sizes)), 6.5)
     figure, axes = plt.subplots(
@@ -229,11 +245,11 @@ def _draw(records: Mapping[tuple[str, str], dict], sizes: Sequence[str], file: P
     for column, name_of_size in zip(axes.T, sizes, strict=True):
         column[0].set_title(name_of_size)
         for axis, field in zip(column, ("reliability", "optimal"), strict=True):
-            for colour, (name, row) in zip(_COLOURS, ROWS.items(), strict=True):
+            for colour, (name, title) in zip(cycle(_COLOURS), titles.items(), strict=False):
                 if record := records.get((name, name_of_size)):
                     values = np.array(record[field], float)
                     ends = np.array([confidence_interval(at) for at in values.T])
-                    (lines[row.title.replace("`", "")],) = axis.plot(
+                    (lines[title.replace("`", "")],) = axis.plot(
                         record["evaluations"], values.mean(axis=0), color=colour
                     )
                     axis.fill_between(record["evaluations"], *ends.T, color=colour, alpha=0.15, linewidth=0)

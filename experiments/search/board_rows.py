@@ -66,6 +66,10 @@ Play = Callable[[Task, int, int, Sequence[int], Mapping[str, Setting]], Found]
 """(task, first seed, runs, budgets, settings) -> `Found`."""
 
 
+# 1, 2 and 5 times the powers of ten.
+_STEPS = (*(factor * 10**power for power in range(3, 6) for factor in (1, 2, 5)), 10**6)
+
+
 class Row(NamedTuple):
     """One row.
 
@@ -74,12 +78,14 @@ class Row(NamedTuple):
       play: runs it.
       settings: the settings that `--tune` chose; none for the presets of this package.
       choices: for each setting the values that `--tune` draws from; none if nothing is tuned.
+      steps: the evaluations at which scores are kept.
     """
 
     title: str
     play: Play
     settings: Mapping[str, Setting] = MappingProxyType({})
     choices: Mapping[str, tuple[Setting, ...]] = MappingProxyType({})
+    steps: Sequence[int] = _STEPS
 
 
 def _found(task: Task, kept: Sequence[Population]) -> Found:

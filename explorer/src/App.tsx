@@ -13,7 +13,9 @@ import { useTiles } from "./hooks/useTiles";
 import { useView } from "./hooks/useView";
 import { emptyGrid, rowsOf } from "./network/codes";
 import type { Weights } from "./network/measure";
+import type { MapObject } from "./network/objects";
 import { Header } from "./parts/Header";
+import { objectsOf } from "./record";
 import { openElite, validView } from "./selection";
 import { VIEW_NAMES } from "./state";
 import { Archive } from "./views/Archive";
@@ -26,8 +28,8 @@ interface Props {
   readonly data: Data;
   /** Whether the page's address keeps the view. */
   readonly addressed: boolean;
-  /** Receives the map that is drawn. */
-  readonly onGrid?: (rows: number[][]) => void;
+  /** Receives the map that is drawn, and its objects. */
+  readonly onMap?: (rows: number[][], objects: readonly MapObject[]) => void;
   /** Receives the map that is open. */
   readonly onSelect?: (run: number, elite: number) => void;
   /** Asks a notebook to continue its search from a map. */
@@ -36,12 +38,12 @@ interface Props {
   readonly listen?: (hear: (message: string) => void) => () => void;
 }
 
-export function App({ data, addressed, onGrid, onSelect, onContinue, listen }: Props) {
+export function App({ data, addressed, onMap, onSelect, onContinue, listen }: Props) {
   const [anyView, show] = useView(addressed);
   const [message, say] = useMessage();
-  const tiles = useTiles(data.tiles, say);
+  const tiles = useTiles(data, say);
   const [dark, onTheme] = useDark();
-  const { editor: drawn, edit, draw, openFiles } = useDrawing({ onGrid, show, say });
+  const { editor: drawn, edit, draw, openFiles } = useDrawing({ kinds: data.objects.kinds, onMap, show, say });
   const [over, dropHandlers] = useDrop(openFiles);
   const [searching, startSearch] = useSearch(listen, say);
   const [changed, setChanged] = useState<{ readonly run: Run; readonly weights: Weights } | null>(null);
@@ -49,7 +51,8 @@ export function App({ data, addressed, onGrid, onSelect, onContinue, listen }: P
   const view = useMemo(() => validView(anyView, data), [anyView, data]);
   const run = data.runs[view.run];
   const open = openElite(run, view);
-  const editor = drawn ?? editorOf(open >= 0 ? run.grid(open) : emptyGrid(run.height, run.width));
+  const start = open >= 0 ? editorOf(run.grid(open), objectsOf(run, open)) : editorOf(emptyGrid(run.height, run.width));
+  const editor = drawn ?? start;
   const body = useKeptFocus(`${view.view} ${view.pins.length}`);
   useEffect(() => {
     if (open >= 0) onSelect?.(view.run, open);

@@ -70,3 +70,21 @@ export const LABEL_COLOURS: Readonly<Record<"background" | "road" | "red" | "yel
   red: [235, 60, 60],
   yellow: [255, 215, 60],
 };
+
+const OBJECT_COLOURS: Readonly<Record<string, string>> = {
+  duckie: "#f5b301",
+  cone: "#f26b1d",
+  barrier: "#c2410c",
+  duckiebot: "#0f7fb8",
+  bus: "#d97706",
+  truck: "#7c4fc4",
+  tree: "#2f8f3e",
+  house: "#a8503c",
+  building: "#7d8590",
+  trafficlight: "#15803d",
+  sign_stop: "#c01722",
+};
+
+/** Returns the colour of a kind of object. All signs but the stop sign are blue, as on the plan. */
+export const objectColour = (kind: string): string =>
+  OBJECT_COLOURS[kind] ?? (kind.startsWith("sign_") ? "#1f5fbf" : "#14181f");

@@ -3,6 +3,7 @@ import { createContext } from "preact";
 import { useContext } from "preact/hooks";
 import type { Data, Run } from "./data";
 import type { Grid } from "./network/codes";
+import type { MapObject } from "./network/objects";
 import type { View } from "./state";
 import type { TilePictures } from "./tiles";
 
@@ -15,7 +16,7 @@ export interface Shared {
   /** Changes fields of the view. */
   readonly show: (change: Partial<View>) => void;
   /** Opens a map in the editor. */
-  readonly draw: (grid: Grid) => void;
+  readonly draw: (grid: Grid, objects: readonly MapObject[]) => void;
   /** Announces a message to screen readers and, unless it is `unseen`, shows it for some seconds. */
   readonly say: (message: string, unseen?: boolean) => void;
 }

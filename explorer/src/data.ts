@@ -1,6 +1,8 @@
 /** The runs on the page, unpacked from Python's values and its compressed arrays. */
 import type { Grid } from "./network/codes";
 import { binsOf, feature, FEATURES, nicheOf, type Axis } from "./network/features";
+import { NO_OBJECTS, type MapObject, type ObjectKinds } from "./network/objects";
+import type { PlanValues } from "./network/plan";
 import { alphabetMask, METRIC_NAMES, fitness, measure, type Weights } from "./network/measure";
 
 interface ArrayRef {
@@ -29,6 +31,23 @@ export interface TileValues {
   readonly rotations: Readonly<Record<string, readonly number[]>>;
 }
 
+export interface ObjectValues {
+  readonly kinds: ObjectKinds;
+  /** The tag numbers of each kind of sign that has some. */
+  readonly tags: Readonly<Record<string, readonly number[]>>;
+  /** The pictures from above by kind. The front is on the right. Lengths are in metres. */
+  readonly pictures: Readonly<
+    Record<
+      string,
+      readonly {
+        readonly image: string;
+        readonly height: number;
+        readonly footprint: readonly [length: number, width: number];
+      }[]
+    >
+  >;
+}
+
 interface RunValues {
   readonly name: string;
   readonly shape: readonly [number, number];
@@ -42,7 +61,7 @@ interface RunValues {
   readonly niche: ArrayRef | null;
   readonly features: Readonly<Record<string, ArrayRef>>;
   readonly labels: readonly string[] | null;
-  readonly maps: readonly ChosenMap[];
+  readonly maps: readonly (Omit<ChosenMap, "objects"> & { readonly objects: ArrayRef | null })[];
   readonly history: {
     readonly steps: number;
     readonly evaluations: ArrayRef;
@@ -65,6 +84,8 @@ export interface Values {
   readonly version: string;
   readonly title: string;
   readonly tiles: TileValues;
+  readonly objects: ObjectValues;
+  readonly plan: PlanValues;
   readonly lots: ArrayRef;
   readonly runs: readonly RunValues[];
 }
@@ -73,6 +94,7 @@ export interface ChosenMap {
   readonly elite: number;
   readonly name: string;
   readonly pictures: readonly number[] | null;
+  readonly objects: readonly MapObject[];
 }
 
 /** A ride on a map with 30 poses a second: x in tiles east, y in tiles south, theta in radians from east. */
@@ -96,6 +118,8 @@ export interface Data {
   readonly title: string;
   readonly version: string;
   readonly tiles: TileValues;
+  readonly objects: ObjectValues;
+  readonly plan: PlanValues;
   readonly lots: Float64Array;
   readonly runs: readonly Run[];
 }
@@ -128,14 +152,20 @@ export async function unpack(values: Values, packed: Uint8Array<ArrayBuffer>): P
       const [x, y, theta] = [0, 1, 2].map((row) => track.subarray(row * steps, (row + 1) * steps));
       return { elite, goal, success, x, y, theta };
     });
+    const maps = run.maps.map(({ objects, ...map }) => ({
+      ...map,
+      objects: objects ? (JSON.parse(new TextDecoder().decode(read("uint8", objects))) as MapObject[]) : NO_OBJECTS,
+    }));
     const fit = run.fitness && read(run.fitness.array[0] === "float32" ? "float32" : "int32", run.fitness);
     const niche = run.niche && read("int32", run.niche);
-    return new Run(run, codes, fit, niche, read("int32", run.seed), features, history, rides);
+    return new Run(run, codes, fit, niche, read("int32", run.seed), features, maps, history, rides);
   });
   return {
     title: values.title,
     version: values.version,
     tiles: values.tiles,
+    objects: values.objects,
+    plan: values.plan,
     lots: read("float64", values.lots),
     runs,
   };
@@ -161,7 +191,6 @@ export class Run {
   readonly weights: Weights;
   readonly alphabet: number;
   readonly labels: readonly string[] | null;
-  readonly maps: readonly ChosenMap[];
   readonly record: Readonly<Record<string, unknown>>;
   /** Whether the fitness is the weighted sum of features plus the penalty of ranges. */
   readonly usualFitness: boolean;
@@ -186,12 +215,13 @@ export class Run {
     readonly seed: Int32Array,
     /** Features that the search measured beside the metrics. */
     readonly features: ReadonlyMap<string, Int32Array>,
+    readonly maps: readonly ChosenMap[],
     readonly history: History | null,
     readonly rides: readonly Ride[],
   ) {
     [this.height, this.width] = values.shape;
     ({ name: this.name, seeds: this.seeds, axes: this.axes, weights: this.weights } = values);
-    ({ labels: this.labels, maps: this.maps, record: this.record } = values);
+    ({ labels: this.labels, record: this.record } = values);
     this.alphabet = alphabetMask(values.alphabet);
     this.usualFitness = values.usual_fitness;
     this.floors = values.floors && new Map(values.floors);
@@ -314,12 +344,15 @@ export class Run {
   }
 }
 
+/** Returns a number from 0 to 1 that chooses the picture of a cell or an object. */
+export const lotOf = ({ lots }: Data, index: number): number => lots[index % lots.length];
+
 /** Returns the picture of each cell: the known ones, or pictures drawn by lot. -1 means that the set has none. */
 export function choosePictures(grid: Grid, data: Data, known: readonly number[] | null): Int32Array {
   if (known) return Int32Array.from(known);
   return Int32Array.from(grid.codes, (code, cell) => {
     const draws = data.tiles.rotations[code];
-    return draws ? draws[Math.floor(data.lots[cell % data.lots.length] * draws.length)] : -1;
+    return draws ? draws[Math.floor(lotOf(data, cell) * draws.length)] : -1;
   });
 }
 

@@ -1,7 +1,8 @@
 /** Maps as vectors for a canvas or an SVG file. The unit is a tile, x points east, y points south. */
 import { CONNECTIONS, IS_TURN, SIDES, EAST, SOUTH, type Grid } from "./network/codes";
 import { countFaces, findFaces } from "./network/faces";
-import { DISTINCT } from "./colours";
+import { baseKind, footprint, edgeOf, type MapObject, type ObjectKinds } from "./network/objects";
+import { DISTINCT, objectColour } from "./colours";
 import type { Ride } from "./data";
 
 export interface Shape {
@@ -26,6 +27,8 @@ export interface Text {
 export interface Scene {
   readonly height: number;
   readonly width: number;
+  /** The tiles around the map that are drawn, too. */
+  readonly edge: number;
   readonly shapes: readonly Shape[];
   readonly texts: readonly Text[];
 }
@@ -204,8 +207,37 @@ export function rideShapes({ x, y, theta, goal }: Ride, until: number): Shape[] 
   ];
 }
 
+const ARROW = 0.12; // how far an object's arrow is ahead of it, in tiles
+
+/** Draws the footprints of objects, lower ones first. All except discs have an arrow in the direction of their front. */
+export function objectShapes(objects: readonly MapObject[], kinds: ObjectKinds): Shape[] {
+  return [...objects]
+    .sort((one, other) => one.height - other.height)
+    .map((thing) => {
+      const [length, width] = footprint(thing, kinds).map((side) => side / 2);
+      const [cosine, sine] = [Math.cos(thing.angle), Math.sin(thing.angle)];
+      const corner = (ahead: number, left: number): string =>
+        `${at(thing.x + ahead * cosine - left * sine)} ${at(thing.y - ahead * sine - left * cosine)}`;
+      const half = Math.min(width, ARROW / 2);
+      const d = kinds[baseKind(thing.kind)][3]
+        ? circle(thing.x, thing.y, length)
+        : `M${corner(-length, width)}L${corner(-length, -width)}L${corner(length, -width)}L${corner(length, -half)}` +
+          `L${corner(length + ARROW, 0)}L${corner(length, half)}L${corner(length, width)}Z`;
+      return { d, fill: objectColour(thing.kind), stroke: "#fff", width: 0.02 };
+    });
+}
+
+/** Draws a ring around an object. */
+export function ringShapes(thing: MapObject, kinds: ObjectKinds): Shape[] {
+  const d = circle(thing.x, thing.y, +at(Math.hypot(...footprint(thing, kinds)) / 2 + 0.06));
+  return [
+    { d, stroke: "#fff", width: 0.07 },
+    { d, stroke: "#0a63c9", width: 0.04 },
+  ];
+}
+
 const circle = (x: number, y: number, radius: number): string =>
-  `M${at(x - radius)} ${at(y)}a${radius} ${radius} 0 1 0 ${2 * radius} 0a${radius} ${radius} 0 1 0 ${-2 * radius} 0`;
+  `M${at(x - radius)} ${at(y)}a${at(radius)} ${at(radius)} 0 1 0 ${at(2 * radius)} 0a${at(radius)} ${at(radius)} 0 1 0 ${at(-2 * radius)} 0`;
 
 /** Replaces the circles of a path by diamonds. */
 function squares(circles: string): string {
@@ -274,9 +306,16 @@ function faceShapes(grid: Grid): { shapes: Shape[]; texts: Text[] } {
   return { shapes, texts };
 }
 
-export function sceneOf(grid: Grid, shown: ReadonlySet<Overlay> = new Set()): Scene {
-  const over = overlayShapes(grid, shown);
-  return { height: grid.height, width: grid.width, shapes: [...mapShapes(grid), ...over.shapes], texts: over.texts };
+export function sceneOf(
+  grid: Grid,
+  objects: readonly MapObject[],
+  kinds: ObjectKinds,
+  shown: ReadonlySet<Overlay> = new Set(),
+): Scene {
+  const { height, width } = grid;
+  const { shapes, texts } = overlayShapes(grid, shown);
+  const all = [...mapShapes(grid), ...objectShapes(objects, kinds), ...shapes];
+  return { height, width, edge: edgeOf(objects, grid), shapes: all, texts };
 }
 
 /** Draws shapes on a canvas. A tile is `scale` pixels wide. */
@@ -318,27 +357,31 @@ export function paint(
   context.restore();
 }
 
+/** Writes a shape as an element of SVG. */
+export function pathOf(shape: Shape): string {
+  const attributes: Record<string, string | number | undefined> = {
+    d: shape.d,
+    fill: shape.fill ?? "none",
+    stroke: shape.stroke,
+    "stroke-width": shape.stroke && shape.width,
+    "stroke-linecap": shape.cap,
+    "stroke-dasharray": shape.dash?.join(" "),
+    opacity: shape.opacity,
+  };
+  const listed = Object.entries(attributes).filter(([, value]) => value !== undefined);
+  return `<path ${listed.map(([name, value]) => `${name}="${value}"`).join(" ")}/>`;
+}
+
 /** Writes a scene as an SVG file. A tile is `tile` units wide. */
-export function toSvg({ height, width, shapes, texts }: Scene, tile = 48): string {
-  const paths = shapes.map((shape) => {
-    const attributes: Record<string, string | number | undefined> = {
-      d: shape.d,
-      fill: shape.fill ?? "none",
-      stroke: shape.stroke,
-      "stroke-width": shape.stroke && shape.width,
-      "stroke-linecap": shape.cap,
-      "stroke-dasharray": shape.dash?.join(" "),
-      opacity: shape.opacity,
-    };
-    const listed = Object.entries(attributes).filter(([, value]) => value !== undefined);
-    return `<path ${listed.map(([name, value]) => `${name}="${value}"`).join(" ")}/>`;
-  });
+export function toSvg({ height, width, edge, shapes, texts }: Scene, tile = 48): string {
   const words = texts.map(
     (text) =>
       `<text x="${text.x}" y="${text.y}" font-size="${text.size}" fill="${text.colour}" text-anchor="middle" dominant-baseline="central" font-family="sans-serif" font-weight="600">${text.text}</text>`,
   );
+  const sides = [width + 2 * edge, height + 2 * edge].map((side) => +at(side));
+  const [across, down] = sides.map((side) => +at(side * tile));
   return (
-    `<svg xmlns="http://www.w3.org/2000/svg" width="${width * tile}" height="${height * tile}" viewBox="0 0 ${width} ${height}">\n` +
-    `${[...paths, ...words].join("\n")}\n</svg>\n`
+    `<svg xmlns="http://www.w3.org/2000/svg" width="${across}" height="${down}" viewBox="${at(-edge)} ${at(-edge)} ${sides.join(" ")}">\n` +
+    `${[...shapes.map(pathOf), ...words].join("\n")}\n</svg>\n`
   );
 }

@@ -1,14 +1,16 @@
-/** The state of the editor: the map, the fixed cells, and earlier states for undo. */
-import { rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
+/** The state of the editor: the map, the fixed cells, the objects, and earlier states for undo. */
+import { emptyGrid, rowsOf, SIDES, sameGrid, type Grid } from "./network/codes";
+import { isWithin, NO_OBJECTS, type MapObject } from "./network/objects";
 import { repair } from "./network/repair";
 
-export const TOOLS = ["road", "cut", "erase", "tile", "fixed", "forbidden"] as const;
+export const TOOLS = ["road", "cut", "erase", "tile", "fixed", "forbidden", "objects"] as const;
 export type Tool = (typeof TOOLS)[number];
 
 export interface Drawing {
   readonly grid: Grid;
   /** For each cell, 1 if `--fix` keeps it. */
   readonly fixed: Uint8Array;
+  readonly objects: readonly MapObject[];
 }
 
 export interface Editor extends Drawing {
@@ -25,35 +27,48 @@ export interface Mending {
 
 const MOST_STEPS = 200;
 
-export function editorOf(grid: Grid, fixed: Uint8Array = new Uint8Array(grid.codes.length)): Editor {
-  return { grid, fixed, past: [], future: [], start: grid };
+export function editorOf(
+  grid: Grid,
+  objects: readonly MapObject[] = NO_OBJECTS,
+  fixed: Uint8Array = new Uint8Array(grid.codes.length),
+): Editor {
+  return { grid, fixed, objects, past: [], future: [], start: grid };
 }
+
+const drawingOf = ({ grid, fixed, objects }: Drawing): Drawing => ({ grid, fixed, objects });
+
+const sameDrawing = (one: Drawing, other: Drawing): boolean =>
+  sameGrid(one.grid, other.grid) &&
+  one.fixed.every((fixed, cell) => fixed === other.fixed[cell]) &&
+  one.objects === other.objects;
 
 /** Returns the editor with a new drawing, as a step that can be undone. */
 export function done(editor: Editor, drawing: Drawing): Editor {
-  if (sameGrid(editor.grid, drawing.grid) && editor.fixed.every((fixed, cell) => fixed === drawing.fixed[cell]))
-    return editor;
-  const { grid, fixed } = editor;
-  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), { grid, fixed }], future: [] };
+  if (sameDrawing(editor, drawing)) return editor;
+  return { ...editor, ...drawing, past: [...editor.past.slice(1 - MOST_STEPS), drawingOf(editor)], future: [] };
+}
+
+/** Returns the editor without roads, fixed cells and objects. */
+export function cleared(editor: Editor): Editor {
+  const { height, width } = editor.grid;
+  return done(editor, drawingOf(editorOf(emptyGrid(height, width))));
 }
 
 export function undo(editor: Editor): Editor {
   const last = editor.past.at(-1);
-  const { grid, fixed } = editor;
   return last
-    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [{ grid, fixed }, ...editor.future] }
+    ? { ...editor, ...last, past: editor.past.slice(0, -1), future: [drawingOf(editor), ...editor.future] }
     : editor;
 }
 
 export function redo(editor: Editor): Editor {
   const [next, ...future] = editor.future;
-  const { grid, fixed } = editor;
-  return next ? { ...editor, ...next, past: [...editor.past, { grid, fixed }], future } : editor;
+  return next ? { ...editor, ...next, past: [...editor.past, drawingOf(editor)], future } : editor;
 }
 
 /** A stroke: the tool, the tile that it sets, and the cells that it touched, in order. */
 export interface Stroke {
-  readonly tool: Tool;
+  readonly tool: Exclude<Tool, "objects">;
   readonly tile: number;
   readonly cells: readonly number[];
 }
@@ -81,7 +96,7 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   if (tool === "fixed") {
     const on = 1 - fixed[cells[0]];
     for (const cell of cells) fixed[cell] = on;
-    return { grid: drawing.grid, fixed };
+    return { ...drawing, fixed };
   }
   const dirty = new Uint8Array(codes.length);
   for (const cell of cells) dirty[cell] = 1;
@@ -104,11 +119,12 @@ export function stroked(drawing: Drawing, { tool, tile, cells }: Stroke, mending
   }
   const plain = { height, width, codes };
   const held = fixed.map((one, cell) => +(one === 1 && !dirty[cell]));
-  return { grid: mending.repair ? repair(plain, { dirty, fixed: held, fill: mending.fill }) : plain, fixed };
+  const grid = mending.repair ? repair(plain, { dirty, fixed: held, fill: mending.fill }) : plain;
+  return { ...drawing, grid, fixed };
 }
 
-/** Returns a drawing of another size, cut or filled up with empty cells. */
-export function resized({ grid, fixed }: Drawing, height: number, width: number): Drawing {
+/** Returns a drawing of another size, cut or filled up with empty cells. Objects outside the new size are removed. */
+export function resized({ grid, fixed, objects }: Drawing, height: number, width: number): Drawing {
   const codes = new Uint8Array(height * width);
   const marks = new Uint8Array(height * width);
   rowsOf(grid)
@@ -119,5 +135,6 @@ export function resized({ grid, fixed }: Drawing, height: number, width: number)
         marks[y * width + x] = fixed[y * grid.width + x];
       }),
     );
-  return { grid: { height, width, codes }, fixed: marks };
+  const left = objects.filter(({ x, y }) => isWithin(x, y, { height, width }));
+  return { grid: { height, width, codes }, fixed: marks, objects: left.length < objects.length ? left : objects };
 }

@@ -25,8 +25,8 @@ function bytesOf(value: unknown): Uint8Array<ArrayBuffer> {
 
 function render({ model, el }: { readonly model: Model; readonly el: HTMLElement }): () => void {
   let version = 0;
-  const tell = (name: string, value: unknown) => {
-    model.set(name, value);
+  const tell = (values: Record<string, unknown>) => {
+    for (const [name, value] of Object.entries(values)) model.set(name, value);
     model.save_changes();
   };
   const show = async () => {
@@ -39,8 +39,8 @@ function render({ model, el }: { readonly model: Model; readonly el: HTMLElement
           key={current}
           data={data}
           addressed={model.get("addressed") === true}
-          onGrid={(rows) => tell("grid", rows)}
-          onSelect={(run, elite) => tell("selected", [run, elite])}
+          onMap={(rows, objects) => tell({ grid: rows, objects })}
+          onSelect={(run, elite) => tell({ selected: [run, elite] })}
           onContinue={model.get("continues") ? (rows) => model.send({ continue: rows }) : undefined}
           listen={(tell_) => {
             const heard = (content: unknown) => tell_(String((content as { message?: unknown }).message));

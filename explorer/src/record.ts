@@ -2,10 +2,15 @@
 import type { Data, Run } from "./data";
 import { rowsOf } from "./network/codes";
 import { binsOf, feature, FEATURES, isShare, unitOf } from "./network/features";
+import { NO_OBJECTS, type MapObject } from "./network/objects";
 
 /** Returns the tile pictures that a map of a run was drawn with, if they are known. */
 export const picturesOf = (run: Run, elite: number): readonly number[] | null =>
   run.maps.find((map) => map.elite === elite)?.pictures ?? null;
+
+/** Returns the objects of a map of a run. */
+export const objectsOf = (run: Run, elite: number): readonly MapObject[] =>
+  run.maps.find((map) => map.elite === elite)?.objects ?? NO_OBJECTS;
 
 /** Returns the metrics as a map file has them, for a grid of so many cells. */
 export function metricFields(metrics: ArrayLike<number>, cells: number): Record<string, number> {
@@ -44,6 +49,10 @@ export function mapFields(run: Run, elite: number, data: Data): Record<string, u
 
 /** Writes a list of maps, a map a line, as `elitelanes dataset --maps-from` takes it. */
 export function listOf(run: Run, elites: readonly number[]): string {
-  const lines = elites.map((elite) => JSON.stringify({ codes: rowsOf(run.grid(elite)), ...known(run, elite) }));
+  const lines = elites.map((elite) => {
+    const objects = objectsOf(run, elite);
+    const fields = { codes: rowsOf(run.grid(elite)), ...known(run, elite), ...(objects.length && { objects }) };
+    return JSON.stringify(fields);
+  });
   return `[\n${lines.join(",\n")}\n]\n`;
 }

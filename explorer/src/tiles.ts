@@ -1,8 +1,10 @@
 /** Tile pictures and their masks, and maps drawn with them. */
 import { paintBlended, turnedPixels, type Pixels, type PixelsOf } from "./blend";
 import { css, LABEL_COLOURS, type Rgb } from "./colours";
-import { choosePictures, type Data, type TileValues } from "./data";
+import { choosePictures, lotOf, type Data } from "./data";
+import { objectShapes, paint } from "./drawing";
 import type { Grid } from "./network/codes";
+import { baseKind, TILE_SIZE, type MapObject } from "./network/objects";
 
 /** The layers of a picture: the image, the masks, and the labels. */
 export const LAYERS = ["image", "road", "red", "yellow", "labels"] as const;
@@ -23,10 +25,21 @@ export interface TilePictures {
     readonly compared: PixelsOf;
     readonly maps: Map<string, HTMLCanvasElement>;
   } | null;
+  /** The pictures of objects from above, by kind. */
+  readonly objects: ReadonlyMap<string, readonly ObjectPicture[]>;
 }
 
-/** Decodes the pictures of a tile set. */
-export async function loadTiles(values: TileValues): Promise<TilePictures> {
+interface ObjectPicture {
+  readonly image: CanvasImageSource;
+  /** The same in the colour that labels have without a road. */
+  readonly silhouette: CanvasImageSource;
+  /** In metres. */
+  readonly height: number;
+  readonly footprint: readonly [length: number, width: number];
+}
+
+/** Decodes the pictures of tiles and of objects. */
+export async function loadTiles({ tiles: values, objects }: Data): Promise<TilePictures> {
   const decode = async (url: string): Promise<HTMLImageElement> => {
     const image = new Image();
     image.src = url;
@@ -75,9 +88,17 @@ export async function loadTiles(values: TileValues): Promise<TilePictures> {
       maps: new Map(),
     };
   }
+  const pictured = Object.entries(objects.pictures).map(async ([kind, drawn]) => {
+    const decoded = drawn.map(async ({ image: url, ...sizes }) => {
+      const image = await decode(url);
+      return { ...sizes, image, silhouette: silhouetteOf(image) };
+    });
+    return [kind, await Promise.all(decoded)] as const;
+  });
   return {
     px,
     blended,
+    objects: new Map(await Promise.all(pictured)),
     layerOf: (layer) => (known[layer] ??= coloured(colours[layer])),
   };
 }
@@ -88,6 +109,16 @@ function levelsOf(image: HTMLImageElement): Uint8ClampedArray {
   const context = canvasOf(width, height).getContext("2d", { willReadFrequently: true })!;
   context.drawImage(image, 0, 0);
   return context.getImageData(0, 0, width, height).data;
+}
+
+function silhouetteOf(image: HTMLImageElement): HTMLCanvasElement {
+  const canvas = canvasOf(image.width, image.height);
+  const context = canvas.getContext("2d")!;
+  context.drawImage(image, 0, 0);
+  context.globalCompositeOperation = "source-in";
+  context.fillStyle = css(LABEL_COLOURS.background);
+  context.fillRect(0, 0, canvas.width, canvas.height);
+  return canvas;
 }
 
 function pixelsOf(levels: Uint8ClampedArray, bits: Uint8ClampedArray): Pixels {
@@ -138,12 +169,16 @@ function blendedOf(grid: Grid, chosen: Int32Array, { px, blended }: TilePictures
   return canvas;
 }
 
-/** Draws a map with tile pictures, matched unless the map is too large. Cells without a picture stay background. */
+/**
+ * Draws a map and its objects with pictures. Tiles are matched unless the map is too large. Cells without a picture stay
+ * background. Without the image layer objects are silhouettes: where they are, no label of the road is seen.
+ */
 export function paintTiles(
   grid: Grid,
   data: Data,
   tiles: TilePictures,
   known: readonly number[] | null,
+  objects: readonly MapObject[],
   blend: Blend,
 ): HTMLCanvasElement {
   const chosen = choosePictures(grid, data, known);
@@ -179,5 +214,22 @@ export function paintTiles(
       context.drawImage(pictures[picture >> 2], -px / 2, -px / 2, px, px);
     });
   }
+  context.globalAlpha = 1;
+  context.imageSmoothingEnabled = true;
+  context.imageSmoothingQuality = "high";
+  objects
+    .map((thing, index) => ({ thing, lot: lotOf(data, index) }))
+    .sort((one, other) => one.thing.height - other.thing.height)
+    .forEach(({ thing, lot }) => {
+      const pictures = tiles.objects.get(baseKind(thing.kind));
+      context.setTransform(1, 0, 0, 1, 0, 0);
+      if (!pictures) return paint(context, { shapes: objectShapes([thing], data.objects.kinds), texts: [] }, px);
+      const { image, silhouette, height, footprint } = pictures[Math.floor(lot * pictures.length)];
+      const scale = ((height ? thing.height / height : 1) * px) / TILE_SIZE;
+      const [length, width] = footprint.map((side) => side * scale);
+      const [cosine, sine] = [Math.cos(thing.angle), Math.sin(thing.angle)];
+      context.setTransform(cosine, -sine, sine, cosine, thing.x * px, thing.y * px);
+      context.drawImage(blend.image ? image : silhouette, -length / 2, -width / 2, length, width);
+    });
   return canvas;
 }

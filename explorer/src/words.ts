@@ -1,5 +1,6 @@
 /** Names and meanings of quantities, and numbers as text. */
 import { isShare, SHARE_UNIT, unitOf, type Axis } from "./network/features";
+import { degreesOf, type MapObject } from "./network/objects";
 
 interface Words {
   readonly name: string;
@@ -75,6 +76,20 @@ export const WORDS: Readonly<Record<string, Words>> = {
     meaning: "length of shortest ways divided by their length on a full grid of streets",
   },
 };
+
+/** Returns the name of a kind of object, such as "stop sign". */
+export function objectName(kind: string): string {
+  const name = kind
+    .replace("other:", "")
+    .replace("4_way", "4-way")
+    .replaceAll("_", " ")
+    .replace("trafficlight", "traffic light");
+  return name.startsWith("sign ") ? `${name.slice(5)} sign` : name;
+}
+
+/** Describes an object: its kind, its tag, its position in tiles and its angle. */
+export const describeObject = ({ kind, tag, x, y, angle }: MapObject): string =>
+  `${objectName(kind)}${tag === undefined ? "" : `, tag ${tag}`}, x ${number(x)}, y ${number(y)}, angle ${degreesOf(angle)}°`;
 
 /** Words for the two bins of a flag. */
 const FLAGS: Readonly<Record<string, readonly [string, string]>> = {

@@ -3,8 +3,21 @@ import { readFileSync } from "node:fs";
 import { describe, expect, test } from "vitest";
 import { gridOf, rowsOf, type Grid } from "../src/network/codes";
 import { binOf, binsOf, feature, nicheAt, nicheOf, type Axis } from "../src/network/features";
-import { FileError, fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "../src/network/formats";
+import { FileError } from "../src/network/errors";
+import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "../src/network/formats";
 import { alphabetMask, METRIC_NAMES, fitness, measure, type MetricName, type Weights } from "../src/network/measure";
+import {
+  byKind,
+  degreesOf,
+  edgeOf,
+  newObject,
+  nextObject,
+  objectAt,
+  radiansOf,
+  type MapObject,
+  type ObjectKinds,
+} from "../src/network/objects";
+import { planOf, type PlanValues } from "../src/network/plan";
 import { repair } from "../src/network/repair";
 import { measureTown } from "../src/network/town";
 
@@ -19,12 +32,22 @@ interface Case {
   readonly axes: Axis[];
   readonly bins: number[];
   readonly town: Record<string, number>;
+  readonly objects: MapObject[];
   readonly duckietown: string | null;
+  readonly plan: {
+    readonly quarterTurns: number[];
+    readonly tiles: Record<string, number>;
+    readonly tape: Record<string, number>;
+  } | null;
 }
 
-const { alphabet, weights, cases } = JSON.parse(readFileSync(new URL("cases.json", import.meta.url), "utf8")) as {
+const { alphabet, weights, kinds, plan, cases } = JSON.parse(
+  readFileSync(new URL("cases.json", import.meta.url), "utf8"),
+) as {
   alphabet: number[];
   weights: Weights;
+  kinds: ObjectKinds;
+  plan: PlanValues;
   cases: Case[];
 };
 
@@ -58,18 +81,36 @@ describe.each(cases)("a grid $rows", (one) => {
   });
 
   test("files", () => {
-    if (one.duckietown === null) expect(() => toDuckietown(grid)).toThrow(FileError);
+    const { objects } = one;
+    if (one.duckietown === null) expect(() => toDuckietown(grid, objects)).toThrow(FileError);
     else {
-      expect(toDuckietown(grid)).toBe(one.duckietown);
+      expect(toDuckietown(grid, objects)).toBe(one.duckietown);
       expect(rowsOf(fromDuckietown(one.duckietown))).toEqual(one.rows);
     }
-    expect(rowsOf(readMap(toMapJson(grid), "map.json").grid)).toEqual(one.rows);
+    const read = readMap(toMapJson(grid, { objects }), "map.json", kinds);
+    expect([rowsOf(read.grid), read.objects]).toEqual([one.rows, objects]);
     const fixed = Uint8Array.from(grid.codes, (_, cell) => +(cell % 2 === 0));
-    expect(readMap(toFix(grid, fixed), "fix.json").fixed).toEqual(fixed.includes(0) ? fixed : null);
+    expect(readMap(toFix(grid, fixed), "fix.json", kinds).fixed).toEqual(fixed.includes(0) ? fixed : null);
+  });
+
+  test("plan", () => {
+    if (!one.plan) return expect(() => planOf(grid, plan)).toThrow(FileError);
+    const { placed, tiles, tape } = planOf(grid, plan);
+    expect(placed.map(({ quarterTurns }) => quarterTurns)).toEqual(one.plan.quarterTurns);
+    expect({ ...tiles, empty: grid.codes.length - placed.length }).toEqual(one.plan.tiles);
+    for (const [colour, metres] of Object.entries(one.plan.tape)) expect(tape[colour]).toBeCloseTo(metres, 2);
   });
 });
 
+const withObject = (fields: object) => JSON.stringify({ codes: [[6, 3]], objects: [fields] });
+
 test.each([
+  ["map.json", withObject({ kind: "unicorn", x: 1, y: 1 }), "object 0: kind: expected a kind of object that"],
+  ["map.json", withObject({ kind: "duckie", x: 3.1, y: 1 }), "object 0: x: expected a number from -1 to 3, got 3.1"],
+  ["map.json", withObject({ kind: "duckie", x: 1 }), "object 0: y: expected a number from -1 to 2, got none"],
+  ["map.json", withObject({ kind: "duckie", x: 1, y: 1, tag: 587 }), "tag: expected a whole number from 0 to 586"],
+  ["map.json", withObject({ kind: "duckie", x: 1, y: 1, hat: 1 }), "hat: expected only fields of an object, got 1"],
+  ["map.json", '{"codes": [[6, 3]], "objects": 5}', "map.json: objects: expected a list"],
   ["map.json", "{", "map.json: expected a map as JSON or Duckietown's YAML"],
   ["map.json", "{}", "map.json: expected rows of tile codes"],
   ["map.json", "[[1, 2], [3]]", "map.json: expected rows of one length"],
@@ -78,5 +119,56 @@ test.each([
   ["town.yaml", "tile_size: 0.585", 'town.yaml: expected a Duckietown map, got no "tiles"'],
   ["town.yml", "tiles:\n- [moat]", "town.yml: tiles: expected one of Duckietown's kinds, got moat at row 0, column 0"],
 ])("a bad %s is refused: %s", (name, text, message) => {
-  expect(() => readMap(text, name)).toThrow(message);
+  expect(() => readMap(text, name, kinds)).toThrow(message);
+});
+
+test("objects of YAML are announced as unread", () => {
+  const yaml = toDuckietown(gridOf([[6, 3]]), [{ kind: "duckie", x: 1, y: 0.5, angle: 0, height: 0.08 }]);
+  expect(readMap(yaml, "town.yaml", kinds)).toMatchObject({ objects: [], unread: true });
+  expect(readMap(toDuckietown(gridOf([[6, 3]])), "town.yaml", kinds).unread).toBe(false);
+});
+
+describe("objects", () => {
+  const grid = { height: 2, width: 3 };
+  const things = [
+    { kind: "house", x: 2, y: 1, angle: 0, height: 0.2 },
+    { kind: "duckie", x: 2.2, y: 1, angle: 0, height: 0.08 },
+    { kind: "sign_stop", x: 0.5, y: -0.08, angle: 0, height: 0.18, tag: 3 },
+  ];
+
+  test("are added with the first free tag of their kind", () => {
+    const tags = { sign_stop: [3, 5] };
+    expect(newObject("sign_stop", [1, 2], things, kinds, tags)).toMatchObject({ x: 1, y: 2, height: 0.18, tag: 5 });
+    expect(newObject("sign_stop", [1, 2], [{ ...things[2], tag: 5 }, things[2]], kinds, tags).tag).toBe(3);
+    expect(newObject("duckie", [1, 2], things, kinds, tags)).not.toHaveProperty("tag");
+  });
+
+  test("have angles of at most half a turn", () => {
+    expect([90, 195, -195, 720, 359.5].map((degrees) => degreesOf(radiansOf(degrees)))).toEqual([
+      90, -165, 165, 0, -0.5,
+    ]);
+  });
+
+  test("are found where they are, the nearest first", () => {
+    expect([objectAt(things, kinds, [2.02, 1]), objectAt(things, kinds, [2.15, 1])]).toEqual([things[0], things[1]]);
+    expect([objectAt(things, kinds, [0.5, 0.05]), objectAt(things, kinds, [0.5, 0.5])]).toEqual([things[2], undefined]);
+  });
+
+  test("are walked through in reading order, all of them", () => {
+    const [house, duckie, sign] = things;
+    expect([nextObject(things, undefined, 1), nextObject(things, undefined, -1)]).toEqual([sign, duckie]);
+    expect(nextObject([], undefined, 1)).toBeUndefined();
+    expect([sign, house, duckie].map((thing) => nextObject(things, thing, 1))).toEqual([house, duckie, sign]);
+    expect([sign, house, duckie].map((thing) => nextObject(things, thing, -1))).toEqual([duckie, sign, house]);
+  });
+
+  test("are listed by kind, and have room at the border", () => {
+    expect(byKind(things).map(([kind, some]) => [kind, some.length])).toEqual([
+      ["duckie", 1],
+      ["house", 1],
+      ["sign_stop", 1],
+    ]);
+    expect(edgeOf(things, grid)).toBeCloseTo(0.28);
+    expect(edgeOf(things.slice(0, 2), grid)).toBe(0);
+  });
 });

@@ -11,11 +11,18 @@ from hypothesis import strategies as st
 from pages import blocks, run_program
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.benchmark.running import run
+from elitelanes_jax.benchmark.running import run, run_tasks
 from elitelanes_jax.benchmark.scores import compute_scores, confidence_interval
-from elitelanes_jax.benchmark.submissions import Submission, read_submission, score_submission, write_submission
+from elitelanes_jax.benchmark.submissions import (
+    LEAST_RUNS,
+    Submission,
+    read_submission,
+    score_submission,
+    write_submission,
+)
 from elitelanes_jax.benchmark.tasks import BUDGETS, SIZES, VERSION, find_task
 from elitelanes_jax.cli.main import main
+from elitelanes_jax.network import Weights
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmark.md"
 TASK = find_task("5x5A-100000")
@@ -30,9 +37,21 @@ def perfect(task=TASK, runs=10):
 
 def test_the_tasks_of_a_version_do_not_change():
     """Whoever means to change them raises the version, and this sum."""
-    facts = [[size, *(np.array(part).tolist() for part in find_task(f"{size}-10000")[4:6])] for size in SIZES]
+    tasks = [find_task(f"{size}-10000") for size in SIZES]
+    archives = [task.optimum / np.array([1, 2, -4, np.inf])[:, None] for task in tasks]  # at the optimum, over it
+    archives = [np.where(best, best, np.inf) for best in archives]  # and vacant
+    scores = [compute_scores(task, best) for task, best in zip(tasks, archives, strict=True)]
+    intervals = [confidence_interval(score) for one in scores for score in one]
+    numbers = np.concatenate([np.ravel(scores_of) for scores_of in scores] + [np.ravel(intervals)])
+    facts = {
+        "tasks": [[task.name, task.shape, task.fill, *(part.tolist() for part in task[4:6])] for task in tasks],
+        "budgets": BUDGETS,
+        "runs": LEAST_RUNS,
+        "weights": Weights()._asdict(),
+        "scores": np.round(np.nan_to_num(numbers, nan=-1), 9).tolist(),
+    }
     assert VERSION == 1
-    assert hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16] == "411793c06f375d27"
+    assert hashlib.sha256(json.dumps(facts).encode()).hexdigest()[:16] == "6f421e5cdf8714d0"
 
 
 @pytest.mark.parametrize("size", ["5x5A", *(pytest.param(size, marks=pytest.mark.slow) for size in SIZES[1:])])
@@ -174,7 +193,7 @@ def test_a_certificate_that_is_wrong_is_told_of(wrong, words):
 @pytest.mark.slow  # it compiles a search for itself
 def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    _, (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    *_, (_, program), (_, scores) = blocks(PAGE.read_text(encoding="utf-8"), "python")
     exec(compile(scores, str(PAGE), "exec"), {})
     assert capsys.readouterr().out == "[1.  0.5] (0.5, 1.0)\n"
     exec(compile(program, str(PAGE), "exec"), made := {})
@@ -186,11 +205,14 @@ def test_the_page_makes_an_archive_and_scores_it(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_the_page_runs_a_search_of_ones_own(tmp_path, monkeypatch, capsys):
+def test_the_page_runs_searches_of_ones_own(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (_, program), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
+    (_, program), (_, of_tasks), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
     run_program(program, str(PAGE), capsys)
     assert main(["score", "own.npz"]) == 0
+    capsys.readouterr()
+    exec(compile(of_tasks, str(PAGE), "exec"), {})
+    assert capsys.readouterr().out == "5x5B-10000 True\n6x6A-10000 True\n"
 
 
 def walk(task, rng, sizes=(64,)):
@@ -233,6 +255,36 @@ def test_runs_keep_their_archive_at_every_budget():
     assert best.shape == (1, 2, len(TASK.optimum)) and (best[0, 1] <= best[0, 0]).all()
 
 
+def test_tasks_of_one_run_share_its_evaluations():
+    tasks = [find_task(f"{size}-10000") for size in ("5x5A", "6x6B")]
+
+    def search(tasks, rng):
+        """Spends all that the first task has, and as much again, before the second one gets its witnesses."""
+        own, measured = walk(tasks[0], rng, (3000,)), None
+        for _ in range(6):
+            measured = yield 0, own.send(measured)
+        assert (yield 1, tasks[1].witnesses).counts.all()
+        while True:
+            yield np.int64(0), tasks[0].witnesses[np.zeros(1000, int)]
+
+    one, other = run_tasks(tasks, search, [5])
+    alone = run(tasks[0], lambda task, rng: walk(task, rng, (3000,)), [5])
+    assert (one.task.name, other.task.name) == ("5x5A-10000", "6x6B-10000")
+    assert (score_submission(other)[1].reliability == 1).all()
+    assert (score_submission(one)[0] <= score_submission(alone)[0]).all()
+    twice = [run_tasks([task] * 2, lambda tasks, rng: ((0, grids) for grids in ()), 1) for task in tasks]
+    assert all((submission.grids == 0).all() for pair in twice for submission in pair)
+    for wrong, words in (
+        ([tasks[0], TASK], "tasks: expected equal budgets, got 5x5A-10000, 5x5A-100000"),
+        ([], "tasks: expected equal budgets, got no task"),
+    ):
+        with pytest.raises(InputError, match=f"^{words}"):
+            run_tasks(wrong, search)
+    for batch, words in (((2, tasks[0].witnesses), "a whole number, 0 to 1, got 2"), (7, "the index of a task and")):
+        with pytest.raises(InputError, match=f"^search: expected {words}"):
+            run_tasks(tasks, lambda tasks, rng, batch=batch: iter_once(batch), 1)
+
+
 def test_runs_are_the_same_for_the_same_seeds_and_can_be_written(tmp_path):
     task = find_task("5x5A-10000")
     one, other = run(task, walk), run(task, walk, 10)
@@ -258,6 +310,11 @@ def test_a_search_may_end_early_and_faults_are_named():
             run(task, lambda task, rng, batch=batch: iter_once(batch), 1)
     with pytest.raises(InputError, match="^seeds: expected a whole number, 1 or more, got 0"):
         run(task, walk, 0)
+    for search in (3, iter([]), lambda task, rng: 3):
+        with pytest.raises(InputError, match="^search: expected a generator function, which yields grids, got "):
+            run("5x5A-10000", search)
+    with pytest.raises(InputError, match="^task: expected SIZE-BUDGET of 5x5A"):
+        run("5x5C", walk)
 
 
 def iter_once(batch):

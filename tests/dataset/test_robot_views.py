@@ -182,7 +182,7 @@ def test_what_is_wrong_with_a_camera_is_named(tmp_path):
         parse_viewpoints(["zoom=3"])
     with pytest.raises(InputError, match="rows: expected a whole number, 16 to 4096, got '0'"):
         parse_viewpoints("rows=0")
-    with pytest.raises(InputError, match="transforms: expected light, .* with a camera, .* got rotation"):
+    with pytest.raises(InputError, match="transforms: expected changes of light .* with a camera, .* got rotation"):
         DatasetSpec(camera=(), transforms=parse_transforms("rotation=20"))
     with pytest.raises(InputError, match="size: expected maps of at most 32766 pixels a side"):
         DatasetSpec(camera=(), size=128, maps=1, split=(1, 0, 0))

@@ -13,6 +13,7 @@ from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive.lanes import on_road
 from elitelanes_jax.drive.rides import film, load_policy, make_rides, rides_to_json, trails, write_film
 from elitelanes_jax.explorer._collect import collect
+from elitelanes_jax.formats import MapObject, RoadMap
 from elitelanes_jax.formats.rides import RIDES, read_rides
 from elitelanes_jax.tiles.rendering import render
 
@@ -53,6 +54,12 @@ def test_trails_and_films_show_the_ride(rides, drawn_tiles):
     frames = list(film(GRID, drawn_tiles, both, 1, tile_px=16))
     assert [frame.shape for frame in frames] == [(480, 640 + 720, 3)] * 4
     assert (frames[0] != frames[3]).any()
+    near = rides.x[0, 0] + 0.4 * np.cos(rides.theta[0, 0]), rides.y[0, 0] - 0.4 * np.sin(rides.theta[0, 0])
+    road_map = RoadMap(GRID, objects=[MapObject("cone", *map(float, near), 0.0, 0.08)])
+    (frame,) = film(road_map, drawn_tiles, rides._replace(steps=np.array([0])), tile_px=16)
+    for shown in (frame[:, :640], frame[:, 640:]):
+        orange = (shown[..., 0] > 150) & (shown[..., 2] < 100) & (shown[..., 1] < 150)
+        assert orange.sum() > 20
 
 
 def test_rides_in_a_file_are_read_and_shown_on_their_map(rides, tmp_path):

@@ -38,10 +38,30 @@ def test_a_row_is_measured_and_told(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "board.png").read_bytes()[:4] == b"\x89PNG"
 
 
+OWN = """
+def search(task, rng):
+    yield task.witnesses[: rng.integers(1, 3)]
+"""
+
+
+def test_a_search_of_ones_own_gets_a_row_beside_the_others(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(ROWS, "tuned", Row("Ours", play))
+    own = tmp_path / "own.py"
+    own.write_text(OWN)
+    assert board.main(["tuned", str(own), "--tasks", TASK.name, "--out", str(tmp_path), "--table"]) == 0
+    assert "own, 5x5A-10000, 10 runs: coverage 0." in capsys.readouterr().out
+    rows = [line for line in (tmp_path / "board.md").read_text().splitlines() if line.startswith(("| Ours", "| own"))]
+    assert [row.split(" | ")[0] for row in rows] == ["| Ours", "| own"] and "| 1.00 (1.00 to 1.00) |" in rows[1]
+    assert command(["score", str(tmp_path / "own-5x5A-10000.npz")]) == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (["best"], "ROW: expected one of paper, standard, tuned"),
+        (["best.py"], "or FILE.py with a function search, got best.py"),
+        ([__file__], "or FILE.py with a function search, got /"),
+        (["tuned", "--tune"], "expected a row with settings to tune, got one without"),
         ([], "got none"),
         (["tuned", "--tasks", "5x5A"], "task: expected SIZE-BUDGET"),
         (["--table"], "expected scores of rows, got none"),

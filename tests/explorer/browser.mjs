@@ -1,5 +1,6 @@
 // Clicks through pages in Chromium and prints what it saw as JSON: `node browser.mjs FOLDER`. The folder holds run.html,
-// big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, town.yaml; saved files go there too.
+// big.html, own.html, float.html, photo64.html, photo32.html, hostile.html, furnished.html, objects.json, town.yaml;
+// saved files go there too.
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { browser, require } from "./chromium.mjs";
@@ -413,6 +414,53 @@ async function strokes(page, tiles, row) {
   await page.context().close();
 }
 
+// Objects: their pictures and files, and how the editor changes them.
+{
+  const page = await open("furnished.html", { hash: "view=maps&look=tiles" });
+  const listed = await page.$$eval(".objects li", (kinds) => kinds.map((kind) => kind.textContent));
+  for (const [name, file] of [["PNG", "furnished.png"], ["map.json", "furnished.json"], ["YAML", "furnished.yaml"], ["Plan", "plan.svg"], ["Save the list", "list.json"]])
+    await saved(page, () => button(page, name), file);
+  await page.locator(".look .switch", { hasText: "Labels" }).click();
+  await page.getByLabel("Strength of the layers").fill("1");
+  await page.locator(".look .switch", { hasText: "Picture" }).click();
+  await settle(page);
+  await saved(page, () => button(page, "PNG"), "furnished-labels.png");
+  await tab(page, "Draw");
+  await button(page, "Objects");
+  await page.getByLabel("Map file").setInputFiles(join(folder, "objects.json"));
+  await page.waitForFunction(() => document.querySelectorAll(".objects li").length === 2);
+  const opened = await page.textContent(".message");
+  const editor = page.locator(".editor");
+  const box = await editor.boundingBox();
+  const at = (x, y) => [box.x + ((x + 0.3) * box.width) / 4.6, box.y + ((y + 0.3) * box.height) / 4.6];
+  const press = async (...keys) => {
+    for (const key of keys) await page.keyboard.press(key);
+    await settle(page);
+    return page.textContent(".elx [role=status]");
+  };
+  const fill = async (name, value) => {
+    await page.getByLabel(name, { exact: true }).fill(value);
+    return press("Tab");
+  };
+  await drag(page, at(1.5, 1.5), at(2.25, 1.75));
+  await page.getByLabel("Kind to add").selectOption("sign_stop");
+  await page.mouse.click(...at(3, 3));
+  await editor.focus();
+  const said = [await press("r", "Shift+ArrowRight"), await press("Enter"), await press("ArrowLeft"), await press("Delete"), await press("ArrowLeft")];
+  await fill("Angle", "285");
+  await editor.focus();
+  await press("Shift+R");
+  await fill("Tag", "586");
+  const refused = [await fill("X", "99"), await fill("Tag", "587"), await page.getByLabel("X", { exact: true }).inputValue()];
+  await button(page, "Undo");
+  await button(page, "Redo");
+  const missed = await walk(page);
+  await saved(page, () => button(page, "map.json"), "moved.json");
+  await saved(page, () => button(page, "YAML"), "moved.yaml");
+  seen.objects = { listed, opened, said, refused, missed };
+  await page.context().close();
+}
+
 // Photographed tiles, brought together, in the size in which their light is compared and in another.
 for (const px of [64, 32]) {
   const page = await open(`photo${px}.html`, { hash: "view=maps&look=tiles" });
@@ -430,8 +478,10 @@ for (const px of [64, 32]) {
 // Every view in both themes and widths: axe's serious faults, and what is wider than the screen.
 for (const scheme of ["light", "dark"]) {
   for (const width of [1280, 390]) {
-    for (const view of ["archive", "maps", "compare", "draw", "run"]) {
-      const page = await open("run.html", { width, scheme, hash: `view=${view}&look=tiles&overlays=faces&pins=0.0,0.1` });
+    for (const view of ["archive", "maps", "compare", "draw", "run", "objects"]) {
+      const [name, shown] = view === "objects" ? ["furnished.html", "draw"] : ["run.html", view];
+      const page = await open(name, { width, scheme, hash: `view=${shown}&look=tiles&overlays=faces&pins=0.0,0.1` });
+      if (view === "objects") await button(page, "Objects");
       await settle(page);
       await page.waitForTimeout(60);
       if (process.env.SHOTS) await page.screenshot({ path: join(process.env.SHOTS, `${view}-${scheme}-${width}.png`), fullPage: true });

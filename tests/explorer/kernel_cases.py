@@ -4,12 +4,15 @@
 """
 
 import json
+from math import pi
 from pathlib import Path
 
 import numpy as np
 
 from elitelanes_jax import InputError, Weights, fitness, repair
-from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.explorer._collect import plan_values
+from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
+from elitelanes_jax.formats.objects import base_kind, object_values
 from elitelanes_jax.network import METRIC_NAMES, Metrics, measure_town, plain_measure
 from elitelanes_jax.problem import SHARE_UNIT, SHARES, niche_bins, paper_axes
 
@@ -28,9 +31,9 @@ def kernel_cases():
     random = np.random.default_rng(0)
     cases = [_case(random.choice(codes, shape), random) for shape in SHAPES for codes in CODES]
     lines = ",\n".join(json.dumps(case) for case in cases)
-    return (
-        f'{{\n"alphabet": {list(ALPHABET)},\n"weights": {json.dumps(WEIGHTS._asdict())},\n"cases": [\n{lines}\n]\n}}\n'
-    )
+    shared = {"alphabet": ALPHABET, "weights": WEIGHTS._asdict(), "kinds": OBJECT_KINDS, "plan": plan_values()}
+    heads = [f'"{name}": {json.dumps(values)}' for name, values in shared.items()]
+    return "{\n" + ",\n".join([*heads, f'"cases": [\n{lines}\n]']) + "\n}\n"
 
 
 def _case(grid, random):
@@ -42,6 +45,7 @@ def _case(grid, random):
         for name, (part, of) in SHARES.items()
     }
     axes = paper_axes(grid.shape)
+    objects = _objects(random, *grid.shape)
     fills = (False, True) if min(grid.shape) > 1 else (False,)
     return {
         "rows": grid.tolist(),
@@ -54,13 +58,33 @@ def _case(grid, random):
         "axes": [axis._asdict() for axis in axes],
         "bins": niche_bins(np.array([measured[axis.metric] for axis in axes]), axes).tolist(),
         "town": {name: int(value) for name, value in measure_town(grid)._asdict().items()},
-        "duckietown": _duckietown(grid),
+        "objects": [object_values(thing) for thing in objects],
+        "duckietown": _or_none(lambda: to_duckietown(grid, objects=objects)),
+        "plan": _or_none(lambda: _plan(grid)),
     }
 
 
-def _duckietown(grid):
+def _objects(random, height, width):
+    """Some objects anywhere, at right angles and others."""
+    kinds = random.choice([*OBJECT_KINDS, "other:helicopter"], 3)
+    places = random.uniform(-1, 1 + np.array([width, height]), (3, 2)).round(6).tolist()
+    angles = [float(random.choice([0, pi / 2, pi, -pi / 2, -pi])), *random.uniform(-7, 7, 2).round(6).tolist()]
+    tags, stays = random.integers(0, 587, 3).tolist(), [True, True, False]
+    found = zip(kinds.tolist(), places, angles, tags, stays, strict=True)
+    return [
+        MapObject(kind, *place, angle, OBJECT_KINDS[base_kind(kind)].height, *more)
+        for kind, place, angle, *more in found
+    ]
+
+
+def _plan(grid):
+    plan = make_plan(grid)
+    return {"quarterTurns": [tile.quarter_turns for tile in plan.placed], "tiles": plan.tiles, "tape": plan.tape}
+
+
+def _or_none(make):
     try:
-        return to_duckietown(grid)
+        return make()
     except InputError:
         return None
 

@@ -8,7 +8,9 @@ import os
 import re
 import shutil
 import subprocess
+from collections import Counter
 from dataclasses import replace
+from math import pi
 from pathlib import Path
 
 import cv2
@@ -20,8 +22,11 @@ from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.explorer._collect import collect
 from elitelanes_jax.explorer.page import page_of
 from elitelanes_jax.formats.duckietown import to_duckietown
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.plan import make_plan
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
+from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map, read_maps
+from elitelanes_jax.maps.furnishing.placing import furnish
 from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.town import measure_town
@@ -78,7 +83,12 @@ def photographs():
 
 
 @pytest.fixture(scope="module")
-def seen(place, run, drawn):
+def furnished():
+    return furnish(read_map(TOWN), "all lights=0.2 duckies=6", seed=3)
+
+
+@pytest.fixture(scope="module")
+def seen(place, run, drawn, furnished):
     (place / "ride.json").write_text(json.dumps(a_ride(drawn[0].codes)))
     (place / "run.html").write_text(page_of(collect([run, place / "ride.json"])))
     (place / "own.html").write_text(page_of(collect(own_result())))
@@ -90,6 +100,9 @@ def seen(place, run, drawn):
     hostile.values["runs"][0]["labels"] = [HOSTILE]
     hostile.values["title"] = HOSTILE
     (place / "hostile.html").write_text(page_of(hostile))
+    (place / "furnished.html").write_text(page_of(collect([furnished])))
+    duckie, sign = MapObject("duckie", 1.5, 1.5, 0.0, 0.08, static=False), MapObject("sign_stop", 0.5, 0.5, pi, 0.18, 1)
+    (place / "objects.json").write_text(map_to_json(RoadMap(np.zeros((4, 4), np.int8), objects=(duckie, sign))))
     (place / "town.yaml").write_text(to_duckietown(read_map(TOWN).codes))
     command = ["node", HERE / "browser.mjs", place, str(drawn[1])]
     ran = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
@@ -99,7 +112,7 @@ def seen(place, run, drawn):
 
 def test_no_message_no_request_no_dialog(seen):
     assert seen["console"] == []
-    pages = ("run", "big", "own", "float", "photo64", "photo32", "hostile")
+    pages = ("run", "big", "own", "float", "photo64", "photo32", "hostile", "furnished")
     assert set(seen["requests"]) == {f"{page}.html" for page in pages}
     assert seen["dialogs"] == []
     assert seen["strict"] == 0
@@ -253,6 +266,67 @@ def test_drawing(seen, place):
         "x.png: expected a map as JSON or Duckietown's YAML",
     ]
     assert draw["elsewhere"] == "ring.json: 2 × 2 tiles" and "view=draw" in draw["opened"]
+
+
+def test_furnished_maps_are_shown_and_saved_with_their_objects(seen, place, furnished):
+    assert sum(int(words.split()[-1]) for words in seen["objects"]["listed"]) == len(furnished.objects)
+    stops = sum(thing.kind == "sign_stop" for thing in furnished.objects)
+    assert f"stop sign {stops}" in seen["objects"]["listed"]
+    assert read_map(place / "furnished.json").objects == furnished.objects
+    assert [one.objects for one in read_maps(place / "list.json")] == [furnished.objects]
+    assert (place / "furnished.yaml").read_text() == to_duckietown(furnished.codes, objects=furnished.objects)
+    picture = render(furnished, tile_px=64)
+    shown, labels = (cv2.imread(str(place / f"furnished{name}.png"))[..., ::-1].astype(int) for name in ("", "-labels"))
+    assert (np.abs(shown - picture.image).max(axis=-1) > 30).mean() < 1e-3 < (picture.instances > 0).mean() / 10
+    assert (labels == np.array(LABEL_COLOURS)[picture.labels]).all(axis=-1).mean() > 0.99
+
+
+def test_a_plan_is_saved(place, furnished):
+    plan, svg = make_plan(furnished), (place / "plan.svg").read_text()
+    texts = Counter(re.findall(r"<text[^>]*>([^<]*)</text>", svg))
+    names = {"crossing3": "3-way", "crossing4": "4-way"}
+    expected = [f"{row},{column}" for row, column, *_ in plan.placed]
+    expected += [f"{count} × {names.get(kind, kind)}" for kind, count in plan.tiles.items() if kind != "empty"]
+    expected += [f"{plan.floor[0]:g} m", f"{plan.floor[1]:g} m", *map(str, range(7, len(plan.objects) + 1))]
+    assert [words for words in expected if texts[words] != 1] == []
+    for colour, metres in plan.tape.items():
+        assert any(words.startswith(f"{metres:.2f} m {colour}, ") for words in texts)
+    listed = [words for words in texts if words.startswith("\N{BALLOT BOX} ")]
+    assert len(listed) == len(plan.placed) + len(plan.objects)
+    for number, thing in enumerate(plan.objects, 1):
+        if thing.kind == "sign_stop":
+            assert f"\N{BALLOT BOX} {number} stop sign, tag {thing.tag}" in listed
+    assert svg.count("<use ") == len(plan.placed) + 4
+
+
+def test_objects_are_added_moved_turned_and_deleted(seen, place):
+    duckie, fixed, sign = read_map(place / "moved.json").objects
+    assert duckie == MapObject(
+        "duckie", pytest.approx(2.25, abs=0.02), pytest.approx(1.75, abs=0.02), 0, 0.08, static=False
+    )
+    assert fixed == MapObject("sign_stop", 0.5, 0.5, pi, 0.18, 1)
+    assert sign == MapObject(
+        "sign_stop", pytest.approx(3.3, abs=0.02), pytest.approx(3, abs=0.02), pytest.approx(-pi / 2), 0.18, 586
+    )
+    objects = seen["objects"]
+    assert objects["opened"] == "objects.json: 4 × 4 tiles"
+    for words, expected in zip(
+        objects["said"],
+        [
+            r"stop sign, tag 20, x 3\.0\d, y \S+, angle 15°",
+            r"stop sign, tag 21, x 3\.\d+, y \S+, angle 0°",
+            r"stop sign, tag 20, .*",
+            r"Deleted: stop sign, tag 20, .*",
+            r"stop sign, tag 21, .*",
+        ],
+        strict=True,
+    ):
+        assert re.fullmatch(expected, words), words
+    assert objects["refused"][0] == "x: expected a number from -1 to 5, got 99"
+    assert objects["refused"][1] == "tag: expected a whole number from 0 to 586, got 587"
+    assert float(objects["refused"][2]) == sign.x
+    assert (place / "moved.yaml").read_text() == to_duckietown(np.zeros((4, 4), np.int8), objects=[duckie, fixed, sign])
+    assert objects["missed"] == []
 
 
 def test_keys_alone_reach_and_work_everything(seen):

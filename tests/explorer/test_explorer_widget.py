@@ -17,6 +17,7 @@ from explored import big_result, float_result
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.explorer._widget import continue_search, show
 from elitelanes_jax.explorer.page import static_text
+from elitelanes_jax.formats.objects import MapObject, object_values
 from elitelanes_jax.formats.road_map import RoadMap
 
 pytest.importorskip("anywidget")
@@ -76,9 +77,11 @@ def test_a_drawing_comes_back_as_a_grid_and_continues_the_search():
 
     explorer = show(result, on_continue=continued)
     assert explorer.continues and explorer.grid is None and len(explorer.blob) > 100_000
-    explorer.set_state({"grid": LOOP.tolist()})
+    duckie = MapObject("duckie", 1.0, 1.5, 0.0, 0.08, static=False)
+    explorer.set_state({"grid": LOOP.tolist(), "objects": [object_values(duckie)]})
     assert explorer.grid.dtype == np.int8
     np.testing.assert_array_equal(explorer.grid, LOOP)
+    assert explorer.objects == (duckie,)
     explorer._handle_custom_msg({"continue": LOOP.tolist()}, [])
     np.testing.assert_array_equal(asked[0][0], LOOP)
     assert asked[0][1] is result

@@ -12,7 +12,8 @@ import pytest
 from oracle import road_graph
 
 from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.formats.road_map import read_map
+from elitelanes_jax.formats import RoadMap, read_map
+from elitelanes_jax.maps import furnish
 from elitelanes_jax.network.codes import ROAD_ALPHABET
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.growth import grow_town
@@ -45,14 +46,19 @@ def maps(batch):
 
 @cache
 def maps_of(batch, number=25):
-    """Some of a thousand maps of three sources: WFC, half of them with dead ends; repaired noise; grown towns."""
+    """Some of a thousand maps of three sources: WFC, half of them with dead ends; repaired noise; grown towns.
+
+    Half of the maps of each source and size have signs and lights, at crossings with room for them.
+    """
     if not KEPT.exists():
         KEPT.parent.mkdir(exist_ok=True)
         part = KEPT.with_suffix(f".{os.getpid()}.npz")
         np.savez_compressed(part, **{str(seed): draw(seed) for seed in range(1000)})
         part.replace(KEPT)
     with np.load(KEPT) as kept:
-        return [kept[str(seed)] for seed in range(batch * number, (batch + 1) * number)]
+        seeds = range(batch * number, (batch + 1) * number)
+        spec = "signs=possible lights=0.3"
+        return [furnish(kept[str(seed)], spec) if seed // 18 % 2 else RoadMap(kept[str(seed)]) for seed in seeds]
 
 
 def draw(seed):
@@ -68,16 +74,16 @@ def draw(seed):
 
 @cache
 def peoples_maps():
-    """Maps that people made, with their dead ends, of all files that have lanes."""
-    grids = []
+    """Maps that people made, with their dead ends and objects, of all files that have lanes."""
+    found = []
     for file in sorted(_PEOPLES):
         try:
-            grid = np.asarray(read_map(file).codes)
+            road_map = read_map(file)
         except InputError:
             continue
-        if road_graph(grid).number_of_edges():
-            grids.append(grid)
-    return grids
+        if road_graph(road_map.codes).number_of_edges():
+            found.append(road_map)
+    return found
 
 
 def lane_graph(grid):

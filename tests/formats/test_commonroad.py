@@ -104,14 +104,15 @@ def test_commonroad_reads_and_plans(batch, tmp_path):
     if not OWN_ENVIRONMENT.exists():
         pytest.skip("CommonRoad is not here: make simulators")
     streets, files = Streets(), []
-    for number, grid in enumerate(maps(batch)):
+    for number, road_map in enumerate(maps(batch)):
         files.append(tmp_path / f"{number}.xml")
-        files[-1].write_text(to_commonroad(grid, streets))
+        files[-1].write_text(to_commonroad(road_map, streets))
     program = Path(__file__).with_name("commonroad_checker.py")
     done = subprocess.run([OWN_ENVIRONMENT, program, str(streets.lane), *files], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-2000:]
     said = [json.loads(line) for line in done.stdout.splitlines()]
-    for grid, file, one in zip(maps(batch), files, said, strict=True):
+    for road_map, file, one in zip(maps(batch), files, said, strict=True):
+        grid = road_map.codes
         graph = lane_graph(grid)
         lanes = numbered(graph)
         numbers = {lane: number for number, lane in lanes.items()}

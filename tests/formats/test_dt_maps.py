@@ -23,7 +23,7 @@ def test_all_tiles_and_kinds_are_read_as_they_are_written(tmp_path):
         MapObject(
             kind, 0.3 * index, 0.5, 0.1 * index - 1, usual.height * 1.5, 7 if "sign" in kind else None, index % 2 > 0
         )
-        for index, (kind, usual) in enumerate(OBJECT_KINDS.items())
+        for index, (kind, usual) in enumerate({**OBJECT_KINDS, "other:boat": OBJECT_KINDS["other"]}.items())
     ]
     write(tmp_path, RoadMap(ROW, objects=objects), tile_size=0.6)
     found = read_dt_maps(tmp_path)
@@ -62,7 +62,7 @@ def test_dead_ends_and_sizes_are_refused():
         ("frames", "pose: {", "pose: 3 #", "frames.yaml: expected readable YAML|expected a pose"),
         ("citizens", "citizens:", "people:", "citizens.yaml: expected a table of tables under 'citizens'"),
         ("tile_maps", "x: 1.0", "x: 0", "tile_size: expected metres"),
-        ("traffic_signs", "type: stop", "type: go", "type: expected a known kind, got 'go'"),
+        ("traffic_signs", "type: stop", "type: go on", "kind: expected one of .*got 'other:go on'"),
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path, layer, old, new, words):

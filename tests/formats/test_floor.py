@@ -5,6 +5,7 @@ import json
 import struct
 import xml.etree.ElementTree as ET
 
+import cv2
 import jax
 import numpy as np
 import pytest
@@ -15,12 +16,13 @@ from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.drive import Camera, LaneNode, Pose, lane_pose, look, make_atlas, route
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
+from elitelanes_jax.formats import MapObject
 from elitelanes_jax.formats.gltf import to_gltf
 from elitelanes_jax.formats.lane_graph import lane_graph
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
-from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles
+from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand
 
 TOWN = wfc.generate_batch(np.random.default_rng(0), 1, (6, 8), border="closed").grid[0]
 SPEED, LOOKAHEAD, RATE = 0.3, 0.12, 1 / 30  # metres a second, tiles, seconds between commands
@@ -82,11 +84,53 @@ def test_a_floor_lies_from_corner_to_corner_with_its_picture():
     assert all(view["byteOffset"] % 4 == 0 for view in content["bufferViews"])
     assert parts[content["images"][0]["bufferView"]] == picture
     attributes = content["meshes"][0]["primitives"][0]["attributes"]
-    places = np.frombuffer(parts[attributes["POSITION"]], "<f4").reshape(4, 3)
+    corners = np.frombuffer(parts[attributes["POSITION"]], "<f4").reshape(4, 3)
     spots = np.frombuffer(parts[attributes["TEXCOORD_0"]], "<f4").reshape(4, 2)
-    np.testing.assert_array_equal(places, np.c_[spots[:, 0] * 4, 0 * spots[:, 0], (spots[:, 1] - 1) * 3])
+    (node,) = content["nodes"]
+    places = np.c_[corners, np.ones(4)] @ np.reshape(node["matrix"], (4, 4))
+    np.testing.assert_array_equal(places, np.c_[spots[:, 0] * 4, 0 * spots[:, 0], (spots[:, 1] - 1) * 3, np.ones(4)])
     accessor = content["accessors"][attributes["POSITION"]]
-    assert (accessor["min"], accessor["max"]) == ([0, 0, -3], [4, 0, 0])
+    assert (accessor["min"], accessor["max"]) == ([-0.5, 0, 0], [0.5, 1, 0])
+
+
+THINGS = [
+    MapObject("sign_stop", 1.5, 2.25, np.pi, 0.18),  # who drives east reads it
+    MapObject("house", 3.2, 0.6, 0.3, 0.4),
+    MapObject("duckie", 0.5, 0.5, -1.0, 0.08),
+    MapObject("floor_tag", 1.0, 1.0, 0.0, 0.0),
+    MapObject("sign_stop", 4.0, 4.0, 0.0, 0.18),
+]
+
+
+def test_objects_stand_on_the_floor_and_face_their_readers():
+    """Pictures are as high as their objects, above their places, and read from the side that objects face."""
+    standing = stand(THINGS)
+    assert [one.thing for one in standing] == [thing for thing in THINGS if thing.height]
+    text = to_gltf(TOWN.shape, png_of(render(TOWN, tile_px=16).image), 2 * TILE, standing)
+    content = json.loads(text[20 : 20 + struct.unpack("<I", text[12:16])[0]])
+    floor, *nodes = content["nodes"]
+    assert floor["name"] == "floor" and len(content["meshes"]) == len(content["images"]) == 4  # two signs share theirs
+    for (thing, front, wide, colour), node in zip(standing, nodes, strict=True):
+        right, up, ahead, place = np.reshape(node["matrix"], (4, 4))[:, :3]
+        assert node["name"] == thing.kind
+        assert place / (2 * TILE) == pytest.approx([thing.x, 0, thing.y - len(TOWN)])
+        assert up == pytest.approx([0, 2 * thing.height, 0]) and np.linalg.norm(right) == pytest.approx(2 * wide)
+        assert ahead == pytest.approx([np.cos(thing.angle), 0, -np.sin(thing.angle)])
+        assert np.cross(right, up) == pytest.approx(ahead * 4 * wide * thing.height)  # not mirrored
+        pixels = cv2.imdecode(np.frombuffer(front, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert wide / thing.height == pytest.approx(pixels.shape[1] / pixels.shape[0])
+        assert colour == pytest.approx(pixels[pixels[..., 3] > 127][:, 2::-1].mean(axis=0) / 255)
+    red, green, blue = standing[0].colour
+    assert red > 1.3 * max(green, blue)  # of a stop sign
+    model = ET.fromstring(to_mjcf(TOWN, "town.png", 2 * TILE, standing))
+    solids = [one for one in model.iter("geom") if one.get("type") in ("box", "cylinder")][: len(standing)]
+    for (thing, *_), solid in zip(standing, solids, strict=True):
+        x, y, z = (float(part) for part in solid.get("pos").split())
+        assert (x, y, z) == pytest.approx(
+            (thing.x * 2 * TILE, (len(TOWN) - thing.y) * 2 * TILE, thing.height), rel=1e-5
+        )
+        half = [float(part) for part in solid.get("size").split()]
+        assert half[-1] == z and half[0] == pytest.approx(thing.footprint[0]) and (len(half) == 2) == thing.is_round
 
 
 def city(number, largest=24):
@@ -106,6 +150,7 @@ def test_trimesh_reads_the_floor_as_it_was_written():
         scene = trimesh.load(io.BytesIO(made), file_type="glb")
         (floor,) = scene.geometry.values()
         height, width = codes.shape
+        floor.apply_transform(scene.graph.get(scene.graph.nodes_geometry[0])[0])
         np.testing.assert_allclose(floor.bounds, [[0, 0, -height * TILE], [width * TILE, 0, 0]], atol=1e-5)
         np.testing.assert_allclose(floor.face_normals, [[0, 1, 0]] * 2)
         east, north = floor.visual.uv.T  # trimesh counts from the south
@@ -116,14 +161,28 @@ def test_trimesh_reads_the_floor_as_it_was_written():
         )
 
 
+@pytest.mark.slow
+def test_trimesh_sees_objects_where_they_stand():
+    trimesh = pytest.importorskip("trimesh")
+    (made,) = FORMATS["gltf"].files(RoadMap(TOWN, objects=THINGS), "city").contents
+    meshes = trimesh.load(io.BytesIO(made), file_type="glb").dump()
+    for thing, front, wide, _ in stand(THINGS):
+        middle = [thing.x * TILE, thing.height / 2, (thing.y - len(TOWN)) * TILE]
+        (one,) = (mesh for mesh in meshes if np.allclose(mesh.bounds.mean(axis=0), middle, atol=1e-6))
+        np.testing.assert_allclose(one.face_normals, [[np.cos(thing.angle), 0, -np.sin(thing.angle)]] * 2, atol=1e-6)
+        assert one.area == pytest.approx(wide * thing.height)
+        pixels = cv2.imdecode(np.frombuffer(front, np.uint8), cv2.IMREAD_UNCHANGED)[..., [2, 1, 0, 3]]
+        np.testing.assert_array_equal(one.visual.material.baseColorTexture, pixels)
+
+
 @pytest.fixture
 def mujoco(monkeypatch):
     monkeypatch.setenv("MUJOCO_GL", "egl")
     return pytest.importorskip("mujoco")
 
 
-def load(mujoco, codes, tile_px=64):
-    text, picture = FORMATS["mujoco"].files(RoadMap(codes), "city", tile_px=tile_px).contents
+def load(mujoco, road_map, tile_px=64):
+    text, picture = FORMATS["mujoco"].files(road_map, "city", tile_px=tile_px).contents
     model = mujoco.MjModel.from_xml_string(text, assets={"city.png": picture})
     return model, mujoco.MjData(model)
 
@@ -183,7 +242,7 @@ def drive(mujoco, model, data, points, height, taken):
 @pytest.mark.slow
 def test_mujoco_loads_maps_and_the_robot_stands_on_its_wheels(mujoco):
     for number in range(1000):
-        model, data = load(mujoco, city(number), 16)
+        model, data = load(mujoco, RoadMap(city(number)), 16)
         mujoco.mj_forward(model, data)
         before = data.body("robot").xpos.copy()
         mujoco.mj_step(model, data, 100)
@@ -198,7 +257,7 @@ def test_pure_pursuit_drives_through_mujoco_within_its_lane(mujoco, any_types):
     worst, driven = 0.0, 0
     for number in range(20):
         rng, codes = np.random.default_rng(number), city(number)
-        model, data = load(mujoco, codes, 16)
+        model, data = load(mujoco, RoadMap(codes), 16)
         for taken, points in ways(codes, 5, rng):
             poses, owners = drive(mujoco, model, data, points, len(codes), taken)
             on = Movement(*np.array([taken[owner] for owner in owners], np.int32).T)
@@ -222,7 +281,7 @@ def test_the_camera_of_mujoco_sees_lines_where_ours_does(mujoco, any_types):
     furthest = 0.0
     for number in range(10):
         rng, codes = np.random.default_rng(number), city(number, 10)
-        model, data = load(mujoco, codes, 256)
+        model, data = load(mujoco, RoadMap(codes), 256)
         chosen = choose_tiles(codes, tiles, 0)
         with mujoco.Renderer(model, 480, 640) as renderer:
             for _, points in ways(codes, 4, rng):
@@ -261,3 +320,19 @@ def is_red(picture, clear):
 def apart(one, other):
     """The distance in pixels of the furthest pixel of one, below the horizon and within a picture's edge, to other."""
     return float(distance_transform_edt(~other)[NEAR:, 2:-2][one[NEAR:, 2:-2]].max(initial=0))
+
+
+@pytest.mark.slow
+def test_objects_stand_in_mujoco_and_stop_the_robot(mujoco):
+    model, data = load(mujoco, RoadMap(TOWN, objects=THINGS))
+    mujoco.mj_forward(model, data)
+    for number, (thing, *_) in enumerate(stand(THINGS)):
+        above, hit = np.array([thing.x * TILE, (len(TOWN) - thing.y) * TILE, 5]), np.array([-1], np.int32)
+        fall = mujoco.mj_ray(model, data, above, np.array([0.0, 0, -1]), None, 1, -1, hit, None)
+        assert (model.geom(hit[0]).name, fall) == (f"{thing.kind} {number}", pytest.approx(5 - thing.height))
+    house = THINGS[1]
+    put(mujoco, data, Pose(house.x - 1.3, house.y, 0.0), len(TOWN))
+    data.ctrl[:] = SPEED / WHEEL_RADIUS
+    mujoco.mj_step(model, data, 2500)  # 1.5 m on a free floor
+    x, y, _ = where(data, len(TOWN))
+    assert house.x - 1.2 < x < house.x - 0.5 and abs(y - house.y) < 1

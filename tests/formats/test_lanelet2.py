@@ -117,16 +117,16 @@ def test_lanelet2_routes_as_we_do(batch, tmp_path):
         lanelet2.traffic_rules.Locations.Germany, lanelet2.traffic_rules.Participants.Vehicle
     )
     file, earth = tmp_path / "city.osm", lanelet2.projection.UtmProjector(lanelet2.io.Origin(0, 9))
-    for number, grid in enumerate(maps(batch)):
+    for number, road_map in enumerate(maps(batch)):
         streets = (Streets(), Streets(8, 3.2))[number % 2]
-        file.write_text(to_lanelet2(grid, streets))
+        file.write_text(to_lanelet2(road_map, streets))
         city, errors = lanelet2.io.loadRobust(str(file), earth)
         assert not list(errors)
         assert max(abs(p.x - float(p.attributes["local_x"])) for p in city.pointLayer) < 2e-6
         assert max(abs(p.y - float(p.attributes["local_y"])) for p in city.pointLayer) < 2e-6
         routing = lanelet2.routing.RoutingGraph(city, rules)
         assert not list(routing.checkValidity())
-        graph = lane_graph(grid)
+        graph = lane_graph(road_map.codes)
         lanelets = {one.attributes["name"]: one for one in city.laneletLayer}
         assert set(lanelets) == {name(lane) for lane in graph}
         for lane in graph:

@@ -90,12 +90,14 @@ def test_four_ways_to_say_where_an_object_is(tmp_path):
 
 def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
     """A traffic light is at its stand here, and at the middle of its mesh there."""
-    objects = (*OBJECTS, MapObject("trafficlight", 0.5, 1.75, 0.75, 0.4))
+    more = MapObject("trafficlight", 0.5, 1.75, 0.75, 0.4), MapObject("other:helicopter", 0.5, 0.5, 0.0, 0.3)
+    objects = (*OBJECTS, *more)
     file = tmp_path / "map.yaml"
     file.write_text(to_duckietown(GRID, objects=objects, tile_size=0.6), encoding="utf-8")
     for one, other in zip(read_map(file).objects, objects, strict=True):
         assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
         assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    assert "kind: helicopter" in file.read_text(encoding="utf-8")
     assert "objects" not in to_duckietown(GRID)
 
 
@@ -104,7 +106,7 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
     [
         ("3", "objects: expected a list or a table of objects, got '3'"),
         ("[3]", 'objects: 0: expected {"kind": ...}'),
-        ("[{kind: dragon, pos: [1, 1]}]", "objects: 0: kind: expected one of .*got 'dragon'"),
+        ("[{kind: 'a dragon', pos: [1, 1]}]", "objects: 0: kind: expected one of .*got 'other:a dragon'"),
         ("{a: {kind: duckie}}", "objects: a: expected a pose, pos, place or attach"),
         ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
         ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),

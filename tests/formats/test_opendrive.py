@@ -149,10 +149,16 @@ def test_texts_are_the_same_for_the_same_map():
 
 
 def check_carla(grid, text, streets, places=1e-2):
-    """CARLA's lanes lie where ours do, follow each other as ours do, and each is reached."""
+    """CARLA's lanes lie where ours do, follow each other as ours do, and each is reached; it reads all signals."""
     carla = pytest.importorskip("carla", reason="CARLA is not here: make simulators")
     city = carla.Map("city", text)
     root = ET.fromstring(text)
+    read = {(int(one.id), one.name, one.type, one.road_id) for one in city.get_all_landmarks()}
+    signals = [(one, road) for road in root.iter("road") for one in road.iter("signal")]
+    assert read == {
+        (int(one.get("id")), one.get("name"), one.get("type"), int(road.get("id"))) for one, road in signals
+    }
+    assert len(city.get_all_landmarks()) == len(signals)
     expected, turns = lane_links(root, grid)
     lengths = {int(road.get("id")): float(road.get("length")) for road in root.iter("road")}
     links = {
@@ -211,23 +217,23 @@ def check_netconvert(text, folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", BATCHES)
 def test_carla_reads_our_lanes(batch):
-    for number, grid in enumerate(maps(batch)):
+    for number, road_map in enumerate(maps(batch)):
         streets = (Streets(), Streets(8, 3.2))[number % 2]
-        check_carla(grid, to_opendrive(grid, streets), streets)
+        check_carla(road_map.codes, to_opendrive(road_map, streets), streets)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", BATCHES)
 def test_asams_checker_finds_no_error(batch, tmp_path):
     files = []
-    for number, grid in enumerate(maps(batch)):
+    for number, road_map in enumerate(maps(batch)):
         files.append(tmp_path / f"{number}.xodr")
-        files[-1].write_text(to_opendrive(grid, (Streets(), DUCKIETOWN)[number % 2]))
+        files[-1].write_text(to_opendrive(road_map, (Streets(), DUCKIETOWN)[number % 2]))
     check_qc(files)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("batch", BATCHES)
 def test_netconvert_reads_it_back(batch, tmp_path):
-    for grid in maps(batch):
-        check_netconvert(to_opendrive(grid), tmp_path)
+    for road_map in maps(batch):
+        check_netconvert(to_opendrive(road_map), tmp_path)

@@ -6,10 +6,11 @@ It shares no code with the package, and needs PyYAML alone. The rules, with the 
 
 - Traffic signs, Placement: from each stop line, the control and the topology are on the far corners of the crossing,
   face the driver, and are on cells without road or outside the map. A crossing has no other such signs.
+- Street Name Signs, Placement: if there are such signs, each turn has one, in the outer corner beyond the white tape,
+  facing the middle; each other road between crossings has one or more, beside a straight tile, facing it.
 - Traffic lights, Placement: the stand is outside the driving region; the lights are over the crossing.
 - Tags: a number of the kind's, as in the database of tags.
-- No object is on a tile with a road, and no two overlap: footprints with sizes measured from the meshes of
-  duckietown-world.
+- No other object is on a tile with a road; no two overlap. Sizes are measured from the meshes of duckietown-world.
 """
 
 import math
@@ -42,16 +43,20 @@ SIZES = {
     "house": (0.5, 0.676, 0.879),
     "building": (0.6, 0.64, 0.424),
     "sign": (0.18, 0.055, 0.072),
+    "sign_blank": (0.18, 0.055, 0.183),  # street names: the manual's 7.2 inches
 }
+TAPE = 0.2925 + 0.012 + 0.21 + 0.048  # from a turn's inner corner to the far side of its outer white tape
 STAND, ARM = (0.097, 0.086), 0.528  # of a traffic light: its foot, and from there to its lights
 SLACK = 1e-4  # metres, for numbers that are written with six decimals
 
+CONTROLS = {"sign_stop", "sign_t_light_ahead"}
 TAGS = {
     "sign_stop": {1, *range(20, 39), *range(162, 197)},
     "sign_t_light_ahead": {*range(74, 95), *range(200, 230)},
     "sign_4_way_intersect": {8, *range(13, 20), *range(44, 57), *range(197, 200), *range(231, 235), *range(262, 265)},
     "sign_right_T_intersect": {9, *range(57, 61), *range(132, 142), 235, 238, 241, 244, 260, 261},
     "sign_left_T_intersect": {10, *range(61, 65), *range(152, 162), 237, 240, 242, 245, 248, 249},
+    "sign_blank": {*range(440, 552)},
     "sign_T_intersect": {11, *range(65, 69), *range(142, 152), 236, 239, 243, 246, 247},
 }
 
@@ -105,47 +110,71 @@ def check(text):
             scale, arm = thing["height"] / 0.4, angle - math.pi / 2
             x, y, length, width = x - 0.27 * scale * math.cos(arm), y - 0.27 * scale * math.sin(arm), *STAND
             head = (x + ARM * scale * math.cos(arm), y + ARM * scale * math.sin(arm))
-            tile = tuple(math.floor(value / side) for value in head)
-            middle = [(value + 0.5) * side for value in tile]
-            if len(roads.get(tile, ())) < 3 or math.dist(head, middle) > 0.2 * side:
+            column, row = (math.floor(value / side) for value in head)
+            middle = (column + 0.5) * side, (row + 0.5) * side
+            if len(roads.get((column, row), ())) < 3 or math.dist(head, middle) > 0.2 * side:
                 faults.append(f"{name}: its lights are not over the middle of a crossing")
         else:
-            tall, length, width = SIZES["sign" if kind.startswith("sign_") else kind]
+            tall, length, width = SIZES.get(kind, SIZES["sign"])
             length, width = (value * thing["height"] / tall for value in (length, width))
         corners = outline(x, y, length, width, angle)
         xs, ys = zip(*corners, strict=True)
         for column in range(math.floor((min(xs) + SLACK) / side), math.floor((max(xs) - SLACK) / side) + 1):
             for row in range(math.floor((min(ys) + SLACK) / side), math.floor((max(ys) - SLACK) / side) + 1):
-                cell = [(column + u) * side for u in (0, 1)], [(row + v) * side for v in (0, 1)]
-                square = [(cell[0][u], cell[1][v]) for u, v in ((1, 1), (1, 0), (0, 0), (0, 1))]
-                if roads.get((column, row)) and not apart(corners, square):
+                square = outline((column + 0.5) * side, (row + 0.5) * side, side, side, 0)
+                sides = roads.get((column, row), ())
+                inner = [(value + 0.5 + sum(step) / 2) * side for value, step in zip((column, row), zip(*sides))]  # noqa: B905
+                beyond = is_turn(sides) and min(math.dist(inner, corner) for corner in corners) > TAPE
+                if sides and not (beyond and kind == "sign_blank") and not apart(corners, square):
                     faults.append(f"{name}: it is on the road of column {column}, row {row} from the south")
-        things.append((name, kind, x, y, angle, corners, thing.get("tag")))
-    for index, (name, *_, one, _tag) in enumerate(things):
-        for other, *_, two, _tag in things[index + 1 :]:
+        tag = thing.get("tag", {}).get("~TagInstance", {}).get("tag_id")
+        if kind in TAGS and tag not in TAGS[kind]:
+            faults.append(f"{name}: its tag is not one of its kind")
+        things.append((name, kind, x, y, angle, corners))
+    for index, (name, *_, one) in enumerate(things):
+        for other, *_, two in things[index + 1 :]:
             if not apart(one, two):
                 faults.append(f"{name}: it is in {other}")
-    return faults + check_signs(roads, side, things)
+    return faults + check_signs(roads, side, things) + check_names(roads, side, things)
+
+
+def is_turn(sides):
+    """Returns whether a tile opens two sides that meet at a corner."""
+    return len(sides) == 2 and turned(min(sides), 2) not in sides
+
+
+def check_names(roads, side, things):
+    """Returns the broken rules of street names."""
+    # Half a tile ahead of a sign is its road.
+    steps = [(x / side + math.cos(angle) / 2, y / side + math.sin(angle) / 2) for _, _, x, y, angle, *_ in things]
+    named = Counter(tuple(map(math.floor, step)) for step, (_, kind, *_) in zip(steps, things) if kind == "sign_blank")  # noqa: B905
+    left = {tile for tile, sides in roads.items() if len(sides) == 2} if named else set()
+    faults = [f"street name: it faces {tile}, which is no turn or straight road" for tile in named if tile not in left]
+    while left:
+        road, new = set(), {left.pop()}
+        while new:
+            road |= new
+            new = {(x + dx, y + dy) for x, y in new for dx, dy in roads[x, y]} & left
+            left -= new
+        if any(named[tile] != 1 for tile in road if is_turn(roads[tile])) or not any(named[tile] for tile in road):
+            faults.append(f"road with {min(road)}: {[named[tile] for tile in sorted(road)]} street names")
+    return faults
 
 
 def check_signs(roads, side, things):
     """Returns the broken rules of signs."""
     faults = []
-    signs = {name: thing for name, *thing in things if thing[0] in TAGS}
-    for name, (kind, *_, tag) in signs.items():
-        if tag is None or tag["~TagInstance"]["tag_id"] not in TAGS[kind]:
-            faults.append(f"{name}: its tag is not one of its kind")
+    signs = {name: thing for name, *thing in things if thing[0] in TAGS and thing[0] != "sign_blank"}
     used = Counter()
     for (column, row), sides in roads.items():
         if len(sides) < 3:
             continue
-        controls = set()
+        place, controls = f"crossing at column {column}, row {row} from the south", set()
         for back in sides:
             ahead = turned(back, 2)
             left, right = turned(ahead, 1), turned(ahead, 3)
-            exits = {"left": left in sides, "ahead": ahead in sides, "right": right in sides}
-            closed = [way for way, is_open in exits.items() if not is_open]
-            topology = {"": "4_way", "left": "right_T", "ahead": "T", "right": "left_T"}[closed[0] if closed else ""]
+            closed = [way for way, step in (("right", left), ("", ahead), ("left", right)) if step not in sides]
+            topology = f"sign_{'_'.join((*closed, 'T')).lstrip('_') if closed else '4_way'}_intersect"
             seen = []
             for name, (kind, x, y, angle, *_) in signs.items():
                 dx, dy = x / side - column - 0.5, y / side - row - 0.5
@@ -154,20 +183,13 @@ def check_signs(roads, side, things):
                 if faces and 0.5 < forward < 0.8 and 0.5 < abs(leftward) < 0.8:
                     seen.append(kind)
                     used[name] += 1
-            if sorted(seen) not in [
-                sorted((f"sign_{topology}_intersect", one)) for one in ("sign_stop", "sign_t_light_ahead")
-            ]:
-                faults.append(f"crossing at column {column}, row {row} from the south: from {back} one sees {seen}")
-            controls |= {kind for kind in seen if kind in ("sign_stop", "sign_t_light_ahead")}
-        lights = [
-            name
-            for name, kind, x, y, *_ in things
-            if kind == "trafficlight" and max(abs(x / side - column - 0.5), abs(y / side - row - 0.5)) < 0.9
-        ]
-        if controls != ({"sign_t_light_ahead"} if lights else {"sign_stop"}) or len(lights) > 1:
-            faults.append(
-                f"crossing at column {column}, row {row} from the south: {controls} with {len(lights)} lights"
-            )
+            if len(seen) != 2 or topology not in seen or not CONTROLS & {*seen}:
+                faults.append(f"{place}: from {back} one sees {seen}")
+            controls |= CONTROLS & {*seen}
+        near = [max(abs(x / side - column - 0.5), abs(y / side - row - 0.5)) < 0.9 for _, _, x, y, *_ in things]
+        lights = sum(is_near and kind == "trafficlight" for is_near, (_, kind, *_) in zip(near, things, strict=True))
+        if controls != ({"sign_t_light_ahead"} if lights else {"sign_stop"}) or lights > 1:
+            faults.append(f"{place}: {controls} with {lights} lights")
     return faults + [f"{name}: seen from {used[name]} stop lines" for name in signs if used[name] != 1]
 
 

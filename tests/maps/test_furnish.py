@@ -1,5 +1,7 @@
 """Furnished maps: signs by Duckietown's rules, objects where they fit, the same for the same seed."""
 
+import itertools
+import json
 import math
 import re
 from collections import Counter
@@ -10,7 +12,9 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.drive import Camera
 from elitelanes_jax.formats import to_duckietown
+from elitelanes_jax.formats.tags import STREET_NAMES
 from elitelanes_jax.maps import FurnishSpec, furnish
 
 # A 4-way crossing amid T crossings of all four directions, with straight tiles between.
@@ -30,7 +34,9 @@ def faults(road_map):
     return check_objects.check(to_duckietown(road_map.codes, objects=road_map.objects))
 
 
-@pytest.mark.parametrize("spec", ["signs", "all", "all signs lights=1", "signs lights=0.5 trees=0.9 houses=0.5"])
+@pytest.mark.parametrize(
+    "spec", ["signs", "all", "all signs street_names lights=1", "signs street_names lights=0.5 trees=0.9 houses=0.5"]
+)
 def test_no_rule_is_broken(spec):
     """As a checker finds that reads the file alone."""
     for seed in range(5):
@@ -39,9 +45,10 @@ def test_no_rule_is_broken(spec):
 
 def test_the_checker_finds_what_is_wrong():
     """Each change of a furnished map breaks a rule."""
-    town = furnish(TOWN, "signs lights=0.3 trees=3", seed=1)
+    town = furnish(TOWN, "signs street_names lights=0.3 trees=3", seed=1)
     kinds = [thing.kind for thing in town.objects]
     stop, tree, light = kinds.index("sign_stop"), kinds.index("tree"), kinds.index("trafficlight")
+    corner, straight = (kinds.index("sign_street_name") + place for place in (0, 1))
     for place, change in (
         (stop, {"tag": 2}),
         (stop, {"angle": town.objects[stop].angle + 1.6}),
@@ -50,11 +57,17 @@ def test_the_checker_finds_what_is_wrong():
         (tree, {"x": 2.5, "y": 1.5}),
         (tree, {"x": town.objects[stop].x, "y": town.objects[stop].y}),
         (light, {"angle": town.objects[light].angle + 1}),
+        (corner, {"tag": 20}),
+        (corner, {"x": 4.7, "y": 0.3}),
+        (corner, {"angle": 0.0}),
+        (corner, {"kind": "tree"}),
+        (straight, {"angle": town.objects[straight].angle + math.pi}),
     ):
         objects = list(town.objects)
         objects[place] = objects[place]._replace(**change)
         assert faults(RoadMap(TOWN, objects=objects)), change
-    assert faults(RoadMap(TOWN, objects=town.objects[1:]))
+    for place in (0, corner, straight):
+        assert faults(RoadMap(TOWN, objects=town.objects[:place] + town.objects[place + 1 :]))
 
 
 def test_signs_of_a_crossing_are_where_the_manual_has_them():
@@ -66,6 +79,94 @@ def test_signs_of_a_crossing_are_where_the_manual_has_them():
     }
     assert ("sign_4_way_intersect", 3.08, 1.92) in facing_south
     assert ("sign_stop", 1.8, 1.92) in facing_south
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.45, 0.6])
+def test_both_signs_are_in_the_picture(distance):
+    """All of their boards, some tiles before the stop line. Signs of all crossings have this position from it."""
+    camera = Camera()
+    pitch, focal = math.radians(camera.pitch), 1 / math.tan(math.radians(camera.field_of_view / 2))
+    x, y = 2.7, 3 + distance  # in the right lane, to the north
+    for sign_x, sign_y in ((3.08, 1.92), (1.8, 1.92)):
+        ahead = (y - sign_y) * 0.585 - camera.forward
+        for side, up in itertools.product((-0.036, 0.036), (0.036, 0.18)):
+            drop = camera.height - up
+            depth = ahead * math.cos(pitch) + drop * math.sin(pitch)
+            assert abs(((sign_x - x) * 0.585 + side) / depth * focal) < 4 / 3
+            assert abs((drop * math.cos(pitch) - ahead * math.sin(pitch)) / depth * focal) < 1
+
+
+RING = np.zeros((4, 8), np.int8)
+RING[[0, -1]], RING[:, [0, -1]] = 5, 10
+RING[0, 0], RING[0, -1], RING[-1, 0], RING[-1, -1] = 6, 3, 12, 9
+RING[[0, -1], 3], RING[1:-1, 3] = (7, 13), 10
+
+
+def test_the_signs_of_a_road_have_one_street_name():
+    """Two turns and a straight road make three roads; each has its own name."""
+    signs = furnish(RING, "street_names").objects
+    names = [STREET_NAMES[sign.tag] for sign in signs]
+    sides = ["west" if sign.x < 2 else "middle" if sign.x < 4.2 else "east" for sign in signs]
+    assert Counter(sides) == {"west": 2, "east": 2, "middle": 1}
+    assert len(set(zip(sides, names, strict=True))) == len(set(names)) == 3
+    assert len({sign.tag for sign in signs}) == 5
+    assert faults(furnish(RING, "signs street_names")) == []
+
+
+def test_street_names_without_room_are_refused_or_left_out():
+    """Between three rows of roads there is no free side."""
+    grid = np.array([[6, 5, 5, 3], [14, 5, 5, 11], [12, 5, 5, 9]], np.int8)
+    with pytest.raises(InputError, match="street_names: expected room for a sign at each turn and road, got none"):
+        furnish(grid, "street_names")
+    assert len(furnish(grid, "street_names=possible").objects) == 4
+    grid = np.array([[6, 3] * 32, [12, 9] * 32] * 2, np.int8)  # 64 rings of four turns
+    with pytest.raises(InputError, match="unique_tags: expected at most [34] of .* (ST|AVE)"):
+        furnish(grid, "street_names unique_tags")
+    assert len(furnish(grid, "street_names").objects) == 256
+
+
+OWN = [{"kind": "bus", "x": 1.5, "y": 1.5, "angle": 0.5}, {"kind": "sign_stop", "x": 3.2, "y": 1.4, "tag": 33}]
+
+
+def test_objects_of_ones_own_are_kept_as_they_are(tmp_path):
+    """From a file of TOML, or a map file; other objects keep clear of them."""
+    file, other = tmp_path / "my own.toml", tmp_path / "map.json"
+    tables = [
+        "[[objects]]\n" + "".join(f"{name} = {json.dumps(value)}\n" for name, value in one.items()) for one in OWN
+    ]
+    file.write_text("".join(tables), encoding="utf-8")
+    own = RoadMap(TOWN, objects=OWN)
+    own.save(other)
+    town = furnish(TOWN, [str(file), "signs", "trees=0.9"])
+    assert town.objects[:2] == own.objects
+    assert faults(RoadMap(TOWN, objects=(town.objects[0], *town.objects[2:]))) == []
+    assert furnish(TOWN, f"signs {other} trees=0.9") == town == furnish(TOWN, ["signs", "trees=0.9", other.as_posix()])
+    assert furnish(TOWN, {"objects": OWN}).objects == own.objects == furnish(TOWN, other).objects
+    with pytest.raises(InputError, match=r"objects: object 1: x: expected tiles from -1 to 3"):
+        furnish(TOWN[:, :2], {"objects": OWN})
+    with pytest.raises(InputError, match=r"objects: expected none in the way of sign_stop at x 1.8, y 1.92, got one"):
+        furnish(TOWN, {"objects": [{"kind": "cone", "x": 1.8, "y": 1.9}], "signs": "all"})
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("objects = 3", "objects: expected a list of objects, got 3"),
+        ("x = 3", 'expected a table with a list of "objects", got none'),
+        (
+            "[[objects]]\nkind = 'bus'\nx = 1\ny = 1\nsize = 3",
+            "objects: object 0: expected the fields kind, .* got 'size'",
+        ),
+        ("[[objects]]\nkind = 'sign_stop'\nx = 1\ny = 1\ntag = 600", "objects: object 0: tag: expected .* got 600"),
+        ("[[objects", "expected TOML, got"),
+    ],
+)
+def test_faults_of_own_objects_are_named(tmp_path, text, words):
+    """One message names the file, the object and the field."""
+    file = tmp_path / "own.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=f"own.toml: {words}"):
+        furnish(TOWN, str(file))
 
 
 def test_the_same_seed_gives_the_same_objects():

@@ -12,6 +12,7 @@ from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirro
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import Movement, lane_length
 from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack
+from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
 
 GRIDS = wfc.generate_batch(np.random.default_rng(0), 16, (6, 7), border="closed").grid
@@ -153,3 +154,15 @@ def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
         PackSpec(to=("duckietown",), formats=FormatOptions(cells=6))
     with pytest.raises(InputError, match="to: expected one of"):
         PackSpec(to=("luck",))
+
+
+def test_a_pack_is_not_replaced_by_one_of_its_own_maps(packed):
+    before = contents(packed)
+    file = next(packed.glob("maps/*/*.json"))
+    with pytest.raises(InputError, match=r"expected a folder to replace that contains no input, got one with .*\.json"):
+        pack(PackSpec(split=(1, 0, 0)), [file], packed, force=True)
+    assert contents(packed) == before
+
+
+def test_the_maps_of_a_pack_are_read(packed):
+    assert {one.codes.tobytes() for one in parse_given(packed).maps} == {one.codes.tobytes() for one in MAPS}

@@ -10,7 +10,6 @@ import pytest
 from elitelanes_jax.network.bits import random_bits
 from elitelanes_jax.optimizers._emitters import (
     Niches,
-    draw_direction,
     draw_goal,
     draw_true,
     nearest_elite,
@@ -45,16 +44,10 @@ def slow_reachable(valid):
 
 @pytest.fixture(scope="module")
 def drawn():
-    """For each archive, niches and directions drawn many times."""
+    """For each archive, goals drawn many times."""
     bits = random_bits(jax.random.key(0), (400, 2))
     targets = jax.jit(jax.vmap(lambda bits, valid: draw_goal(NICHES, bits, valid, 0.5), (0, None)))
-    directions = jax.jit(jax.vmap(lambda bits, valid: draw_direction(NICHES, bits, valid), (0, None)))
-    return [
-        tuple(
-            [tuple(row) for row in np.asarray(draw).tolist()] for draw in (targets(bits, v), directions(bits[:, 1], v))
-        )
-        for v in map(jnp.asarray, archives())
-    ]
+    return [[tuple(row) for row in np.asarray(targets(bits, jnp.asarray(valid))).tolist()] for valid in archives()]
 
 
 def test_niches_are_in_the_order_of_their_indices():
@@ -69,7 +62,7 @@ def test_a_vacant_niche_beside_a_filled_column_is_reachable():
 
 
 def test_targets_are_reachable_vacant_niches_and_filled_ones_alike(drawn):
-    for valid, (targets, _) in zip(archives(), drawn, strict=True):
+    for valid, targets in zip(archives(), drawn, strict=True):
         near = slow_reachable(valid)
         kept = {place for place, is_filled in zip(PLACES, valid, strict=True) if is_filled and place[1] == 0}
         if not kept:  # those beside the target bin stand for the ones in it
@@ -80,17 +73,6 @@ def test_targets_are_reachable_vacant_niches_and_filled_ones_alike(drawn):
         if near and not near & kept:
             assert 0.35 < vacant / 400 < 0.65
             assert set(targets) == near | kept
-
-
-def test_directions_lead_to_the_ends_of_the_axes_away_from_most_filled_niches(drawn):
-    for valid, (_, directions) in zip(archives(), drawn, strict=True):
-        filled = [place for place, is_filled in zip(PLACES, valid, strict=True) if is_filled and place[1] == 0]
-        ends = set()
-        for vacant in slow_reachable(valid):
-            signs = [sum(np.sign(vacant[axis] - place[axis]) for place in filled) for axis in (0, 2)]
-            ends.add((3 if signs[0] > 0 else 0, 0, 2 if signs[1] > 0 else 0))
-        if ends:
-            assert set(directions) == ends
 
 
 def test_the_nearest_elite_has_the_lowest_penalised_fitness_and_no_vacant_niche_has():

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
@@ -196,3 +197,23 @@ def test_messages_say_the_bound():
 def test_bounds_of_large_grids_take_no_time():
     for shape in ((12, 12), (1024, 2), (1024, 1024)):
         check_feasible(shape, parse_ranges(["cyclomatic=1..", "straight_share=0.1.."]), maps=16)
+
+
+def test_crossings_that_keep_the_rules_have_room_for_signs():
+    """Outlines of three rectangles over one another; those that keep the rules."""
+    rules = map_constraints("duckietown", filled=False)
+    low, high = find_bounds((9, 9), certain={name: right for name, right, _ in rules}).of("signable")
+    assert low == high == 1
+    rng, kept = np.random.default_rng(0), 0
+    for _ in range(300):
+        links = set()
+        for _ in range(3):
+            (top, bottom), (left, right) = (sorted(rng.choice([0, 2, 5, 8], 2, replace=False)) for _ in range(2))
+            links |= {(row, column, 1) for row in (top, bottom) for column in range(left, right)}
+            links |= {(row, column, 2) for column in (left, right) for row in range(top, bottom)}
+        grid = grid_of((9, 9), links)
+        metrics = metrics_of(grid)
+        if metrics["crossings"] and is_map(metrics, "duckietown", filled=False):
+            kept += 1
+            assert all(has_free_corners(grid, crossing) for crossing in crossings(grid))
+    assert kept >= 20

@@ -16,9 +16,12 @@ import numpy as np
 import pytest
 
 from elitelanes_jax._util.progress import Verbosity, reporting
+from elitelanes_jax._util.threads import start_thread
+from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.search import _executables, _programs
 from elitelanes_jax.search._executables import Kept, find_file, load, save
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import compile_search, evolve
+from elitelanes_jax.search.spec import SearchSpec
 
 SHAPE = (4, 5)
 run = partial(evolve, 3, SHAPE, seeds=2, method="ea", preset="paper", generations=3, progress=False)
@@ -104,6 +107,24 @@ def test_programs_are_optimised_from_so_many_cells_on(folder, monkeypatch):
     results.append(run())
     assert set(load(file).programs) == NAMES | {optimised}
     assert arrays(results[0]) == arrays(results[1]) == arrays(results[2])
+
+
+def test_a_search_finds_what_other_threads_compiled(folder, monkeypatch):
+    """Two at once; neither writes to JAX's own cache, and its setting is as before when both have ended."""
+    setting = "jax_persistent_cache_min_compile_time_secs"
+    before = getattr(jax.config, setting)
+    spec = SearchSpec(method="ea", preset="paper", evaluations=200)
+    waits = [start_thread(partial(compile_search, seed_keys(3, 2), (size, 5), spec)) for size in (4, 3)]
+    for wait in waits:
+        wait()
+    assert getattr(jax.config, setting) == before
+    assert len(list(folder.iterdir())) == 2
+    monkeypatch.setattr(_programs.Programs, "_compile", None)
+    found = [evolve(3, (size, 5), seeds=2, spec=spec, progress=False) for size in (4, 3)]
+    monkeypatch.undo()
+    _programs._find.cache_clear()
+    folder.rename(folder.with_name("aside"))
+    assert arrays(found[0]) == arrays(evolve(3, (4, 5), seeds=2, spec=spec, progress=False))
 
 
 def flip(content):

@@ -48,6 +48,21 @@ def test_the_script_draws_the_set(tmp_path):
             assert file.read_text() == kept.read_text()
 
 
+@pytest.mark.parametrize(("kind", "tag"), [("sign_stop", 33), ("sign_T_intersect", 142), ("sign_street_name", 500)])
+def test_a_sign_shows_its_own_tag(kind, tag):
+    """OpenCV reads it in all views of its face."""
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    bare, shown = load_objects().choose([MapObject(kind, 1, 1, 0, 0.18, number) for number in (None, tag)])
+    for angle, pixels in shown.views.items():
+        assert (pixels[..., 3] == bare.views[angle][..., 3]).all()
+        if angle in (0, 45, 315):
+            opacity = pixels[..., 3:] / 255
+            grey = cv2.copyMakeBorder(np.uint8(pixels[..., 0] * opacity[..., 0]), *[20] * 4, cv2.BORDER_CONSTANT)
+            assert cv2.aruco.ArucoDetector(family).detectMarkers(cv2.resize(grey, None, fx=3, fy=3))[1] == [[tag]]
+        else:
+            assert pixels is bare.views[angle]
+
+
 def slow_from_above(things, pictures, shape):
     """1 + the index of the object that each pixel shows: lower ones first, each pixel looked up by its place."""
     owners = np.zeros(shape, int)
@@ -95,6 +110,13 @@ def own(tmp_path):
     return place
 
 
+def test_unknown_kinds_are_drawn_as_boxes_or_with_ones_own_picture(own):
+    boat = MapObject("other:boat", 1.5, 0.5, 0.0, 0.1)
+    assert load_objects().choose([boat])[0].kind == "other"
+    write(own, 'kind = "other:boat"\nheight = 0.1\nfootprint = [0.1, 0.1]')
+    assert load_objects(own.parent).choose([boat])[0].kind == "other:boat"
+
+
 def test_a_picture_alone_lies_on_the_floor_from_above(own, drawn_tiles):
     objects = load_objects(own.parent)
     (one,) = objects.pictures
@@ -121,6 +143,10 @@ FAULTS = {
     "opaque": (
         lambda place: cv2.imwrite(str(place / "image.png"), np.zeros((8, 8, 3), np.uint8)),
         "image.png: expected a picture with transparency",
+    ),
+    "tag": (
+        lambda place: write(place, 'kind = "duckie"\nheight = 1\nfootprint = [1, 1]\ntag = 3'),
+        r"tag: expected \[middle, side\] in metres, got 3",
     ),
     "degrees": (lambda place: shutil.copy(place / "image.png", place / "image_400.png"), "got image_400.png"),
     "empty": (lambda place: shutil.rmtree(place), "expected folders with object.toml and image.png"),

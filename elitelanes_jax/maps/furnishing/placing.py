@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats.objects import MapObject, check_objects
+from elitelanes_jax.formats.road_map import RoadMap, as_map
 from elitelanes_jax.maps.furnishing.scenery import place_scenery
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners, place_light, place_signs
 from elitelanes_jax.maps.furnishing.space import Space
 from elitelanes_jax.maps.furnishing.spec import FurnishSpec, parse_furnish
-from elitelanes_jax.maps.furnishing.tags import with_tags
+from elitelanes_jax.maps.furnishing.street_names import place_street_names
+from elitelanes_jax.maps.furnishing.tagging import Tags
 
 
 def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> RoadMap:
@@ -22,22 +24,26 @@ def furnish(source: UserValue, spec: UserValue = "all", *, seed: int = 0) -> Roa
     The objects depend on the codes, the specification and the seed only.
 
     Args:
-      source: a `RoadMap`, or integer codes ``[H, W]``.
+      source: a `RoadMap`, a grid ``[H, W]`` of codes, or a file.
       spec: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
-        ``all`` for some of everything, ``unique_tags``, and settings such as ``duckies=6`` that override these words.
+        ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
+        these words, and a file .toml or .json with objects of your own.
       seed: of the places of objects, 0 to 2**32 - 1.
 
     Raises:
       InputError: for a bad map or specification, a crossing that has no room for its signs, tag numbers that would be
-        used twice with `unique_tags`, or numbers of objects that do not fit.
+        used twice with `unique_tags`, objects of your own outside the map or where a sign has to be, or numbers of
+        objects that do not fit.
     """
-    road_map = source if isinstance(source, RoadMap) else RoadMap(source)
+    road_map = as_map(source)
     asked: FurnishSpec = check_named("furnish", parse_furnish, spec)
     return replace(road_map, objects=_objects(road_map.codes, asked, check_named("seed", whole(0, 2**32 - 1), seed)))
 
 
 def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[MapObject, ...]:
-    space = Space(codes)
+    space, tags = Space(codes), Tags(unique=spec.unique_tags)
+    for thing in check_objects(spec.objects, *codes.shape):
+        space.add(thing)
     found = crossings(codes)
     free = [crossing for crossing in found if has_free_corners(codes, crossing)]
     random = np.random.default_rng([seed, 2**32 - 1])
@@ -45,9 +51,18 @@ def _objects(codes: NDArray[np.int8], spec: FurnishSpec, seed: int) -> tuple[Map
     lit = [int(index) for index in order[: round(spec.lights * len(free))]]
     if spec.signs != "none":
         signs = place_signs(found, set(free), spec.signs, {free[index] for index in lit})
-        for sign in with_tags(signs, unique=spec.unique_tags):
-            space.add(sign)
+        for sign in signs:
+            _add(space, tags.give(sign))
     for index in sorted(lit):
-        space.add(place_light(free[index], int(corners[index])))
+        _add(space, place_light(free[index], int(corners[index])))
+    if spec.street_names != "none":
+        place_street_names(space, spec.street_names, tags)
     place_scenery(space, spec, seed)
     return tuple(space.objects)
+
+
+def _add(space: Space, sign: MapObject) -> None:
+    """Adds a sign or light, whose place depends on the map alone."""
+    if not space.is_clear(sign):
+        raise InputError(f"objects: expected none in the way of {sign.kind} at x {sign.x:g}, y {sign.y:g}, got one")
+    space.add(sign)

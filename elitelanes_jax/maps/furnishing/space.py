@@ -53,14 +53,16 @@ class Space:
 
     def place(self, thing: MapObject, *, in_lane: bool = False) -> bool:
         """Adds an object if it fits: off all roads unless it is in a lane, and clear of the other objects."""
+        fits = (in_lane or all(map(self._is_free, _cells(outline(thing))))) and self.is_clear(thing)
+        if fits:
+            self.add(thing)
+        return fits
+
+    def is_clear(self, thing: MapObject) -> bool:
+        """Returns whether an object keeps clear of those that were added."""
         corners = outline(thing)
-        cells = list(_cells(corners))
-        if not in_lane and not all(self._is_free(cell) for cell in cells):
-            return False
-        if any(overlap(corners, other, _CLEARANCE) for cell in cells for other in self._outlines[cell]):
-            return False
-        self.add(thing)
-        return True
+        others = (other for cell in _cells(corners) for other in self._outlines[cell])
+        return not any(overlap(corners, other, _CLEARANCE) for other in others)
 
     def add(self, thing: MapObject) -> None:
         """Adds an object without checking whether it fits."""

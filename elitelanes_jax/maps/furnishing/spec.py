@@ -1,14 +1,19 @@
 """What a map is furnished with, without JAX."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from pathlib import Path
 
-from elitelanes_jax._util.checks import flag, one_of, real, split_settings
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.checks import check_named, flag, one_of, real, split_settings
+from elitelanes_jax._util.errors import InputError, reason, shorten
+from elitelanes_jax._util.files import read_json, read_toml
 from elitelanes_jax._util.records import Record, check_names, option
-from elitelanes_jax._util.types import UserValue
+from elitelanes_jax._util.types import Plain, UserValue
+from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
+from elitelanes_jax.network.checks import LONGEST_SIDE
 
 _MOST = 100_000
+_FILES = (".toml", ".json")
 
 
 def _amount(value: UserValue) -> float:
@@ -16,6 +21,11 @@ def _amount(value: UserValue) -> float:
     if number > 1 and number != int(number):
         raise InputError(f"expected a share from 0 to 1, or a whole number, got {shorten(repr(value), 40)}")
     return number
+
+
+def _own_objects(values: UserValue) -> tuple[MapObject, ...]:
+    """Checks objects without a map: their positions are checked again when they are placed."""
+    return check_objects(values, LONGEST_SIDE, LONGEST_SIDE)
 
 
 @dataclass(frozen=True)
@@ -27,9 +37,11 @@ class FurnishSpec(Record):
     are on cells without road, and no two objects overlap.
 
     Attributes:
+      objects: objects of your own, which are placed first and as they are; see `MapObject`
       signs: none; all: at every crossing, and an error if a road is at its corner; or possible: where the corners are
         free
       lights: share of the crossings that have traffic lights instead of stop signs, 0 to 1
+      street_names: none; all: at every road and turn, and an error if one has no room; or possible: where there is room
       unique_tags: refuse maps that need a tag number twice, instead of using it again far away
       buildings: amount of buildings
       houses: amount of houses
@@ -45,9 +57,11 @@ class FurnishSpec(Record):
       lane_duckies: amount of duckies in lanes
     """
 
+    objects: tuple[MapObject, ...] = option((), _own_objects)
     signs: str = option("none", one_of("none", "possible", "all"), "WHICH")
     lights: float = option(0.0, real(0, 1), "SHARE")
-    unique_tags: bool = option(False, flag, "")
+    street_names: str = option("none", one_of("none", "possible", "all"), "WHICH")
+    unique_tags: bool = option(False, flag)
     buildings: float = option(0.0, _amount, "AMOUNT")
     houses: float = option(0.0, _amount, "AMOUNT")
     buses: float = option(0.0, _amount, "AMOUNT")
@@ -60,6 +74,10 @@ class FurnishSpec(Record):
     crossing_duckies: float = option(0.0, _amount, "AMOUNT")
     lane_robots: float = option(0.0, _amount, "AMOUNT")
     lane_duckies: float = option(0.0, _amount, "AMOUNT")
+
+    def settings(self) -> dict[str, Plain]:
+        """Returns the settings by name, as JSON has them."""
+        return vars(self) | {"objects": [object_values(thing) for thing in self.objects]}
 
 
 EVERYTHING = FurnishSpec(
@@ -84,7 +102,8 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
 
     Args:
       given: a `FurnishSpec`; or its settings by name; or a text or several, with ``signs`` for signs at every crossing,
-        ``all`` for some of everything, ``unique_tags``, and settings such as ``duckies=6`` that override these words.
+        ``street_names``, ``all`` for some of everything, ``unique_tags``, settings such as ``duckies=6`` that override
+        these words, and a file .toml or .json with objects of your own.
 
     Raises:
       InputError: for anything else.
@@ -92,28 +111,51 @@ def parse_furnish(given: UserValue) -> FurnishSpec:
     if isinstance(given, FurnishSpec):
         return given
     if isinstance(given, Mapping):
+        check_names(given, FurnishSpec.options())
         return FurnishSpec().replace(**given)
     words = _split_words(given)
+    settings = [name for name, one in FurnishSpec.options().items() if one.metavar]
     spec = EVERYTHING if "all" in words else FurnishSpec()
     values: dict[str, UserValue] = {}
     for word in words:
         name, _, value = word.partition("=")
-        if "=" in word:
-            check_names([name], FurnishSpec.options())
+        if "=" in word and name not in ("", "all"):
+            check_names([name], settings)
             if name in values:
                 raise InputError(f"expected each setting once, got {name} twice")
             values[name] = value
-        elif word in ("signs", "unique_tags"):
-            values[word] = "all" if word == "signs" else True
+        elif word in ("signs", "street_names", "unique_tags"):
+            values[word] = True if word == "unique_tags" else "all"
+        elif word.endswith(_FILES):
+            values["objects"] = (*values.get("objects", ()), *_read_objects(word))
         elif word != "all":
-            names = ", ".join(f"{one.name}=..." for one in fields(FurnishSpec) if one.name != "unique_tags")
-            raise InputError(f"expected all, signs, unique_tags, {names}, got {shorten(repr(word), 40)}")
+            names = ", ".join(f"{name}=..." for name in settings)
+            expected = f"all, signs, street_names, unique_tags, {names}, or a file .toml or .json"
+            raise InputError(f"expected {expected}, got {shorten(repr(word), 40)}")
     return spec.replace(**values)
 
 
 def _split_words(given: UserValue) -> list[str]:
-    listed = [given] if isinstance(given, str) else given
+    listed = [str(given)] if isinstance(given, str | Path) else given
     if not isinstance(listed, list | tuple) or not all(isinstance(one, str) for one in listed):
         expected = "a FurnishSpec, or words such as signs, all, duckies=6"
         raise InputError(f"expected {expected}, got {shorten(repr(given), 40)}")
-    return [word for text in listed for setting in split_settings(text) for word in setting.split()]
+    return [word for text in listed for part in split_settings(text) for word in _words(part)]
+
+
+def _words(text: str) -> list[str]:
+    return [text] if text.endswith(_FILES) and Path(text).exists() else text.split()
+
+
+def _read_objects(file: str) -> tuple[MapObject, ...]:
+    """Reads the list "objects" of a file, such as a map file."""
+    try:
+        values = read_toml(file, file) if file.endswith(".toml") else read_json(file)
+    except (OSError, ValueError, RecursionError) as error:
+        if isinstance(error, InputError) and str(error).startswith(file):
+            raise
+        got = reason(error) if isinstance(error, OSError) else error
+        raise InputError(f"{file}: expected a readable JSON file, got: {got}") from None
+    if not isinstance(values, dict) or "objects" not in values:
+        raise InputError(f'{file}: expected a table with a list of "objects", got none')
+    return check_named(file, _own_objects, values["objects"])

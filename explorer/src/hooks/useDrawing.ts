@@ -2,12 +2,14 @@ import { useCallback, useState } from "preact/hooks";
 import { editorOf, type Editor } from "../editor";
 import { readMapFile } from "../files";
 import { rowsOf, type Grid } from "../network/codes";
-import { FileError } from "../network/formats";
+import { FileError } from "../network/errors";
+import type { MapObject, ObjectKinds } from "../network/objects";
 import type { View } from "../state";
 
 interface Callbacks {
-  /** Receives the rows of the map after each change. */
-  readonly onGrid?: (rows: number[][]) => void;
+  readonly kinds: ObjectKinds;
+  /** Receives the rows and the objects of the map after each change. */
+  readonly onMap?: (rows: number[][], objects: readonly MapObject[]) => void;
   readonly show: (change: Partial<View>) => void;
   readonly say: (text: string) => void;
 }
@@ -17,20 +19,20 @@ interface Drawing {
   readonly editor: Editor | null;
   readonly edit: (editor: Editor) => void;
   /** Opens a map in the editor. */
-  readonly draw: (grid: Grid) => void;
+  readonly draw: (grid: Grid, objects: readonly MapObject[]) => void;
   /** Opens the first file in the editor, or says why it cannot be read. */
   readonly openFiles: (files: ArrayLike<File>) => void;
 }
 
 /** Returns the map that is drawn and the functions that change it. */
-export function useDrawing({ onGrid, show, say }: Callbacks): Drawing {
+export function useDrawing({ kinds, onMap, show, say }: Callbacks): Drawing {
   const [editor, setEditor] = useState<Editor | null>(null);
   const edit = useCallback(
     (next: Editor) => {
       setEditor(next);
-      onGrid?.(rowsOf(next.grid));
+      onMap?.(rowsOf(next.grid), next.objects);
     },
-    [onGrid],
+    [onMap],
   );
   const open = useCallback(
     (next: Editor) => {
@@ -39,13 +41,15 @@ export function useDrawing({ onGrid, show, say }: Callbacks): Drawing {
     },
     [edit, show],
   );
-  const draw = useCallback((grid: Grid) => open(editorOf(grid)), [open]);
-  const openFiles = async (files: ArrayLike<File>) => {
+  const draw = useCallback<Drawing["draw"]>((grid, objects) => open(editorOf(grid, objects)), [open]);
+  const openFiles = async (list: ArrayLike<File>) => {
+    const files = Array.from(list); // a picker's list is emptied meanwhile
     try {
-      const { grid, fixed } = await readMapFile(files);
-      open(editorOf(grid, fixed ?? undefined));
+      const { grid, fixed, objects, unread } = await readMapFile(files, kinds);
+      open(editorOf(grid, objects, fixed ?? undefined));
       const others = files.length > 1 ? `; the first of ${files.length} files` : "";
-      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}`);
+      const left = unread ? `; without its objects, which only "elitelanes explore" reads from YAML` : "";
+      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}${left}`);
     } catch (error) {
       say(error instanceof FileError ? error.message : `${files[0].name}: cannot be read`);
     }

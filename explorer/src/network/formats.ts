@@ -1,9 +1,8 @@
 /** Map files: `map.json`, rows for `--fix`, and Duckietown's YAML. */
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
+import { check, FileError } from "./errors";
+import { checkObjects, NO_OBJECTS, TILE_SIZE, type MapObject, type ObjectKinds } from "./objects";
 
-export class FileError extends Error {}
-
-const TILE_SIZE = "0.585";
 const ROADS: Readonly<Record<string, number>> = {
   straight: 10,
   curve_left: 12,
@@ -13,6 +12,7 @@ const ROADS: Readonly<Record<string, number>> = {
   "4way": 15,
 };
 const TURNS: Readonly<Record<string, number>> = { S: 0, E: 1, N: 2, W: 3 };
+const STAND = 0.27 / 0.4; // of a traffic light, from the middle of its mesh, by its height
 const GROUNDS = ["grass", "floor", "asphalt", "empty", "calibration_tile"];
 
 const CODE = new Map<string, number>();
@@ -34,7 +34,7 @@ export function stubs(grid: Grid): number {
 }
 
 /** Writes a map as Duckietown's YAML, as `elitelanes export --to duckietown` does. */
-export function toDuckietown(grid: Grid): string {
+export function toDuckietown(grid: Grid, objects: readonly MapObject[] = []): string {
   if (stubs(grid)) throw new FileError("Duckietown has no tile for a dead end; mend the map first");
   const kinds = rowsOf(grid).map((row) => row.map((code) => TILE.get(code) ?? "grass"));
   const width = Math.max(...kinds.flat().map((kind) => kind.length)) + 1;
@@ -44,12 +44,45 @@ export function toDuckietown(grid: Grid): string {
       .join("")
       .replace(/[, ]+$/, ""),
   );
-  return `tile_size: ${TILE_SIZE}\ntiles:\n${rows.map((row) => `- [${row}]\n`).join("")}`;
+  const lines = [`tile_size: ${TILE_SIZE}`, "tiles:", ...rows.map((row) => `- [${row}]`)];
+  return `${[...lines, ...objectLines(objects, grid.height)].join("\n")}\n`;
 }
 
-/** Writes rows as JSON, one row per line. */
-function table(rows: readonly (readonly unknown[])[], indent: string): string {
-  return `[\n${rows.map((row) => `${indent}  [${row.map((cell) => JSON.stringify(cell)).join(", ")}]`).join(",\n")}\n${indent}]`;
+function objectLines(objects: readonly MapObject[], rows: number): string[] {
+  const text = (value: number) => `${+value.toFixed(6) + 0}`;
+  const lines = objects.map((thing, index) => {
+    const { kind, height, tag } = thing;
+    // gym-duckietown has no picture of street names.
+    const name = kind === "sign_street_name" ? "sign_blank" : kind.replace("other:", "");
+    let [x, y, angle] = [thing.x * TILE_SIZE, (rows - thing.y) * TILE_SIZE, thing.angle];
+    if (kind === "trafficlight") {
+      // Duckietown's position is the middle of the mesh; ours is the stand, a quarter turn to the right.
+      x += STAND * height * Math.cos(angle);
+      y += STAND * height * Math.sin(angle);
+      angle += Math.PI / 2;
+    }
+    const turns = angle / (2 * Math.PI);
+    const whole = Math.abs(turns % 1) === 0.5 ? 2 * Math.round(turns / 2) : Math.round(turns);
+    const degrees = (angle - 2 * Math.PI * whole) * (180 / Math.PI);
+    return [
+      `  ${name}_${index}:`,
+      `    kind: ${name}`,
+      `    pose: {~SE2Transform: {p: [${text(x)}, ${text(y)}], theta_deg: ${text(degrees)}}}`,
+      ...(height ? [`    height: ${text(height)}`] : []),
+      ...(tag !== undefined && (kind === "floor_tag" || kind.startsWith("sign_"))
+        ? [`    tag: {~TagInstance: {family: 36h11, size: 0.065, tag_id: ${tag}}}`]
+        : []),
+      ...(thing.static === false ? ["    static: false"] : []),
+    ];
+  });
+  return lines.length ? ["objects:", ...lines.flat()] : [];
+}
+
+/** Writes rows or objects as JSON, one per line. */
+function table(rows: readonly unknown[], indent: string): string {
+  const line = (row: unknown) =>
+    Array.isArray(row) ? `[${row.map((cell) => JSON.stringify(cell)).join(", ")}]` : JSON.stringify(row);
+  return `[\n${rows.map((row) => `${indent}  ${line(row)}`).join(",\n")}\n${indent}]`;
 }
 
 /** Writes a map file that the package reads. `more` has the fields beside the codes. */
@@ -59,8 +92,7 @@ export function toMapJson(grid: Grid, more: Readonly<Record<string, unknown>> = 
     `"shape": [${grid.height}, ${grid.width}]`,
     `"codes": ${table(rowsOf(grid), "  ")}`,
     ...Object.entries(more).map(([key, value]) => {
-      const rows =
-        Array.isArray(value) && Array.isArray(value[0]) ? table(value as unknown[][], "  ") : JSON.stringify(value);
+      const rows = Array.isArray(value) && typeof value[0] === "object" ? table(value, "  ") : JSON.stringify(value);
       return `${JSON.stringify(key)}: ${rows}`;
     }),
   ];
@@ -75,16 +107,29 @@ export function toFix(grid: Grid, fixed: ArrayLike<number>): string {
   )}\n`;
 }
 
-/** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML. */
-export function readMap(text: string, name: string): { grid: Grid; fixed: Uint8Array | null } {
-  if (/\.ya?ml$/i.test(name)) return { grid: fromDuckietown(text, `${name}: `), fixed: null };
+export interface MapContent {
+  readonly grid: Grid;
+  /** For each cell, 1 if its row has a code and 0 if it has null; null without such cells. */
+  readonly fixed: Uint8Array | null;
+  readonly objects: readonly MapObject[];
+  /** Whether the file has objects that were not read. */
+  readonly unread: boolean;
+}
+
+/** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML without its objects. */
+export function readMap(text: string, name: string, kinds: ObjectKinds): MapContent {
+  if (/\.ya?ml$/i.test(name)) {
+    const grid = fromDuckietown(text, `${name}: `);
+    return { grid, fixed: null, objects: NO_OBJECTS, unread: /^objects\s*:\s*\n\s+\S/m.test(text) };
+  }
   let values: unknown;
   try {
     values = JSON.parse(text);
   } catch {
     throw new FileError(`${name}: expected a map as JSON or Duckietown's YAML`);
   }
-  const rows = Array.isArray(values) ? values : (values as { codes?: unknown } | null)?.codes;
+  const fields = (Array.isArray(values) ? { codes: values } : values) as { codes?: unknown; objects?: unknown } | null;
+  const rows = fields?.codes;
   check(Array.isArray(rows) && rows.length > 0 && rows.every(Array.isArray), `${name}: expected rows of tile codes`);
   const listed = rows as unknown[][];
   checkSides(listed, name);
@@ -97,7 +142,8 @@ export function readMap(text: string, name: string): { grid: Grid; fixed: Uint8A
   const fixed = listed.flat().some((cell) => cell === null)
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
     : null;
-  return { grid: gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number))), fixed };
+  const grid = gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number)));
+  return { grid, fixed, objects: checkObjects(fields!.objects ?? NO_OBJECTS, kinds, grid, `${name}: `), unread: false };
 }
 
 /** Reads the tiles of Duckietown's YAML, in brackets or as nested lists. Messages begin with `file`. */
@@ -151,8 +197,4 @@ function checkSides(rows: readonly (readonly unknown[])[], name: string): void {
   const width = rows[0].length;
   check(width > 0 && rows.every((row) => row.length === width), `${name}: expected rows of one length`);
   check(Math.max(rows.length, width) <= 1024, `${name}: expected at most 1024 tiles a side`);
-}
-
-function check(holds: boolean, message: string): void {
-  if (!holds) throw new FileError(message);
 }

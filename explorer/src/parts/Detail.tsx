@@ -2,11 +2,12 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { useShared } from "../context";
 import { feature } from "../network/features";
-import { mapFields, picturesOf } from "../record";
+import { mapFields, objectsOf, picturesOf } from "../record";
 import { number } from "../words";
 import { LookSwitches, OverlaySwitches, useBlend } from "./Looks";
 import { MapPicture } from "./MapPicture";
 import { Metrics } from "./Metrics";
+import { Objects } from "./Objects";
 import { Rides, ridingShapes, type Playing } from "./Rides";
 import { SaveButtons } from "./SaveButtons";
 
@@ -20,6 +21,7 @@ export function Detail({ elite }: { readonly elite: number }) {
   const grid = run.grid(elite);
   const metrics = run.metricsOf(elite);
   const pictures = picturesOf(run, elite);
+  const objects = objectsOf(run, elite);
   const floor = run.floor(elite);
   const name = run.label(elite).replace(/[^\w.-]+/g, "-");
   const pinned = view.pins.some(([number, pin]) => number === view.run && pin === elite);
@@ -50,16 +52,18 @@ export function Detail({ elite }: { readonly elite: number }) {
         grid={grid}
         label={label}
         pictures={pictures}
+        objects={objects}
         look={view.look}
         blend={blend}
         overlays={view.overlays}
         above={above}
       />
+      <Objects objects={objects} />
       {rides.length > 0 && <Rides rides={rides} playing={playing} onPlay={setPlaying} />}
       <LookSwitches />
       <OverlaySwitches metrics={metrics} />
       <div class="buttons">
-        <button type="button" onClick={() => draw(grid)}>
+        <button type="button" onClick={() => draw(grid, objects)}>
           Edit
         </button>
         <button type="button" aria-pressed={pinned} onClick={pin}>
@@ -68,6 +72,7 @@ export function Detail({ elite }: { readonly elite: number }) {
         <SaveButtons
           name={name}
           grid={grid}
+          objects={objects}
           fields={() => mapFields(run, elite, data)}
           pictures={pictures}
           blend={view.look === "tiles" ? blend : undefined}

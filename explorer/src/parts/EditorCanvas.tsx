@@ -1,37 +1,56 @@
-/** The canvas on which a map is drawn, by pointer or by keys. */
+/** The canvas on which a map is drawn and its objects are moved, by pointer or by keys. */
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, overlayShapes, paint } from "../drawing";
+import { mapShapes, objectShapes, overlayShapes, paint, ringShapes } from "../drawing";
 import { between, done, redo, stroked, undo, type Editor, type Stroke, type Tool } from "../editor";
+import type { ObjectTool } from "../hooks/useObjectTool";
 import { KIND_OF, type Grid } from "../network/codes";
-import { useFittedCanvas } from "./canvas";
+import { edgeOf } from "../network/objects";
+import { fittedStyle, useFittedCanvas } from "./canvas";
+
+export const TILE_KEYS = "Arrow keys move, with Shift they draw, Enter sets a tile, Delete empties it.";
+export const OBJECT_KEYS =
+  "Arrow keys select an object, with Shift they move it, R turns it, Delete removes it, Enter adds one.";
+const STEPS: Readonly<Record<string, readonly [right: number, down: number]>> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 
 interface CanvasProps {
   readonly editor: Editor;
   readonly onEdit: (editor: Editor) => void;
   readonly tool: Tool;
+  readonly objectTool: ObjectTool;
   readonly tile: number;
   readonly mends: boolean;
   readonly fills: boolean;
 }
 
-export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: CanvasProps) {
-  const { view, say } = useShared();
+export function EditorCanvas({ editor, onEdit, tool, objectTool, tile, mends, fills }: CanvasProps) {
+  const { data, view, say } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
   const [cursor, setCursor] = useState(0);
   const [keyed, setKeyed] = useState(false);
   const stroke = useRef<{ before: Editor; cells: number[] } | null>(null);
   const began = useRef(0);
-  const { grid, fixed } = editor;
+  const { grid, fixed, objects } = editor;
+  const { kinds } = data.objects;
+  const selected = tool === "objects" ? objectTool.selected : undefined;
+  // Signs are also outside the map. A drag does not change the scale.
+  const edge = Math.max(edgeOf((objectTool.before ?? editor).objects, grid), tool === "objects" ? 0.3 : 0);
   const mending = { repair: mends, fill: fills && mends };
   useLayoutEffect(() => {
     if (!width) return;
-    const { context, scale, ratio } = clear(grid);
+    const { context, scale, ratio } = clear(grid, edge);
     paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
     paintLattice(context, grid, scale);
     paintFixed(context, grid, fixed, scale);
+    const rings = selected ? ringShapes(selected, kinds) : [];
+    paint(context, { shapes: [...objectShapes(objects, kinds), ...rings], texts: [] }, scale);
     paint(context, overlayShapes(grid, new Set(view.overlays)), scale);
-    if (keyed) {
+    if (keyed && tool !== "objects") {
       context.lineWidth = 2.5 * ratio;
       context.strokeStyle = "#0a63c9";
       context.strokeRect(
@@ -45,21 +64,20 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
       performance.measure("elitelanes-stroke", { start: began.current, end: performance.now() });
       began.current = 0;
     }
-  }, [grid, fixed, width, view.overlays, cursor, keyed, clear]);
+  }, [grid, fixed, objects, kinds, selected, edge, width, view.overlays, cursor, keyed, tool, clear]);
 
-  const cellUnder = (event: PointerEvent): number => {
+  /** Returns the position under the pointer, in tiles. */
+  const under = (event: PointerEvent): [x: number, y: number] => {
     const box = canvas.current!.getBoundingClientRect();
-    const column = Math.min(
-      Math.max(Math.floor(((event.clientX - box.left) / box.width) * grid.width), 0),
-      grid.width - 1,
-    );
-    const row = Math.min(
-      Math.max(Math.floor(((event.clientY - box.top) / box.height) * grid.height), 0),
-      grid.height - 1,
-    );
-    return row * grid.width + column;
+    const scale = (grid.width + 2 * edge) / box.width;
+    return [(event.clientX - box.left) * scale - edge, (event.clientY - box.top) * scale - edge];
+  };
+  const cellUnder = (event: PointerEvent): number => {
+    const [column, row] = under(event).map(Math.floor);
+    return Math.min(Math.max(row, 0), grid.height - 1) * grid.width + Math.min(Math.max(column, 0), grid.width - 1);
   };
   const apply = (before: Editor, cells: readonly number[]) => {
+    if (tool === "objects") return;
     began.current = performance.now();
     const next: Stroke = { tool, tile, cells };
     onEdit(done(before, stroked(before, next, mending)));
@@ -68,12 +86,14 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
     if (event.button) return;
     canvas.current!.setPointerCapture(event.pointerId);
     setKeyed(false);
+    if (tool === "objects") return objectTool.down(under(event));
     const cell = cellUnder(event);
     stroke.current = { before: editor, cells: [cell] };
     setCursor(cell);
     if (tool !== "road" && tool !== "cut") apply(editor, [cell]);
   };
   const move = (event: PointerEvent) => {
+    objectTool.move(under(event));
     if (!stroke.current) return;
     const { before, cells } = stroke.current;
     if (before.grid.height !== grid.height || before.grid.width !== grid.width) return;
@@ -82,17 +102,22 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
     cells.push(...way);
     apply(before, cells);
   };
+  const release = () => {
+    stroke.current = null;
+    objectTool.up();
+  };
   const keys = (event: KeyboardEvent) => {
     if ((event.ctrlKey || event.metaKey) && ["z", "y"].includes(event.key.toLowerCase())) {
       event.preventDefault();
       onEdit(event.key.toLowerCase() === "y" || event.shiftKey ? redo(editor) : undo(editor));
       return;
     }
-    const step = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [-1, 0], ArrowDown: [1, 0] }[event.key];
-    if (step) {
+    const step = STEPS[event.key] ?? null;
+    if (tool === "objects") objectTool.press(event, step);
+    else if (step) {
       event.preventDefault();
-      const row = Math.min(Math.max(Math.floor(cursor / grid.width) + step[0], 0), grid.height - 1);
-      const column = Math.min(Math.max((cursor % grid.width) + step[1], 0), grid.width - 1);
+      const row = Math.min(Math.max(Math.floor(cursor / grid.width) + step[1], 0), grid.height - 1);
+      const column = Math.min(Math.max((cursor % grid.width) + step[0], 0), grid.width - 1);
       const next = row * grid.width + column;
       if (event.shiftKey && next !== cursor) apply(editor, tool === "road" || tool === "cut" ? [cursor, next] : [next]);
       setCursor(next);
@@ -112,18 +137,15 @@ export function EditorCanvas({ editor, onEdit, tool, tile, mends, fills }: Canva
     <canvas
       ref={canvas}
       class="map editor"
-      style={{
-        aspectRatio: `${grid.width} / ${grid.height}`,
-        maxWidth: `min(100%, ${(76 * grid.width) / grid.height}vh)`,
-      }}
+      style={fittedStyle(grid, edge, 76)}
       tabIndex={0}
       role="application"
       aria-roledescription="map editor"
-      aria-label={`Map of ${grid.height} by ${grid.width} tiles. Arrow keys move, with Shift they draw, Enter sets a tile, Delete empties it.`}
+      aria-label={`Map of ${grid.height} by ${grid.width} tiles. ${tool === "objects" ? OBJECT_KEYS : TILE_KEYS}`}
       onPointerDown={down}
       onPointerMove={move}
-      onPointerUp={() => (stroke.current = null)}
-      onPointerCancel={() => (stroke.current = null)}
+      onPointerUp={release}
+      onPointerCancel={release}
       onKeyDown={keys}
     />
   );

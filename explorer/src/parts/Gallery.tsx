@@ -1,5 +1,6 @@
 /** Small maps in rows: Tab leads to the open one, arrow keys to the others. */
 import { useShared } from "../context";
+import { objectsOf } from "../record";
 import { MapPicture } from "./MapPicture";
 
 interface Props {
@@ -39,7 +40,7 @@ export function Gallery({ elites, open, onOpen, caption }: Props) {
             tabIndex={elite === entry ? 0 : -1}
             onClick={() => onOpen(elite)}
           >
-            <MapPicture grid={run.grid(elite)} label={run.label(elite)} />
+            <MapPicture grid={run.grid(elite)} label={run.label(elite)} objects={objectsOf(run, elite)} />
             <span>{caption(elite)}</span>
           </button>
         </li>

@@ -1,15 +1,17 @@
 /** A map as lines or with tile pictures, and overlays. */
 import { useEffect } from "preact/hooks";
 import { useShared } from "../context";
-import { mapShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
+import { mapShapes, objectShapes, overlayShapes, paint, type Overlay, type Shape } from "../drawing";
 import type { Grid } from "../network/codes";
+import { edgeOf, NO_OBJECTS, type MapObject } from "../network/objects";
 import { paintTiles, type Blend } from "../tiles";
-import { useFittedCanvas } from "./canvas";
+import { fittedStyle, useFittedCanvas } from "./canvas";
 
 interface Props {
   readonly grid: Grid;
   readonly label: string;
   readonly pictures?: readonly number[] | null;
+  readonly objects?: readonly MapObject[];
   readonly look?: "lines" | "tiles";
   readonly blend?: Blend;
   readonly overlays?: readonly Overlay[];
@@ -24,6 +26,7 @@ export function MapPicture({
   grid,
   label,
   pictures = null,
+  objects = NO_OBJECTS,
   look = "lines",
   blend,
   overlays = NO_OVERLAYS,
@@ -31,31 +34,25 @@ export function MapPicture({
 }: Props) {
   const { data, tiles } = useShared();
   const { canvas, width, clear } = useFittedCanvas();
+  const edge = look === "lines" ? edgeOf(objects, grid) : 0; // pictures end at the map's border, as in Python
   useEffect(() => {
     if (!width) return;
-    const { context, scale } = clear(grid);
+    const { context, scale } = clear(grid, edge);
     if (look === "tiles" && tiles) {
       context.imageSmoothingQuality = "high";
       context.drawImage(
-        paintTiles(grid, data, tiles, pictures, blend ?? { image: 1 }),
+        paintTiles(grid, data, tiles, pictures, objects, blend ?? { image: 1 }),
         0,
         0,
         canvas.current!.width,
         canvas.current!.height,
       );
     } else {
-      paint(context, { shapes: mapShapes(grid, { lanes: scale > 14 }), texts: [] }, scale);
+      const roads = mapShapes(grid, { lanes: scale > 14 });
+      paint(context, { shapes: [...roads, ...objectShapes(objects, data.objects.kinds)], texts: [] }, scale);
     }
     paint(context, overlayShapes(grid, new Set(overlays)), scale);
     if (above) paint(context, { shapes: above, texts: [] }, scale);
-  }, [grid, width, look, tiles, pictures, blend, overlays, above, data, canvas, clear]);
-  return (
-    <canvas
-      ref={canvas}
-      class="map"
-      role="img"
-      aria-label={label}
-      style={{ aspectRatio: `${grid.width} / ${grid.height}`, maxWidth: `${(90 * grid.width) / grid.height}vh` }}
-    />
-  );
+  }, [grid, edge, width, look, tiles, pictures, objects, blend, overlays, above, data, canvas, clear]);
+  return <canvas ref={canvas} class="map" role="img" aria-label={label} style={fittedStyle(grid, edge, 90)} />;
 }

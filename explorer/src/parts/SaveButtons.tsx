@@ -3,14 +3,18 @@ import { useShared } from "../context";
 import { sceneOf, toSvg } from "../drawing";
 import { save, savePng } from "../files";
 import type { Grid } from "../network/codes";
-import { FileError, stubs, toDuckietown, toMapJson } from "../network/formats";
+import { FileError } from "../network/errors";
+import { stubs, toDuckietown, toMapJson } from "../network/formats";
+import type { MapObject } from "../network/objects";
+import { planSvg } from "../plan";
 import { paintTiles, type Blend } from "../tiles";
 
 interface Props {
   /** The name of the files, without an ending. */
   readonly name: string;
   readonly grid: Grid;
-  /** Makes the fields of the map file beside its codes. */
+  readonly objects: readonly MapObject[];
+  /** Makes the fields of the map file beside the codes and the objects. */
   readonly fields: () => Readonly<Record<string, unknown>>;
   readonly pictures?: readonly number[] | null;
   readonly blend?: Blend;
@@ -19,11 +23,12 @@ interface Props {
 }
 
 /** The buttons that save a map as a file. */
-export function SaveButtons({ name, grid, fields, pictures = null, blend = { image: 1 }, children }: Props) {
+export function SaveButtons({ name, grid, objects, fields, pictures = null, blend = { image: 1 }, children }: Props) {
   const { data, tiles, view, say } = useShared();
-  const saveYaml = () => {
+  const { kinds } = data.objects;
+  const saveIfPossible = (file: string, make: () => string, type?: string) => {
     try {
-      save(`${name}.yaml`, toDuckietown(grid));
+      save(file, make(), type);
     } catch (error) {
       if (!(error instanceof FileError)) throw error;
       say(error.message);
@@ -32,28 +37,44 @@ export function SaveButtons({ name, grid, fields, pictures = null, blend = { ima
   return (
     <span class="saves" role="group" aria-label="Save">
       <span aria-hidden="true">Save</span>
-      <button type="button" onClick={() => save(`${name}.json`, toMapJson(grid, fields()), "application/json")}>
+      <button
+        type="button"
+        onClick={() =>
+          save(`${name}.json`, toMapJson(grid, { ...fields(), ...(objects.length && { objects }) }), "application/json")
+        }
+      >
         map.json
       </button>
       <button
         type="button"
-        onClick={saveYaml}
+        onClick={() => saveIfPossible(`${name}.yaml`, () => toDuckietown(grid, objects))}
         title={stubs(grid) ? "Duckietown has no dead ends" : "for Duckietown's programs"}
       >
         YAML
       </button>
       <button
         type="button"
-        onClick={() => save(`${name}.svg`, toSvg(sceneOf(grid, new Set(view.overlays))), "image/svg+xml")}
+        onClick={() =>
+          save(`${name}.svg`, toSvg(sceneOf(grid, objects, kinds, new Set(view.overlays))), "image/svg+xml")
+        }
       >
         SVG
       </button>
       <button
         type="button"
         disabled={!tiles}
-        onClick={() => void savePng(`${name}.png`, paintTiles(grid, data, tiles!, pictures, blend))}
+        onClick={() => void savePng(`${name}.png`, paintTiles(grid, data, tiles!, pictures, objects, blend))}
       >
         PNG
+      </button>
+      <button
+        type="button"
+        onClick={() =>
+          saveIfPossible(`${name}-plan.svg`, () => planSvg(grid, objects, kinds, data.plan), "image/svg+xml")
+        }
+        title="tiles, tape and objects to build the map from, and a check-list, as SVG for A4"
+      >
+        Plan
       </button>
       {children}
     </span>

@@ -7,8 +7,11 @@ interface Fitted {
   readonly canvas: RefObject<HTMLCanvasElement | null>;
   /** The width in pixels of the page, 0 before layout. */
   readonly width: number;
-  /** Clears the canvas for a map. `scale` is screen pixels per cell, `ratio` screen pixels per page pixel. */
-  readonly clear: (grid: Grid) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
+  /**
+   * Clears the canvas for a map and `edge` tiles around it. `scale` is screen pixels per tile, `ratio` screen pixels per
+   * page pixel. The origin is the map's north-west corner.
+   */
+  readonly clear: (grid: Grid, edge?: number) => { context: CanvasRenderingContext2D; scale: number; ratio: number };
 }
 
 /** Returns false for the first frame, so that slow parts appear after it. */
@@ -34,16 +37,24 @@ export function useWidth(element: RefObject<HTMLElement | null>): number {
   return width;
 }
 
+/** Returns the style of a canvas for a map with `edge` tiles around it, at most so many per cent of the window high. */
+export function fittedStyle({ height, width }: Grid, edge: number, most: number) {
+  const aspect = (width + 2 * edge) / (height + 2 * edge);
+  return { aspectRatio: `${aspect}`, maxWidth: `min(100%, ${most * aspect}vh)` };
+}
+
 export function useFittedCanvas(): Fitted {
   const canvas = useRef<HTMLCanvasElement>(null);
   const width = useWidth(canvas);
   const clear = useCallback(
-    (grid: Grid) => {
+    (grid: Grid, edge = 0) => {
       const ratio = window.devicePixelRatio || 1;
-      const scale = (width * ratio) / grid.width;
-      canvas.current!.width = Math.round(grid.width * scale);
-      canvas.current!.height = Math.round(grid.height * scale);
-      return { context: canvas.current!.getContext("2d")!, scale, ratio };
+      const scale = (width * ratio) / (grid.width + 2 * edge);
+      canvas.current!.width = Math.round(width * ratio);
+      canvas.current!.height = Math.round((grid.height + 2 * edge) * scale);
+      const context = canvas.current!.getContext("2d")!;
+      context.translate(edge * scale, edge * scale);
+      return { context, scale, ratio };
     },
     [width],
   );

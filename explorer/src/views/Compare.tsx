@@ -3,7 +3,7 @@ import { useShared } from "../context";
 import { FEATURES } from "../network/features";
 import { LookSwitches, OverlaySwitches, useBlend } from "../parts/Looks";
 import { MapPicture } from "../parts/MapPicture";
-import { picturesOf } from "../record";
+import { objectsOf, picturesOf } from "../record";
 import { nameOf, valueText, WORDS } from "../words";
 
 export function Compare() {
@@ -40,6 +40,7 @@ export function Compare() {
                     grid={run.grid(elite)}
                     label={`${run.name}, ${run.label(elite)}`}
                     pictures={picturesOf(run, elite)}
+                    objects={objectsOf(run, elite)}
                     look={view.look}
                     blend={blend}
                     overlays={view.overlays}
@@ -55,7 +56,7 @@ export function Compare() {
                     >
                       Open
                     </button>
-                    <button type="button" onClick={() => draw(run.grid(elite))}>
+                    <button type="button" onClick={() => draw(run.grid(elite), objectsOf(run, elite))}>
                       Edit
                     </button>
                     <button

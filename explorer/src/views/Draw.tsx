@@ -1,17 +1,19 @@
 /** The editor of maps: roads are drawn by dragging, with or without repair; metrics and fitness follow each stroke. */
 import { useMemo, useRef, useState } from "preact/hooks";
 import { useShared } from "../context";
-import { done, redo, resized, undo, type Editor, type Tool } from "../editor";
+import { cleared, done, redo, resized, undo, type Editor, type Tool } from "../editor";
 import { save } from "../files";
-import { emptyGrid } from "../network/codes";
+import { useObjectTool } from "../hooks/useObjectTool";
 import { FEATURES, isOurs } from "../network/features";
 import { toFix } from "../network/formats";
 import { fitness, measure, type Weights } from "../network/measure";
 import { measureTown } from "../network/town";
 import { Switch } from "../parts/Controls";
-import { EditorCanvas } from "../parts/EditorCanvas";
+import { EditorCanvas, OBJECT_KEYS, TILE_KEYS } from "../parts/EditorCanvas";
 import { OverlaySwitches } from "../parts/Looks";
 import { Metrics } from "../parts/Metrics";
+import { ObjectFields } from "../parts/ObjectFields";
+import { Objects } from "../parts/Objects";
 import { SaveButtons } from "../parts/SaveButtons";
 import { TilePalette } from "../parts/TilePalette";
 import { WeightSliders } from "../parts/WeightSliders";
@@ -25,6 +27,7 @@ const TOOL_WORDS: Readonly<Record<Tool, readonly [name: string, what: string]>> 
   tile: ["Tile", "click to set the tile that is chosen below"],
   fixed: ["Fixed", "mark cells that a search keeps as they are"],
   forbidden: ["No road", "mark cells in which a search may build no road"],
+  objects: ["Objects", "drag objects to move them, click on a free place to add one"],
 };
 
 interface Props {
@@ -45,8 +48,9 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
   const [tile, setTile] = useState(15);
   const [mends, setMends] = useState(true);
   const [fills, setFills] = useState(false);
+  const objectTool = useObjectTool(editor, onEdit);
   const picker = useRef<HTMLInputElement>(null);
-  const { grid, fixed } = editor;
+  const { grid, fixed, objects } = editor;
   const metrics = useMemo(() => measure(grid, run.alphabet), [grid, run]);
   const before = useMemo(() => measure(editor.start, run.alphabet), [editor.start, run]);
   const others = [...new Set([...run.features.keys(), ...Object.keys(weights)])].filter(
@@ -99,7 +103,16 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
           </div>
         </div>
         {tool === "tile" && <TilePalette tile={tile} onTile={setTile} />}
-        <EditorCanvas editor={editor} onEdit={onEdit} tool={tool} tile={tile} mends={mends} fills={fills} />
+        {tool === "objects" && <ObjectFields tool={objectTool} />}
+        <EditorCanvas
+          editor={editor}
+          onEdit={onEdit}
+          tool={tool}
+          objectTool={objectTool}
+          tile={tile}
+          mends={mends}
+          fills={fills}
+        />
         <div class="bar">
           <Switch
             on={mends}
@@ -135,14 +148,7 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
               onChange={(event) => resize("width", event.currentTarget)}
             />
           </label>
-          <button
-            type="button"
-            onClick={() =>
-              onEdit(
-                done(editor, { grid: emptyGrid(grid.height, grid.width), fixed: new Uint8Array(grid.codes.length) }),
-              )
-            }
-          >
+          <button type="button" onClick={() => onEdit(cleared(editor))}>
             Clear
           </button>
           <button type="button" onClick={() => picker.current!.click()}>
@@ -162,13 +168,15 @@ export function Draw({ editor, onEdit, weights, onWeights, onFiles, onContinue, 
         </div>
         <p class="note">
           {TOOL_WORDS[tool][1][0].toUpperCase() + TOOL_WORDS[tool][1].slice(1)}. Or drop a map.json or a Duckietown map
-          here. Keys: arrows move, Shift with arrows draws, Enter sets a tile, Ctrl+Z undoes.
+          here. {tool === "objects" ? OBJECT_KEYS : TILE_KEYS} Ctrl+Z undoes.
         </p>
+        <Objects objects={objects} />
         <OverlaySwitches metrics={metrics} />
         <div class="buttons">
           <SaveButtons
             name="drawn"
             grid={grid}
+            objects={objects}
             fields={() => ({
               metrics: metricFields(metrics, grid.codes.length),
               ...(run.usualFitness && { fitness: total }),

@@ -1,0 +1,128 @@
+"""Signs and lights of a map: the crossings that they rule, and the signals of OpenDRIVE that they become."""
+
+from collections.abc import Collection, Iterable
+from itertools import count
+from math import hypot, pi
+from typing import NamedTuple
+
+from elitelanes_jax._util.types import AnyArray
+from elitelanes_jax.formats.duckietown import TILE_SIZE
+from elitelanes_jax.formats.graph import Cell, linked_tiles
+from elitelanes_jax.formats.objects import MapObject
+from elitelanes_jax.formats.streets import Streets
+from elitelanes_jax.network.codes import SIDE_TOWARDS, SIDES
+
+_FAR = 1.5  # tiles from a crossing, where signs no longer belong to it
+_RULES = {"sign_stop": "allway_stop", "trafficlight": "traffic_light"}
+_KINDS = {rule: kind for kind, rule in _RULES.items()}
+_TYPES = {  # of the German road traffic regulations (StVO), and subtypes
+    "sign_stop": ("206", "-1"),
+    "sign_yield": ("205", "-1"),
+    "sign_t_light_ahead": ("131", "-1"),
+    "sign_do_not_enter": ("267", "-1"),
+    "sign_oneway_left": ("220", "10"),
+    "sign_oneway_right": ("220", "20"),
+    "sign_pedestrian": ("350", "-1"),
+    "sign_parking": ("314", "-1"),
+}
+
+Arrival = tuple[Cell, Cell]
+"""Where a road ends: the tile that it leads to, and the tile before."""
+
+
+class Signal(NamedTuple):
+    """A sign, or the light for one road.
+
+    Attributes:
+      number: from 1.
+      kind: one of `OBJECT_KINDS`.
+      thing: of the map; None if the right of way asks for a signal.
+      heading: of its reader, in radians counter-clockwise from east.
+    """
+
+    number: int
+    kind: str
+    thing: MapObject | None = None
+    heading: float = 0.0
+
+
+def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
+    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets."""
+    rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
+    for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
+        tile = _crossing_of(thing, rules)
+        if tile and thing.kind in _RULES:
+            rules[tile] = _RULES[thing.kind]
+    return rules
+
+
+def list_signals(codes: AnyArray, rules: dict[Cell, str], ends: Iterable[Arrival]) -> dict[Arrival, list[Signal]]:
+    """Lists the signals at the ends of roads.
+
+    Args:
+      codes: of the map, or a `RoadMap` with signs and lights. A sign is at one end, of the road whose drivers read it.
+        A light is at all ends of its crossing.
+      rules: the right of way of each crossing, which has signs or lights at all ends if the map has none for it.
+      ends: of all roads.
+    """
+    numbers, own = count(1), set()
+    found: dict[Arrival, list[Signal]] = {end: [] for end in ends}
+    headings = {end: SIDES.index(SIDE_TOWARDS[end[0][0] - end[1][0], end[0][1] - end[1][1]]) for end in found}
+    for thing in _signs(codes):
+        tile = _crossing_of(thing, rules)
+        if thing.kind in _RULES:
+            own.add(tile)
+        if thing.kind == "trafficlight" and tile:
+            for end in (end for end in found if end[0] == tile):
+                found[end].append(Signal(next(numbers), thing.kind, thing, (1 - headings[end]) * pi / 2))
+            continue
+        heading = _heading_of_reader(thing)
+        nearest = min(found, key=lambda end: (end[0] != tile, headings[end] != heading, _distance(thing, end[0])))
+        found[nearest].append(Signal(next(numbers), thing.kind, thing, thing.angle + pi))
+    for end in found:
+        kind = _KINDS.get(rules.get(end[0], ""))
+        if kind and end[0] not in own:
+            found[end].append(Signal(next(numbers), kind))
+    return found
+
+
+def _signs(codes: AnyArray) -> list[MapObject]:
+    objects: Iterable[MapObject] = getattr(codes, "objects", None) or ()
+    return [thing for thing in objects if thing.kind.startswith("sign_") or thing.kind == "trafficlight"]
+
+
+def _crossing_of(thing: MapObject, crossings: Collection[Cell]) -> Cell | None:
+    """Returns the crossing that a sign or a light belongs to, if one is near."""
+    nearest = min(crossings, key=lambda tile: _distance(thing, tile), default=None)
+    return nearest if nearest and _distance(thing, nearest) < _FAR else None
+
+
+def _distance(thing: MapObject, tile: Cell) -> float:
+    """Returns the distance in tiles of a light from a tile; of a sign from the far side as its reader sees it."""
+    ahead, share = SIDES[_heading_of_reader(thing)], 0 if thing.kind == "trafficlight" else 0.5
+    return hypot(tile[1] + 0.5 + share * ahead.right - thing.x, tile[0] + 0.5 + share * ahead.down - thing.y)
+
+
+def _heading_of_reader(sign: MapObject) -> int:
+    """Returns the heading of who drives towards a sign: 0 north, 1 east, 2 south, 3 west."""
+    return round(-1 - sign.angle / (pi / 2)) % 4
+
+
+def signal_element(signal: Signal, s: float, lane: int, streets: Streets, rows: int) -> str:
+    """Returns the element of a signal for the drivers of a lane, at the distance `s` from the start of its road."""
+    high = wide = streets.lane / 4
+    above, place = 0.7 * streets.lane, ""
+    if signal.thing:
+        thing, above = signal.thing, 0
+        high, wide = (size * streets.tile / TILE_SIZE for size in (thing.height, thing.footprint[1]))
+        x, y = thing.x * streets.tile, (rows - thing.y) * streets.tile
+        place = f'<positionInertial x="{x:.9g}" y="{y:.9g}" z="0" hdg="{signal.heading:.9g}"/>'
+    kind, subtype = _TYPES.get(signal.kind, ("-1", "-1"))
+    about = f'country="DE" type="{kind}" subtype="{subtype}" dynamic="no"'
+    if signal.kind == "trafficlight":
+        about = 'country="OpenDRIVE" type="1000001" subtype="-1" dynamic="yes"'
+    return (
+        f'<signal s="{s:.9g}" t="{1.25 * lane * streets.lane:.9g}" id="{signal.number}" name="{signal.kind}" '
+        f'orientation="{"-" if lane > 0 else "+"}" {about} value="-1" zOffset="{above:.9g}" height="{high:.9g}" '
+        f'width="{wide:.9g}"><validity fromLane="{lane}" toLane="{lane}"/>{place}</signal>'
+    )

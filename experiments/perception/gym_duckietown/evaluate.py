@@ -1,0 +1,109 @@
+"""How well do networks see in gym-duckietown's pictures? Beside them: colour thresholds, and a constant.
+
+    python -m experiments.perception.gym_duckietown.evaluate PICTURES... --pose FILE... --labels FILE... --out FILE
+
+PICTURES are files of `pictures`; the weights are files of `train`.
+"""
+
+import argparse
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax.tiles import LABELS
+from experiments.common import Parser, leave, run, table, write
+from experiments.perception.gym_duckietown.classical import find_lane, find_lines
+from experiments.perception.gym_duckietown.nets import find_labels, find_poses, read_weights
+from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
+from experiments.perception.unet import confusion, ious
+
+__all__ = ["label_table", "main", "pose_table"]
+
+_RESAMPLES = 1000
+
+Finder = Callable[[UInt8[NDArray, "N 120 160 3"]], NDArray[np.generic]]
+
+
+def _classical_poses(images: UInt8[NDArray, "N 120 160 3"]) -> Float[NDArray, "N 2"]:
+    return np.array([find_lane(image) for image in images])
+
+
+def _classical_labels(images: UInt8[NDArray, "N 120 160 3"]) -> UInt8[NDArray, "N 120 160"]:
+    """Labels lines by their colour, and nothing else, because a colour does not tell the road from what is beyond."""
+    found = np.zeros(images.shape[:3], np.uint8)
+    for one, image in zip(found, images, strict=True):
+        lines = find_lines(image)
+        one[lines["red"]], one[lines["yellow"]] = LABELS.index("stop line"), LABELS.index("lane separator")
+    return found
+
+
+def _errors(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
+    """Returns the errors in centimetres and radians."""
+    d, phi = (found[:, :2] - pictures.lanes[:, :2]).T
+    return np.abs(np.column_stack([d * TILE * 100, (phi + np.pi) % (2 * np.pi) - np.pi]))
+
+
+def _interval(errors: Float[NDArray, " N"]) -> str:
+    """Returns the median with its 95 % interval, by resampling."""
+    rng = np.random.default_rng(0)
+    medians = np.median(rng.choice(errors, (_RESAMPLES, len(errors))), axis=1)
+    low, high = np.percentile(medians, (2.5, 97.5))
+    return f"{np.median(errors):.3g} ({low:.3g} to {high:.3g})"
+
+
+def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str:
+    """Returns a table of errors against gym-duckietown's lane pose."""
+    rows = []
+    for style, shown in pictures.items():
+        found = {name: np.asarray(find(shown.images), float) for name, find in finders.items()}
+        for name, lanes in {**found, "our lane pose": shown.ours}.items():
+            errors = _errors(shown, lanes)
+            parts = {"all": np.ones(len(errors), bool)} | {kind: shown.kinds == k for k, kind in enumerate(KINDS)}
+            for part, which in parts.items():
+                if part == "all" or name in list(finders)[:1]:
+                    d, phi = errors[which].T
+                    far, turned = f"{np.percentile(d, 90):.3g}", f"{np.percentile(phi, 90):.3g}"
+                    rows.append([style, name, part, str(which.sum()), _interval(d), far, _interval(phi), turned])
+    head = ["style", "method", "tiles", "pictures", "offset, cm: median", "90 %", "angle, rad: median", "90 %"]
+    return table(head, rows, left=3)
+
+
+def label_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str:
+    """Returns a table of each class's IoU on maps without objects."""
+    rows = []
+    for style, shown in pictures.items():
+        plain = ~shown.objects
+        for name, find in finders.items():
+            found = np.asarray(find(shown.images[plain]), np.uint8)
+            scores = ious(confusion(shown.labels[plain], found, len(LABELS)))
+            rows.append([style, name, *(f"{score:.3f}" for score in scores)])
+    return table(["style", "method", *LABELS], rows, left=2)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("evaluate", __doc__)
+    parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURES")
+    parser.add_argument("--pose", nargs="*", type=Path, default=[], metavar="FILE", help="weights for lane poses")
+    parser.add_argument("--labels", nargs="*", type=Path, default=[], metavar="FILE", help="weights for labels")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="tables, .md")
+    options = parser.parse_args(arguments)
+    return run("evaluate", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    pictures = {file.stem: read_pictures(file) for file in options.pictures}
+    poses: dict[str, Finder] = {file.stem: partial(find_poses, read_weights(file)) for file in options.pose}
+    labels: dict[str, Finder] = {file.stem: partial(find_labels, read_weights(file)) for file in options.labels}
+    poses |= {"colours and votes": _classical_poses, "a constant": lambda images: np.zeros((len(images), 2))}
+    text = pose_table(pictures, poses) + "\n" + label_table(pictures, labels | {"colours": _classical_labels})
+    print(text)
+    write(options.out, text)
+
+
+if __name__ == "__main__":
+    leave(main())

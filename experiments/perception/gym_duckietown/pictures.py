@@ -1,0 +1,117 @@
+"""Pictures of gym-duckietown at random poses on lanes, with labels and lane poses, in a file.
+
+    python -m experiments.perception.gym_duckietown.pictures {development,test} --out FILE [--style NAME] [--poses N]
+
+Pictures of test maps serve for figures alone. Those of development maps serve to train a network on gym-duckietown's
+own pictures, which shows the limit.
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import jax
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax.drive import Pose, lane_pose
+from experiments.common import Parser, leave, run, whole
+from experiments.perception.gym_duckietown.compare import CLASSES, classes_of
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS
+from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
+
+__all__ = ["KINDS", "STYLES", "TILE", "Pictures", "main", "read_pictures", "shrink", "take"]
+
+STYLES = ("photos", "synthetic")
+KINDS = ("straight", "curve", "crossing")
+
+TILE = 0.585
+"""The side of a tile in metres."""
+
+_CURVATURES = np.array([-1 / 0.3, 0, 1 / 0.7], np.float32)  # of a right turn, straight on, a left turn, in 1 / tiles
+_PORTION = 16  # poses of one request
+
+
+class Pictures(NamedTuple):
+    """Pictures of gym-duckietown. The first three fields are those of `train.Views`.
+
+    Attributes:
+      images: uint8 ``[N, 120, 160, 3]``.
+      labels: uint8 ``[N, 120, 160]``, indices of `LABELS`, of the map without objects.
+      lanes: float32 ``[N, 3]``, gym-duckietown's lane pose in tiles and radians, and our curvature in 1 / tiles.
+      ours: float32 ``[N, 2]``, our lane pose at the same pose.
+      kinds: uint8 ``[N]``, indices of `KINDS`.
+      objects: bool ``[N]``, whether the map has objects.
+    """
+
+    images: UInt8[NDArray, "N 120 160 3"]
+    labels: UInt8[NDArray, "N 120 160"]
+    lanes: Float[NDArray, "N 3"]
+    ours: Float[NDArray, "N 2"]
+    kinds: UInt8[NDArray, " N"]
+    objects: NDArray[np.bool_]
+
+
+def shrink(images: UInt8[NDArray, "N 480 640 3"]) -> UInt8[NDArray, "N 120 160 3"]:
+    """Scales pictures to the size that the networks see, by area."""
+    small = [cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA) for image in images]
+    return np.stack(small).astype(np.uint8)
+
+
+def take(world: World, place: DuckietownMap, style: str, count: int, seed: int) -> Pictures:
+    """Takes pictures of a map at random poses. Poses where gym-duckietown finds no lane are left out."""
+    poses = random_poses(place.codes, count, seed)
+    near = jax.vmap(partial(lane_pose, place.codes))(Pose(*poses.T.astype(np.float32)))
+    codes = place.codes[np.floor(poses[:, 1]).astype(int), np.floor(poses[:, 0]).astype(int)]
+    ways = np.array([int(code).bit_count() for code in codes])
+    kinds = np.where(ways > 2, 2, np.where(np.isin(codes, (5, 10)), 0, 1)).astype(np.uint8)
+    shown = {}
+    for name in (style, "labels"):
+        about = world.load(place, style=name)
+        asked = [poses[first : first + _PORTION] for first in range(0, count, _PORTION)]
+        shown[name] = [world.ask("look", poses=part) for part in asked]
+    images = np.concatenate([shrink(part["image"]) for part in shown[style]])
+    # Nearest pixels, as our labels are.
+    labels = np.concatenate([classes_of(part["image"][:, 2::4, 2::4]) for part in shown["labels"]])
+    labels[labels == CLASSES.index("white line")] = 0
+    lane = np.concatenate([part["lane"] for part in shown[style]]) / (TILE, 1)
+    lanes = np.column_stack([lane, _CURVATURES[np.asarray(near.movement.turn)]]).astype(np.float32)
+    ours = np.column_stack([near.d, near.phi]).astype(np.float32)
+    objects = np.full(count, len(about["objects"]) > 0)
+    found = np.isfinite(lanes).all(axis=1)
+    return Pictures(images[found], labels[found], lanes[found], ours[found], kinds[found], objects[found])
+
+
+def read_pictures(file: Path) -> Pictures:
+    """Reads the file of `main`."""
+    with np.load(file) as arrays:
+        return Pictures(*(arrays[name] for name in Pictures._fields))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("pictures", __doc__)
+    parser.add_argument("part", choices=("development", "test"))
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".npz")
+    parser.add_argument("--style", choices=STYLES, default="photos")
+    parser.add_argument("--poses", type=whole(1, 10_000), default=30, metavar="N", help="on each map; default 30")
+    options = parser.parse_args(arguments)
+    return run("pictures", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    with World() as world:
+        maps = read_maps(options.part)
+        parts = [take(world, place, options.style, options.poses, index) for index, place in enumerate(maps)]
+    pictures = Pictures(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(options.out, **pictures._asdict())
+    print(f"{len(pictures.images)} pictures of {len(maps)} maps in {options.out}")
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,154 @@
+"""A network drives in gym-duckietown's physics: it sees a picture, and pure pursuit follows the lane it finds.
+
+    python -m experiments.perception.gym_duckietown.rides WEIGHTS --out FILE [--part test] [--seconds 60] [--rides N]
+
+Physics have 30 steps a second, the network sees every second one. A ride ends when the robot leaves the drivable tiles
+or hits an object. FILE keeps each finished ride: after an interruption, the same command continues.
+"""
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Float, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax import InputError
+from elitelanes_jax.drive import Pose, lane_pose
+from experiments.common import Parser, Untyped, leave, run, table, whole, write
+from experiments.perception.gym_duckietown.nets import find_poses, read_weights
+from experiments.perception.gym_duckietown.pictures import TILE, shrink
+from experiments.perception.gym_duckietown.world import DuckietownMap, World, random_poses, read_maps
+
+__all__ = ["TRUTH", "follow", "main", "ride", "sees"]
+
+TRUTH = "truth"
+"""The driver that is told the lane pose: the limit of the controller."""
+
+Eyes = Callable[[dict[str, Untyped]], Float[NDArray, "3"]]
+"""Returns tiles and radians to the left of the lane, and its curvature, for an answer of the bridge."""
+
+_FRAMES, _RATE = 2, 30
+_SPEED, _LOOKAHEAD = 0.25, 0.2  # metres a second, metres
+_FORWARD, _TURN = 0.3, 3.75  # metres and radians a second, of the sum and the difference of commands at rest
+
+
+def follow(lane: Float[NDArray, "3"]) -> Float[NDArray, "2"]:
+    """Returns the commands of the wheels that lead to a point of the lane ahead, by pure pursuit."""
+    d, phi, curvature = lane[0] * TILE, lane[1], lane[2] / TILE
+    bend = curvature * _LOOKAHEAD
+    ahead = _LOOKAHEAD * np.sinc(bend / np.pi)
+    beside = _LOOKAHEAD * np.sin(bend / 2) * np.sinc(bend / 2 / np.pi) - d
+    left = beside * np.cos(phi) - ahead * np.sin(phi)
+    turn = _SPEED * 2 * left / (ahead**2 + beside**2)
+    both, apart = _SPEED / _FORWARD, turn / _TURN
+    return np.array([both - apart, both + apart]) / 2
+
+
+def ride(
+    world: World, start: Float[NDArray, "3"], codes: NDArray[np.int8], eyes: Eyes, seconds: float
+) -> tuple[dict[str, float], list[UInt8[NDArray, "480 640 3"]], list[Float[NDArray, "3"]]]:
+    """Drives from a pose; returns what happened, a picture of each second, and the poses of these pictures.
+
+    The table has the seconds until the robot left the road or hit something, the metres, and the share of the time in
+    the oncoming lane.
+    """
+    seen = world.ask("start", pose=start)
+    metres, oncoming, images, poses = 0.0, 0, list[NDArray[np.uint8]](), list[NDArray[np.float64]]()
+    steps = round(seconds * _RATE / _FRAMES)
+    for step in range(steps):
+        if step % (_RATE // _FRAMES) == 0:
+            images.append(seen["image"])
+            poses.append(seen["pose"])
+        before = seen["pose"]
+        seen = world.ask("step", action=follow(eyes(seen)), frames=_FRAMES)
+        metres += float(np.hypot(*(seen["pose"] - before)[:2])) * TILE
+        oncoming += bool(_nearest(codes, np.float32(seen["pose"])).oncoming)
+        if seen["hit"] or not seen["on_road"]:
+            break
+    lasted, on_road, no_hit = (step + 1) * _FRAMES / _RATE, bool(seen["on_road"]), not seen["hit"]
+    about = {"seconds": lasted, "on_road": float(on_road), "no_hit": float(no_hit), "metres": metres}
+    about["oncoming"] = oncoming / (step + 1)
+    return about, images, poses
+
+
+@jax.jit
+def _nearest(codes: NDArray[np.int8], pose: Float[NDArray, "3"]) -> Untyped:
+    return lane_pose(codes, Pose(*pose))
+
+
+def _truth(codes: NDArray[np.int8], seen: dict[str, Untyped]) -> NDArray[np.float64]:
+    near = _nearest(codes, np.float32(seen["pose"]))
+    return np.array([near.d, near.phi, (-1 / 0.3, 0, 1 / 0.7)[int(near.movement.turn)]])
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("rides", __doc__)
+    parser.add_argument("weights", help=f"file of train, or {TRUTH}")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="rides, .json")
+    parser.add_argument("--part", choices=("development", "test"), default="test")
+    parser.add_argument("--seconds", type=whole(1, 600), default=60, metavar="S", help="of a ride; default 60")
+    parser.add_argument("--rides", type=whole(1, 100), default=1, metavar="N", help="on each map; default 1")
+    parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
+    options = parser.parse_args(arguments)
+    return run("rides", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    settings = {name: str(value) for name, value in vars(options).items() if name != "out"}
+    kept = json.loads(options.out.read_text(encoding="utf-8")) if options.out.exists() else {"settings": settings}
+    if kept["settings"] != settings:
+        raise InputError(f"{options.out}: expected rides with the same options, got {kept['settings']}")
+    weights = None if options.weights == TRUTH else read_weights(Path(options.weights))
+    with World() as world:
+        for place in read_maps(options.part):
+            if place.name not in kept:
+                kept[place.name] = _rides_on(world, place, weights, options)
+                write(options.out, json.dumps(kept, indent=1))
+                print(place.name, kept[place.name], flush=True)
+    print(report({name: found for name, found in kept.items() if name != "settings"}))
+
+
+def _rides_on(world: World, place: DuckietownMap, weights: Untyped, options: argparse.Namespace) -> dict[str, Untyped]:
+    about = world.load(place, domain_rand=options.domain_rand)
+    eyes = partial(_truth, place.codes) if weights is None else sees(weights)
+    starts = random_poses(place.codes, options.rides, 7)
+    found = [ride(world, start, place.codes, eyes, options.seconds)[0] for start in starts]
+    return {"objects": len(about["objects"]), "rides": found}
+
+
+def sees(weights: Untyped) -> Eyes:
+    """Returns a function that finds the lane in an answer's picture."""
+    return lambda seen: np.asarray(find_poses(weights, shrink(seen["image"][None]))[0], float)
+
+
+def report(kept: dict[str, Untyped]) -> str:
+    """Returns a table of rides on people's maps with and without objects, and on our towns."""
+    groups: dict[str, list[dict[str, float]]] = {}
+    for name, found in kept.items():
+        ours = name.startswith("town ")
+        group = "our towns" if ours else "people's maps, objects" if found["objects"] else "people's maps, no objects"
+        groups.setdefault(group, []).extend(found["rides"])
+    rows = []
+    for group, rides in groups.items():
+        on_road, no_hit, own = (
+            np.mean(part)
+            for part in (
+                [one["on_road"] for one in rides],
+                [one["on_road"] * one["no_hit"] for one in rides],
+                [one["on_road"] and one["oncoming"] == 0 for one in rides],
+            )
+        )
+        metres = sum(one["metres"] for one in rides) / sum(one["seconds"] for one in rides) * 60
+        rows.append([group, str(len(rides)), f"{on_road:.0%}", f"{no_hit:.0%}", f"{own:.0%}", f"{metres:.1f}"])
+    head = ["maps", "rides", "stay on the road", "and hit nothing", "never in the oncoming lane", "metres a minute"]
+    return table(head, rows)
+
+
+if __name__ == "__main__":
+    leave(main())

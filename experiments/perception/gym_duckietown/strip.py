@@ -1,0 +1,66 @@
+"""A ride in gym-duckietown as a strip of pictures, above our camera's pictures at the same poses.
+
+python -m experiments.perception.gym_duckietown.strip WEIGHTS MAP --out FILE [--seconds N] [--domain-rand]
+
+The pictures are spread over the ride. A ride ends when the robot leaves the road or hits something.
+"""
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+import cv2
+import jax
+import numpy as np
+
+from elitelanes_jax import InputError, load_tiles
+from elitelanes_jax.drive import Camera, Pose, look, make_atlas
+from elitelanes_jax.tiles import choose_tiles, png_of, scale_tiles
+from experiments.common import Parser, leave, run, whole, write
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, read_weights
+from experiments.perception.gym_duckietown.rides import ride, sees
+from experiments.perception.gym_duckietown.world import World, random_poses, read_maps
+
+__all__ = ["main"]
+
+_SHOWN = 6
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("strip", __doc__)
+    parser.add_argument("weights", type=Path)
+    parser.add_argument("map", metavar="MAP", help="one of people's maps in maps.toml")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png")
+    parser.add_argument("--seconds", type=whole(_SHOWN, 600), default=30, metavar="N", help="default 30")
+    parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
+    options = parser.parse_args(arguments)
+    return run("strip", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    maps = {place.name: place for part in ("development", "test") for place in read_maps(part, towns=False)}
+    if options.map not in maps:
+        raise InputError(f"map: expected one of {', '.join(maps)}, got {options.map!r}")
+    place = maps[options.map]
+    with World() as world:
+        world.load(place, domain_rand=options.domain_rand)
+        start = random_poses(place.codes, 1, 7)[0]
+        about, images, poses = ride(world, start, place.codes, sees(read_weights(options.weights)), options.seconds)
+    shown = np.linspace(0, len(images) - 1, _SHOWN).round().astype(int)
+    tiles = load_tiles()
+    scaled, chosen = scale_tiles(tiles, 384), choose_tiles(place.codes, tiles)
+    atlas, camera = make_atlas(scaled["image"], scaled["labels"]), Camera(rows=480, columns=640)
+    cells = chosen[..., 0] * 4 + chosen[..., 1]
+    view = jax.jit(partial(look, jax.random.key(0), tiles=cells, atlas=atlas, camera=camera))
+    ours = [np.asarray(view(Pose(*poses[index].astype(np.float32).tolist())).image) for index in shown]
+    pictures = [*(images[index] for index in shown), *ours]
+    small = [cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA) for image in pictures]
+    rows = [np.concatenate(small[first : first + _SHOWN], axis=1) for first in (0, _SHOWN)]
+    write(options.out, png_of(np.concatenate(rows).astype(np.uint8)))
+    print(about)
+
+
+if __name__ == "__main__":
+    leave(main())

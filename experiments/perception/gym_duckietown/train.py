@@ -1,0 +1,147 @@
+"""Trains the network for lane poses, or for labels, on a dataset of robots' views; no picture of gym-duckietown.
+
+    python -m experiments.perception.gym_duckietown.train {pose,labels} DATASET --out FILE [--steps N]
+
+DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160 --format plain`, or pictures of `own_pictures`.
+An interrupted training continues with the same command.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import NamedTuple
+
+import cv2
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from flax.serialization import from_bytes, to_bytes
+from jaxtyping import Array, Float, UInt8
+from numpy.typing import NDArray
+
+from elitelanes_jax import InputError
+from experiments.common import Parser, Pytree, leave, run, whole, write
+from experiments.perception.gym_duckietown.nets import COLUMNS, ROWS, SCALES, PoseNet, write_weights
+from experiments.perception.unet import UNet
+
+__all__ = ["TASKS", "Views", "main", "read_views", "train"]
+
+TASKS = ("pose", "labels")
+
+_BATCH = {"pose": 64, "labels": 8}
+_STEPS = {"pose": 6000, "labels": 3000}
+_LEARNING_RATE = {"pose": 2e-3, "labels": 5e-3}
+_KEEP_EVERY = 60  # seconds
+
+
+class Views(NamedTuple):
+    """Pictures to train on.
+
+    Attributes:
+      images: uint8 ``[N, 120, 160, 3]``.
+      labels: uint8 ``[N, 120, 160]``.
+      lanes: float32 ``[N, 3]``, tiles and radians to the left of the nearest lane, and its curvature.
+    """
+
+    images: UInt8[NDArray, "N 120 160 3"]
+    labels: UInt8[NDArray, "N 120 160"]
+    lanes: Float[NDArray, "N 3"]
+
+
+def read_views(folder: Path, part: str = "train") -> Views:
+    """Reads a part of a dataset in the layout plain, or pictures of `own_pictures`.
+
+    Raises:
+      InputError: for another folder, or pictures of another size.
+    """
+    if folder.suffix == ".npz":
+        with np.load(folder) as arrays:
+            return Views(*(arrays[name] for name in Views._fields))
+    try:
+        lines = (folder / part / "metadata.jsonl").read_text(encoding="utf-8").splitlines()
+        rows = [json.loads(line) for line in lines]
+        lanes = [[row["nearest"][name] for name in ("d", "phi", "curvature")] for row in rows]
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{folder}: expected a dataset of dataset --camera --format plain, got: {error!r}") from None
+    if {tuple(row["pixels"]) for row in rows} != {(ROWS, COLUMNS)}:
+        raise InputError(f"{folder}: expected pictures of {ROWS} x {COLUMNS} pixels, got {rows[0]['pixels']}")
+    files = [folder / part / row["folder"] for row in rows]
+    images = [np.asarray(cv2.imread(str(file / "image.png")))[..., ::-1] for file in files]
+    labels = [np.asarray(cv2.imread(str(file / "labels.png"), cv2.IMREAD_GRAYSCALE)) for file in files]
+    return Views(np.stack(images), np.stack(labels).astype(np.uint8), np.array(lanes, np.float32))
+
+
+def _pose_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, shares: Array) -> Array:
+    """Computes the mean absolute error in units of `SCALES`."""
+    found: Pytree = PoseNet().apply(weights, images)
+    return jnp.abs(found - lanes / SCALES).mean()
+
+
+def _label_loss(weights: Pytree, images: Array, labels: Array, lanes: Array, shares: Array) -> Array:
+    """Computes the cross-entropy; a class weighs one over the root of its share of all pixels."""
+    logits: Pytree = UNet(4).apply(weights, images)
+    weight = (1 / jnp.sqrt(shares))[labels]
+    losses = optax.softmax_cross_entropy_with_integer_labels(logits, labels)
+    return (weight * losses).sum() / weight.sum()
+
+
+def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say: Callable[[str], None]) -> Pytree:
+    """Trains a network; returns its weights. The checkpoint is kept up to date, and continued if it exists."""
+    batch, loss = _BATCH[task], _pose_loss if task == "pose" else _label_loss
+    net: Pytree = PoseNet() if task == "pose" else UNet(4)
+    schedule = optax.warmup_cosine_decay_schedule(0, _LEARNING_RATE[task], min(200, steps), steps + 1)
+    optimizer = optax.chain(optax.clip_by_global_norm(1.0), optax.adamw(schedule, weight_decay=1e-4))
+    weights = net.init(jax.random.key(seed), jnp.zeros((1, ROWS, COLUMNS, 3), jnp.uint8))
+    state: Pytree = (0, weights, optimizer.init(weights), 0.0)
+    if checkpoint.exists():
+        state = from_bytes(state, checkpoint.read_bytes())
+    shares = jnp.asarray(
+        np.maximum(np.bincount(views.labels[::10].ravel(), minlength=4) / views.labels[::10].size, 1e-4)
+    )
+
+    @partial(jax.jit, donate_argnums=(0, 1))
+    def update(weights: Pytree, memory: Pytree, *parts: Array) -> tuple[Pytree, Pytree, Array]:
+        value, slope = jax.value_and_grad(loss)(weights, *parts, shares)
+        change, memory = optimizer.update(slope, memory, weights)
+        return optax.apply_updates(weights, change), memory, value
+
+    first, weights, memory, mean = state
+    kept = time.monotonic()
+    for step in range(int(first), steps):
+        chosen = np.random.default_rng([seed, step]).integers(len(views.images), size=batch)
+        weights, memory, value = update(weights, memory, *(part[chosen] for part in views))
+        mean += (float(value) - mean) * max(0.01, 1 / (step + 1))
+        if time.monotonic() - kept > _KEEP_EVERY or step + 1 == steps:
+            write(checkpoint, to_bytes((step + 1, weights, memory, mean)))
+            say(f"{task}: step {step + 1} of {steps}, loss {mean:.4f}")
+            kept = time.monotonic()
+    return weights
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command line; returns its exit code."""
+    parser = Parser("train", __doc__)
+    parser.add_argument("task", choices=TASKS)
+    parser.add_argument("dataset", type=Path)
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
+    parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")
+    parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of first weights and batches; default 0")
+    options = parser.parse_args(arguments)
+    return run("train", lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> None:
+    views, steps = read_views(options.dataset), options.steps or _STEPS[options.task]
+    checkpoint = options.out.with_suffix(".checkpoint")
+    weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
+    write_weights(options.out, weights)
+    print(f"{options.out}: {options.out.stat().st_size:,} bytes")
+    checkpoint.unlink()
+
+
+if __name__ == "__main__":
+    leave(main())

@@ -1,0 +1,64 @@
+/** The tiles and the tape that it takes to build a map. */
+import { rotateCode, type Grid } from "./codes";
+import { check, FileError } from "./errors";
+
+/** What Python says of Duckietown's tiles. Lengths are in metres. */
+export interface PlanValues {
+  readonly tile_size: number;
+  /** The longest side of maps that have a plan, in tiles. */
+  readonly longest: number;
+  /** The width of tape by colour. */
+  readonly widths: Readonly<Record<string, number>>;
+  /** The kinds of tiles: each has its code and tapes without a rotation. */
+  readonly kinds: Readonly<
+    Record<
+      string,
+      {
+        readonly code: number;
+        readonly tapes: readonly (readonly [colour: string, points: readonly (readonly [x: number, y: number])[]])[];
+      }
+    >
+  >;
+}
+
+export interface PlacedTile {
+  readonly row: number;
+  readonly column: number;
+  readonly kind: string;
+  /** Counter-clockwise. */
+  readonly quarterTurns: number;
+}
+
+export interface Plan {
+  readonly placed: readonly PlacedTile[];
+  /** The number of tiles by kind. */
+  readonly tiles: Readonly<Record<string, number>>;
+  /** Metres by colour. */
+  readonly tape: Readonly<Record<string, number>>;
+}
+
+/** Lists the tiles and the tape of a map. */
+export function planOf({ height, width, codes }: Grid, { kinds, widths, longest }: PlanValues): Plan {
+  check(codes.some(Boolean), "A plan needs a map with roads");
+  check(Math.max(height, width) <= longest, `A plan has at most ${longest} × ${longest} tiles`);
+  const placed: PlacedTile[] = [];
+  codes.forEach((code, cell) => {
+    if (!code) return;
+    const [row, column] = [Math.floor(cell / width), cell % width];
+    for (const [kind, { code: upright }] of Object.entries(kinds)) {
+      const quarterTurns = [0, 1, 2, 3].findIndex((turns) => rotateCode(upright, turns) === code);
+      if (quarterTurns >= 0) return void placed.push({ row, column, kind, quarterTurns });
+    }
+    throw new FileError(`Duckietown has no tile for the dead end at row ${row}, column ${column}; mend the map first`);
+  });
+  const tiles: Record<string, number> = Object.fromEntries(Object.keys(kinds).map((kind) => [kind, 0]));
+  const tape: Record<string, number> = Object.fromEntries(Object.keys(widths).map((colour) => [colour, 0]));
+  for (const { kind } of placed) {
+    tiles[kind]++;
+    for (const [colour, points] of kinds[kind].tapes)
+      points
+        .slice(1)
+        .forEach(([x, y], index) => (tape[colour] += Math.hypot(x - points[index][0], y - points[index][1])));
+  }
+  return { placed, tiles, tape };
+}

@@ -1,0 +1,118 @@
+"""Variation of views: off by default, within its ranges, the same every time, and only where it belongs."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elitelanes_jax.dataset._robot_views import draw_viewpoint, see_labels, shift_points
+from elitelanes_jax.dataset._samples import draw_sample
+from elitelanes_jax.dataset._transforms import VARIATION, Transforms, parse_transforms
+from elitelanes_jax.dataset._variation import compress, vary_background, vary_light, vary_motion
+from elitelanes_jax.dataset._viewpoints import Viewpoints
+from elitelanes_jax.dataset._views import map_points
+from elitelanes_jax.formats.road_map import RoadMap
+
+LOOP = np.pad(np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8), 1)
+SMALL = Viewpoints(rows=48, columns=64)
+PX = 64
+
+
+def rng(seed=0):
+    return np.random.default_rng(seed)
+
+
+def image_of(seed=0, shape=(40, 60, 3)):
+    return rng(seed).integers(0, 256, shape, np.uint8)
+
+
+@pytest.mark.parametrize("name", VARIATION)
+@pytest.mark.parametrize("camera", [None, SMALL])
+def test_a_variation_changes_the_picture_alone_and_the_same_way_each_time(name, camera, drawn_tiles):
+    most = {"motion": 10.0, "warmth": 0.5}.get(name, 1.0)
+
+    def draw(transforms):
+        return draw_sample(RoadMap(LOOP), drawn_tiles, 1, tile_px=PX, camera=camera, transforms=transforms)
+
+    plain, varied, again = (draw(Transforms(**values)) for values in ({}, {name: most}, {name: most}))
+    assert varied.record == plain.record
+    for layer, pixels in varied.layers.items():
+        np.testing.assert_array_equal(pixels, again.layers[layer])
+        if layer != "image":
+            np.testing.assert_array_equal(pixels, plain.layers[layer])
+    assert (varied.layers["image"] != plain.layers["image"]).any()
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=20)
+def test_a_background_covers_nothing_else(seed):
+    image = image_of()
+    ground, sky = np.zeros((2, 40, 60), bool)
+    ground[20:30], sky[:10] = True, True
+    shown = vary_background(rng(seed), image, ground, sky, Transforms(background=1))
+    kept = ~(ground | sky)
+    np.testing.assert_array_equal(shown[kept], image[kept])
+    assert (shown[~kept] != image[~kept]).any()
+    assert vary_background(rng(seed), image, ground, sky, Transforms()) is image
+
+
+def test_no_range_no_change():
+    image, none = image_of(), Transforms()
+    np.testing.assert_array_equal(vary_light(rng(), image, none), image)
+    assert vary_motion(rng(), image, 0) is image
+    assert compress(rng(), image, 0) is image
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=20)
+def test_shadows_and_vignettes_take_at_most_their_share_of_the_light(seed):
+    image = np.full((40, 60, 3), 200, np.uint8)
+    shown = vary_light(rng(seed), image, Transforms(shadow=0.5, vignette=0.5))
+    assert 200 * 0.25 - 1 <= shown.min() <= shown.max() <= 200
+    np.testing.assert_array_equal(shown[..., 0], shown[..., 1])
+    warm = vary_light(rng(seed), image, Transforms(warmth=0.2)).astype(int)
+    assert (abs(warm[..., 0] + warm[..., 2] - 400) <= 1).all() and (abs(warm[..., 0] - 200) <= 40).all()
+
+
+def test_motion_keeps_the_light_and_smears_at_most_its_length():
+    image = np.zeros((41, 41, 3), np.uint8)
+    image[20, 20] = 250
+    for seed in range(10):
+        rows, columns = np.nonzero(vary_motion(rng(seed), image, 10)[..., 0])
+        assert np.hypot(rows - 20, columns - 20).max() <= 5 + np.sqrt(0.5)
+    plain = np.full((20, 20, 3), 77, np.uint8)
+    np.testing.assert_array_equal(vary_motion(rng(1), plain, 10), plain)
+
+
+def test_compression_loses_more_when_it_is_stronger():
+    image = cv2.GaussianBlur(image_of(), (0, 0), 2)
+    lost = [np.abs(compress(rng(3), image, most).astype(int) - image).mean() for most in (0.1, 0.5, 1)]
+    assert 0 < lost[0] < lost[1] < lost[2] < 30
+
+
+def test_lines_move_outwards_and_points_with_them():
+    """A mark on the map is seen where its shifted point lies; the middle of the road and the edges of tiles stay."""
+    for number in range(30):
+        viewpoint = draw_viewpoint(rng(number), SMALL.replace(lines=0.05), LOOP, PX)
+        assert abs(viewpoint.lines) <= 0.05
+        np.testing.assert_allclose(shift_points(np.array([[PX / 2, PX]]), viewpoint), [[PX / 2, PX]], atol=1e-3)
+        (moved,) = shift_points(np.array([[PX + 0.09 * PX, 1.91 * PX]]), viewpoint)
+        assert np.sign(1.09 - moved[0] / PX) == np.sign(moved[1] / PX - 1.91) == np.sign(viewpoint.lines)
+        pose = viewpoint.about["pose"]
+        x, y = (PX * (pose["x"] + 0.45 * np.cos(pose["theta"])), PX * (pose["y"] - 0.45 * np.sin(pose["theta"])))
+        marked = np.zeros((5 * PX, 5 * PX), np.uint8)
+        marked[int(y), int(x)] = 1
+        found = np.argwhere(see_labels(marked, viewpoint))
+        ((across, down),) = map_points(
+            shift_points(np.array([[int(x) + 0.5, int(y) + 0.5]]), viewpoint), viewpoint.matrix
+        )
+        assert not len(found) or np.abs(found.mean(axis=0) + 0.5 - (down, across)).max() < 2
+    assert draw_viewpoint(rng(), SMALL, LOOP, PX).lines == 0
+
+
+def test_words():
+    varied = parse_transforms("varied")
+    assert all(getattr(varied, name) for name in VARIATION)
+    assert parse_transforms(["varied", "shadow=0"]) == varied.replace(shadow=0.0)
+    assert not any(getattr(parse_transforms("standard"), name) for name in VARIATION)

@@ -1,0 +1,109 @@
+"""The experiment on detection: what its network learns from, its judge, and that it runs."""
+
+import sys
+from functools import partial
+
+import jax
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments.perception import detection
+from experiments.perception.detection import KINDS, SIZES, Pictures
+
+centernet = pytest.importorskip(
+    "experiments.perception.centernet", reason="flax and optax are not here", exc_type=ImportError
+)
+
+SIDE = 32
+
+targets = jax.jit(partial(centernet.targets, size=(SIDE // 2, SIDE // 2), count=3))
+sides = st.integers(0, SIDE - 2).flatmap(lambda low: st.tuples(st.just(low), st.integers(1, SIDE - low)))
+
+
+@given(st.lists(st.tuples(sides, sides, st.integers(-1, 2)), min_size=1, max_size=4))
+def test_each_box_is_learned_at_its_middle(drawn):
+    padding = 5 - len(drawn)
+    boxes = np.array([(x, y, wide, high) for (x, wide), (y, high), _ in drawn] + [(0, 0, 0, 0)] * padding, np.float32)
+    kinds = np.array([kind for *_, kind in drawn] + [-1] * padding)
+    heat, true, share = map(np.asarray, targets(boxes, kinds))
+    peaks, owned = set(), set()
+    for (x, y, wide, high), kind in zip(boxes.tolist(), kinds.tolist(), strict=True):
+        row, column = int(y + high / 2) // 2, int(x + wide / 2) // 2
+        if kind >= 0:
+            peaks.add((row, column, kind))
+    assert peaks == set(map(tuple, np.argwhere(heat == 1).tolist()))
+    for row, column in np.ndindex(SIDE // 2, SIDE // 2):
+        at = 2 * column + 1, 2 * row + 1
+        to_sides = [(at[0] - x, at[1] - y, x + wide - at[0], y + high - at[1]) for x, y, wide, high in boxes.tolist()]
+        if share[row, column] > 0:
+            assert tuple(true[row, column].tolist()) in to_sides
+            owned.add(to_sides.index(tuple(true[row, column].tolist())))
+    assert share.sum() == pytest.approx(len(owned), abs=1e-4)
+
+
+def pictures_of(boxes, kinds):
+    return Pictures(np.zeros((len(boxes), 64, 64, 3), np.uint8), np.array(boxes, np.float32), np.array(kinds))
+
+
+def test_precisions_are_those_of_a_calculation_by_hand():
+    there = pictures_of([[[4, 4, 10, 10], [30, 30, 20, 20]], [[4, 4, 6, 6], [0, 0, 0, 0]]], [[0, 0], [1, -1]])
+    right, twice, beside = [4, 5, 10, 10, 0.9, 0], [4, 4, 10, 10, 0.8, 0], [30, 42, 20, 20, 0.7, 0]
+    found = np.array([[right, twice, beside], [[4, 4, 6, 6, 0.5, 1], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0]]])
+    by_size = dict(zip(SIZES, detection.average_precisions(there, found).tolist(), strict=True))
+    assert by_size["all"][0] == pytest.approx(51 / 101)  # precision 1 at recalls 0, 0.01, ..., 0.5, then 0
+    assert by_size["all"][1] == pytest.approx(1) == by_size["4 to 8"][1]
+    assert by_size["16 to 32"][0] == 0
+    assert np.isnan(by_size["8 or more"][1:]).all() and np.isnan(by_size["4 to 8"][0])
+
+
+def rectangles(count, seed):
+    """Pictures with two rectangles, bright for kind 0, dark for kind 1."""
+    rng = np.random.default_rng(seed)
+    corners = rng.integers([[2, 2], [34, 2]], [[12, 40], [44, 40]], (count, 2, 2))
+    boxes = np.concatenate([corners, rng.integers(10, 20, (count, 2, 2))], axis=-1).astype(np.float32)
+    images = rng.integers(90, 150, (count, 64, 64, 3)).astype(np.uint8)
+    kinds = rng.integers(0, 2, (count, 2))
+    for image, own, shades in zip(images, boxes.astype(int), kinds, strict=True):
+        for (x, y, wide, high), kind in zip(own, shades, strict=True):
+            image[y : y + high, x : x + wide] = (230, 20)[kind]
+    return Pictures(images, boxes, kinds)
+
+
+@pytest.mark.slow
+def test_it_learns_and_a_resumed_training_gives_the_same_weights(tmp_path):
+    def stop(step, loss):
+        if step > 50:
+            raise KeyboardInterrupt
+
+    def weights_of(file, report):
+        return centernet.train(*rectangles(64, 0), len(KINDS), 3, steps=200, batch=8, file=file, report=report)
+
+    weights = weights_of(tmp_path / "whole", lambda step, loss: None)
+    with pytest.raises(KeyboardInterrupt):
+        weights_of(tmp_path / "cut", stop)
+    resumed = weights_of(tmp_path / "cut", lambda step, loss: None)
+    assert all((one == other).all() for one, other in zip(*map(jax.tree.leaves, (weights, resumed)), strict=True))
+    test = rectangles(32, 1)
+    found = centernet.detect(weights, test.image, len(KINDS))
+    assert np.nanmean(detection.average_precisions(test, found)[0]) > 0.9
+
+
+def test_without_pycocotools_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pycocotools", None)
+    assert detection.main(["--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err == "detection: average precision needs pycocotools: pip install pycocotools\n"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_it_runs_and_comes_out_the_same(tmp_path, capsys):
+    arguments = ["--quick", "--out", str(tmp_path / "out")]
+    assert detection.main(arguments) == 0
+    files = [tmp_path / "out" / name for name in ("detection.md", "detection.jpg")]
+    before = [file.read_bytes() for file in files]
+    assert detection.main(arguments) == 0
+    assert [file.read_bytes() for file in files] == before
+    assert detection.main([*arguments, "--steps", "3"]) == 2
+    assert "expected results of steps 3, got some of 2" in capsys.readouterr().err

@@ -1,0 +1,148 @@
+"""The study in gym-duckietown: its parts that run without it, and with it the bridge."""
+
+import jax
+import numpy as np
+import pytest
+
+from elitelanes_jax._util.errors import InputError
+from elitelanes_jax.drive import Camera, Pose, look, make_atlas, random_pose
+from elitelanes_jax.drive.lanes import lane_pose
+from elitelanes_jax.tiles import choose_tiles, scale_tiles
+
+nets = pytest.importorskip(
+    "experiments.perception.gym_duckietown.nets", reason="flax and optax are not here", exc_type=ImportError
+)
+from experiments.perception.gym_duckietown import rides, train  # noqa: E402
+from experiments.perception.gym_duckietown.bridge import receive, send  # noqa: E402
+from experiments.perception.gym_duckietown.classical import find_lane, find_lines  # noqa: E402
+from experiments.perception.gym_duckietown.compare import classes_of  # noqa: E402
+from experiments.perception.gym_duckietown.pictures import main as take_pictures  # noqa: E402
+from experiments.perception.gym_duckietown.world import PYTHON, DuckietownMap, World  # noqa: E402
+
+LOOP = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]], np.int8)
+
+
+def test_messages_are_read_as_they_were_written(tmp_path):
+    with (tmp_path / "pipe").open("w+b") as stream:
+        send(stream, do="look", poses=np.eye(3), count=3)
+        send(stream, error="none")
+        stream.seek(0)
+        first, second = receive(stream), receive(stream)
+        assert receive(stream) is None
+    assert first.pop("poses").tolist() == np.eye(3).tolist()
+    assert first == {"do": "look", "count": 3}
+    assert second == {"error": "none"}
+
+
+def test_weights_are_read_as_they_were_written_and_no_others(tmp_path):
+    weights = nets.PoseNet().init(jax.random.key(0), np.zeros((1, 120, 160, 3), np.uint8))
+    nets.write_weights(tmp_path / "pose.npz", weights)
+    assert (tmp_path / "pose.npz").stat().st_size < 500_000
+    images = np.random.default_rng(0).integers(0, 256, (2, 120, 160, 3), np.uint8)
+    found = nets.find_poses(nets.read_weights(tmp_path / "pose.npz"), images)
+    np.testing.assert_allclose(found, nets.find_poses(weights, images), atol=0.01)
+    with pytest.raises(InputError, match="images: expected pictures of 120 x 160 pixels, got an array"):
+        nets.find_poses(weights, images[:, :60])
+    (tmp_path / "text.npz").write_text("nothing")
+    with pytest.raises(InputError, match="expected weights of train"):
+        nets.read_weights(tmp_path / "text.npz")
+    with pytest.raises(InputError, match="expected a dataset of dataset --camera"):
+        train.read_views(tmp_path)
+
+
+def test_pure_pursuit_holds_the_lane_from_both_sides():
+    """A robot that starts beside a straight or a curved lane comes to it and stays on it."""
+    for curvature in (0.0, -1 / 0.3, 1 / 0.7):
+        d, phi, dt = 0.08, -0.4, 1 / 15
+        for _ in range(150):
+            left, right = rides.follow(np.array([d, phi, curvature]))
+            speed, turn = 0.3 * (left + right), 3.75 * (right - left)
+            along = speed * np.cos(phi) / (1 - curvature * d)  # the lane's own arc is longer or shorter
+            d += dt * speed / 0.585 * np.sin(phi)
+            phi += dt * (turn - along * curvature / 0.585)
+        assert abs(d) < 0.02 and abs(phi) < 0.1
+
+
+def test_colours_and_votes_find_the_lane_on_a_straight_road(drawn_tiles):
+    road = np.full((1, 8), 5, np.int8)
+    scaled, chosen = scale_tiles(drawn_tiles, 64), choose_tiles(road, drawn_tiles)
+    atlas = make_atlas(scaled["image"], scaled["labels"])
+    pose = Pose(np.float32(2.5), np.float32(0.7), np.float32(0.2))
+    view = look(jax.random.key(0), pose, chosen[..., 0] * 4 + chosen[..., 1], atlas, Camera(rows=240, columns=320))
+    d, phi = find_lane(np.asarray(view.image))
+    assert abs(d) < 0.08 and abs(phi - 0.2) < 0.11
+    assert find_lane(np.zeros((120, 160, 3), np.uint8)).tolist() == [0, 0]
+    lines = find_lines(np.uint8([[[255, 255, 255], [230, 200, 20], [220, 20, 30], [60, 60, 60]]]))
+    assert {name: found[0].tolist() for name, found in lines.items()} == {
+        "white": [True, False, False, False],
+        "yellow": [False, True, False, False],
+        "red": [False, False, True, False],
+    }
+
+
+def test_classes_are_those_of_the_nearest_colour():
+    image = np.uint8([[[120, 130, 127], [3, 0, 5], [250, 9, 0], [240, 250, 20], [250, 250, 250], [255, 0, 255]]])
+    assert classes_of(image).tolist() == [[0, 1, 2, 3, 4, 0]]
+
+
+def test_the_report_counts_rides():
+    ok = {"seconds": 60, "on_road": 1.0, "no_hit": 1.0, "metres": 15.0, "oncoming": 0.0}
+    kept = {"loop": {"objects": 0, "rides": [ok, ok | {"on_road": 0.0}]}, "town 0": {"objects": 0, "rides": [ok]}}
+    text = rides.report(kept)
+    assert "| people's maps, no objects | 2 | 50% | 50% | 50% | 15.0 |" in text
+    assert "| our towns | 1 | 100% | 100% | 100% | 15.0 |" in text
+
+
+@pytest.mark.slow
+def test_training_continues_to_the_same_weights(tmp_path, monkeypatch):
+    rng = np.random.default_rng(0)
+    images, labels = rng.integers(0, 256, (8, 120, 160, 3), np.uint8), rng.integers(0, 4, (8, 120, 160), np.uint8)
+    views, file = train.Views(images, labels, np.zeros((8, 3), np.float32)), tmp_path / "checkpoint"
+
+    whole = train.train("pose", views, 3, 0, tmp_path / "whole", print)
+
+    def stop(_: str) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(train, "_KEEP_EVERY", 0)
+    with pytest.raises(KeyboardInterrupt):
+        train.train("pose", views, 3, 0, file, stop)
+    again = train.train("pose", views, 3, 0, file, print)
+    jax.tree.map(np.testing.assert_array_equal, jax.device_get(whole), jax.device_get(again))
+
+
+def test_without_the_environment_one_line_says_so(tmp_path):
+    with pytest.raises(InputError, match="expected the environment of make gym-duckietown, got no file"):
+        World(tmp_path / "python")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not PYTHON.exists(), reason="make gym-duckietown")
+def test_the_bridge_sees_poses_as_we_do_and_says_what_is_wrong():
+    from elitelanes_jax.formats import to_duckietown
+
+    place = DuckietownMap("loop", to_duckietown(LOOP), LOOP)
+    poses = np.array([random_pose(key, LOOP) for key in jax.random.split(jax.random.key(0), 30)], float)
+    straight = np.isin(LOOP[poses[:, 1].astype(int), poses[:, 0].astype(int)], (5, 10))
+    near = jax.vmap(lambda pose: lane_pose(LOOP, Pose(*pose)))(poses.astype(np.float32))
+    with World() as world:
+        assert world.load(place)["tile_size"] == 0.585
+        answer = world.ask("look", poses=poses)
+        ours = np.column_stack([near.d * 0.585, near.phi])
+        np.testing.assert_allclose(answer["lane"][straight], ours[straight], atol=1e-4)
+        assert answer["image"].shape == (30, 480, 640, 3)
+        world.load(place, style="labels")
+        classes = classes_of(world.ask("look", poses=poses[:2])["image"])
+        assert {0, 1, 4} <= set(np.unique(classes).tolist())
+        world.load(place)
+        seen = world.ask("start", pose=poses[0])
+        moved = world.ask("step", action=np.array([0.4, 0.4]), frames=30)
+        assert 0.1 < 0.585 * np.hypot(*(moved["pose"] - seen["pose"])[:2]) < 0.4
+        with pytest.raises(InputError, match="^luck: gym-duckietown: expected to load, got "):
+            world.load(DuckietownMap("luck", "tiles: 3", LOOP))
+
+
+def test_a_missing_argument_is_one_line(capsys):
+    with pytest.raises(SystemExit):
+        take_pictures(["luck"])
+    assert capsys.readouterr().err.startswith("pictures: argument part: invalid choice")
