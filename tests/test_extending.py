@@ -267,12 +267,16 @@ def real(grids):
 COLOURS = (0, 1, 2, 3)
 
 
-@methods()
+# Those that run on floats alone in the fast tests: whole numbers are a slow proof there, and the reverse.
+OF_FLOATS = {("map-elites", "tuned"), ("pso", "paper")}
+
+
+@methods(slow=SLOW | OF_FLOATS)
 def test_a_problem_of_ones_own_runs_with_every_optimizer(which):
     check_search(which, evaluate)
 
 
-@methods(slow=set(PRESETS) - {("map-elites", "tuned"), ("pso", "paper")})
+@methods(slow=set(PRESETS) - OF_FLOATS)
 def test_one_of_floats_does_so_too(which):
     check_search(which, real)
 

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, Result, drive, explorer, formats, plots, read_map, render, tiles
-from elitelanes_jax import dataset as datasets
 from elitelanes_jax.search.evolution import evolve
 
 TOWN = [[6, 7, 3], [12, 13, 9]]
@@ -64,8 +63,6 @@ def test_results_and_maps_are_explored(result, tmp_path):
         page = tmp_path / f"{number}.html"
         assert explorer.explore(what, str(page), title="Mine") == page.stat().st_size
         assert "<title>Mine" in page.read_text()
-    with pytest.raises(InputError, match="what: expected a Result, maps, or paths of runs and maps, got int"):
-        explorer.explore(3, tmp_path / "page.html")
 
 
 def test_results_are_plotted(result):
@@ -75,8 +72,3 @@ def test_results_are_plotted(result):
     np.testing.assert_array_equal(shown.lines[0].get_ydata(), usual.lines[0].get_ydata())
     with pytest.raises(InputError, match="axes: expected the axes of the niches"):
         plots.archive_map(result.elites.fitness)
-
-
-def test_maps_in_place_of_a_specification_are_refused(tmp_path, result):
-    with pytest.raises(InputError, match="spec: expected DatasetSpec, got"):
-        datasets.make_dataset(result.maps(1), tmp_path / "dataset")

@@ -123,7 +123,7 @@ def draw_sample(
         "quarter_turns": chosen[..., 1].tolist(),
         "transform": _plain(view),
         **about,
-        "points": {name: _within(map_points(places, view.matrix), view) for name, places in points.items()},
+        "points": {name: _within(map_points(marks, view.matrix), view) for name, marks in points.items()},
         "layers": list(picture.layers),
         "class_pixels": [int(np.count_nonzero(seen["labels"] == label)) for label in range(len(LABELS))],
     }

@@ -67,7 +67,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
     low, high = transforms.scale
     scale = low * (high / low) ** rng.uniform()
     bends = rng.uniform(-1, 1, (4, 2)) * transforms.perspective
-    place = rng.uniform(0, 1, 2)
+    position = rng.uniform(0, 1, 2)
     light, contrast, *colours = rng.uniform(-1, 1, 5)
     blur, noise = rng.uniform(0, 1, 2) * (transforms.blur, transforms.noise)
     noise_seed = int(rng.integers(2**63))
@@ -81,7 +81,7 @@ def draw_view(rng: np.random.Generator, transforms: Transforms, size: tuple[int,
         shown = sides * min(1.0, scale)  # the middle part of the frame that the map covers
         first = np.ceil((sides - shown) / 2)
         last = np.maximum(first, np.floor((sides + shown) / 2 - transforms.crop))
-        x, y = np.floor(first + place * (last - first + 1))
+        x, y = np.floor(first + position * (last - first + 1))
         matrix, frame = _shift(-x, -y) @ matrix, (transforms.crop, transforms.crop)
     gain = 1 + contrast * transforms.contrast
     red, green, blue = (gain * (1 + colour * transforms.colour) for colour in colours)

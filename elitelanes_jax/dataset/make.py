@@ -232,8 +232,8 @@ def _draw_on_workers(executor: Executor, drawing: _Drawing) -> None:
     """Draws the incomplete samples on an executor's workers."""
     waiting, total = drawing.waiting(), len(drawing.splits)
     spec = drawing.spec
-    places = {name: folder and folder.absolute() for name, folder in (("tiles", spec.tiles), ("objects", spec.objects))}
-    spec = spec.replace(**places, maps_from=None)
+    paths = {name: folder and folder.absolute() for name, folder in (("tiles", spec.tiles), ("objects", spec.objects))}
+    spec = spec.replace(**paths, maps_from=None)
     folders = [folder.absolute() for folder in (drawing.files, drawing.records)]
     rounds, has_objects = [file.absolute() for file in drawing.maps.rounds], drawing.objects is not None
     jobs = {

@@ -173,7 +173,7 @@ class DatasetSpec(Record):
             raise InputError(f"{name}: expected {expected}, got {area}")
 
     def check_search(self) -> None:
-        """Checks the search on maps of each size, and their number; raises `InputError`."""
+        """Checks that the search can find the maps of each size; raises `InputError` if it cannot."""
         for shape, count in maps_by_shape(self).items():
             self.search.check_on(shape)
             self.search.check_maps(shape, count)

@@ -235,11 +235,11 @@ def look(
         inside |= found[0]
         instances = found[2]
 
-    def byte(number: int) -> Array:
-        return pixel >> (8 * number) & 255
+    def byte(index: int) -> Array:
+        return pixel >> (8 * index) & 255
 
     around = [jnp.where(seen, ground, sky) for ground, sky in zip(camera.ground, camera.sky, strict=True)]
-    colours = jnp.stack([jnp.where(inside, byte(number), around[number]) for number in range(3)], axis=-1)
+    colours = jnp.stack([jnp.where(inside, byte(index), around[index]) for index in range(3)], axis=-1)
     colours = colours * camera.light
     if camera.noise is not None:
         colours += camera.noise * jax.random.normal(key, colours.shape)

@@ -57,7 +57,7 @@ class PlacedTile(NamedTuple):
       row: from 0 in the north.
       column: from 0 in the west.
       kind: straight, turn, crossing3 or crossing4.
-      quarter_turns: counter-clockwise from the tile in `REFERENCE`, the fewest.
+      quarter_turns: the fewest counter-clockwise turns that rotate the tile in `REFERENCE` to this one, 0 to 3.
     """
 
     row: int

@@ -89,7 +89,7 @@ class History(NamedTuple):
 
     @classmethod
     def empty(cls, *seeds: int, dtype: DTypeLike = np.int32) -> "History":
-        """Returns a history without generations, of one seed or of a number of seeds, for a fitness of a dtype."""
+        """Returns a history without generations: of one key alone, or of `seeds` seeds. The fitness has the `dtype`."""
         none, counts = np.arange(0), np.zeros((*seeds, 0), np.int32)
         return cls(none, none, np.zeros((*seeds, 0), dtype), counts, np.zeros(0), counts)
 

@@ -206,7 +206,7 @@ def _misfits(grid: NDArray[np.int8], tiles: TileSet, chosen: NDArray[np.int_]) -
 def write_picture(folder: str | Path, picture: Picture) -> None:
     """Writes a picture's files: image.png, a PNG file for each mask, labels.png, and points.json if it has points.
 
-    With objects also instances.png, of 16 bits a pixel.
+    A picture with objects also gets instances.png, of 16 bits per pixel.
 
     Args:
       folder: made if it does not exist. Files of the same names are replaced.

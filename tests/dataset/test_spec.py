@@ -64,7 +64,6 @@ def test_sizes_on_the_command_line(arguments, size):
         ({"split": 1}, "split: expected three shares that sum to 1, got 1"),
         ({"split": (float("nan"), 0.5, 0.5)}, "split: expected a number, 0 to 1, got nan"),
         ({"transforms": Transforms(crop=600)}, "transforms: expected a crop .*, 8 tiles of 64 .*, 512 pixels, got 600"),
-        ({"transforms": 5}, "transforms: expected words such as 'standard' or 'noise=0', got 5"),
         ({"search": SearchSpec(fix=[[6, 3], [12, 9]])}, "fix: expected maps of the given cells' size, 2 x 2, got 7"),
         ({"search": None}, "search: expected SearchSpec, got None"),
         ({"hold_out_tiles": "yes"}, "hold_out_tiles: expected True or False, got 'yes'"),

@@ -309,7 +309,6 @@ def test_progress_is_shown_when_asked_for(capsys):
         ({"weights": {"bridges": 2**30}}, "weights: expected a fitness within int32 for every grid of 5 x 6"),
         ({"axes": [Axis("crossings", 3, target=3)]}, "axes 'crossings': expected target to be a bin, 0 to 2"),
         ({"rules": "duckietown", "fill": True}, "fill: expected none with the rules of duckietown"),
-        ({"fill": "no"}, "fill: expected True or False, got 'no'"),
         ({"config": MapElitesConfig(EvolutionConfig(tile_rate=np.zeros(2)))}, "config: expected plain numbers, got an"),
     ],
 )
