@@ -151,7 +151,7 @@ duckietown: $(READY) .venv-duckietown/.ready
 
 # gym-duckietown and dt-maps, without a display: Debian's libegl1 and libglu1-mesa.
 gym-duckietown: $(READY) .venv-gym-duckietown/.ready
-	$(BIN)/python -m pytest -m slow tests/maps/test_gym_duckietown.py tests/experiments/test_gym_duckietown.py
+	$(BIN)/python -m pytest -m slow tests/maps/test_gym_duckietown.py tests/experiments/test_transfer.py
 
 # A thousand towns, loaded by duckietown-world and driven through in SUMO; it goes on where it ended.
 towns: $(READY) .venv-duckietown/.ready .venv-sumo/.ready
