@@ -98,7 +98,7 @@ WRONG = {
     "objects: expected a list of objects, got 'signs'": lambda: to_duckietown(GRID, objects="signs"),
     "map: expected one map, got 2": lambda: to_dt_maps([GRID, GRID]),
     "to: expected one of duckietown, dt-maps, graphml": lambda: PackSpec(to=3),
-    "furnish: 3: expected one of signs, lights": lambda: furnish(GRID, {3: 3}),
+    "furnish: 3: expected one of objects, signs, lights": lambda: furnish(GRID, {3: 3}),
     "town.json: expected a readable JSON file": lambda: furnish("town.json"),
     "count: expected a whole number, 0 or more, got 'x'": lambda: random_grids(jax.random.key(0), "x"),
 }

@@ -64,7 +64,7 @@ class Budget(NamedTuple):
       views: pictures of each town; each map that people made has twice as many.
     """
 
-    steps: int = 1500
+    steps: int = 4000
     towns: int = 100
     test_towns: int = 20
     views: int = 16
