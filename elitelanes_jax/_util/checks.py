@@ -112,6 +112,17 @@ def paths(value: UserValue) -> list[Path]:
     return found
 
 
+def listed(kind: type) -> Check:
+    """Makes a check for a list or tuple of objects of a type."""
+
+    def check(values: UserValue) -> UserValue:
+        if type(values) not in (list, tuple) or not all(isinstance(one, kind) for one in values):
+            raise InputError(f"expected a list of {kind.__name__}, got {shorten(repr(values))}")
+        return values
+
+    return check
+
+
 def ends_as_file(file: Path) -> bool:
     """Returns whether a path has the suffix of a file, so that a folder is hardly meant."""
     return file.name.lower().endswith(_FILES)
