@@ -6,9 +6,11 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
-from elitelanes_jax.formats.streets import BACK, Measures, Streets, as_streets, bounds, giving_way, lanes
+from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
 
 _HEAD = (
     '<?xml version="1.0" encoding="UTF-8"?>',
@@ -23,7 +25,7 @@ _CYCLE = (("green", 200), ("yellow", 30), ("red", 200), ("redYellow", 30))  # of
 _SUCCESSORS = ("successorsRight", "successorsStraight", "successorsLeft")
 
 
-def to_commonroad(codes: AnyArray, streets: Measures = Streets()) -> str:
+def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a CommonRoad scenario, ``.xml``.
 
     Args:
@@ -39,7 +41,7 @@ def to_commonroad(codes: AnyArray, streets: Measures = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    streets = as_streets(streets)
+    check_named("streets", record(Streets), streets)
     ways, after, links = lanes(codes)
     rights = rights_of_way(codes, streets)
     sides = [bounds(way, streets, len(links)) for way in ways]

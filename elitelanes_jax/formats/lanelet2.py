@@ -11,9 +11,11 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
-from elitelanes_jax.formats.streets import BACK, Measures, Streets, Way, as_streets, bounds, giving_way, lanes
+from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
 from elitelanes_jax.network.movements import TURNS
 
 # Of the ellipsoid WGS 84. The first terms of UTM's series are exact to a micrometre within a hundred kilometres.
@@ -25,7 +27,7 @@ _DELTA = (2 * _N - 2 * _N**2 / 3 - 2 * _N**3, 7 * _N**2 / 3 - 8 * _N**3 / 5, 56 
 _Member = tuple[str, int, str]  # kind of element, number and role
 
 
-def to_lanelet2(codes: AnyArray, streets: Measures = Streets()) -> str:
+def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of a Lanelet2 map, ``.osm``.
 
     Args:
@@ -40,7 +42,7 @@ def to_lanelet2(codes: AnyArray, streets: Measures = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    streets = as_streets(streets)
+    check_named("streets", record(Streets), streets)
     ways, _, links = lanes(codes)
     rules = rights_of_way(codes, streets)
     city = _Map()

@@ -10,11 +10,13 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 import math
 from typing import NamedTuple
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Measures, Streets, Way, as_streets, lanes
+from elitelanes_jax.formats.streets import BACK, GEO_REFERENCE, Streets, Way, lanes
 from elitelanes_jax.network.codes import SIDE_TOWARDS
 
 
@@ -35,7 +37,7 @@ class _End(NamedTuple):
         return 1 if self.starts else -1
 
 
-def to_opendrive(codes: AnyArray, streets: Measures = Streets()) -> str:
+def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     """Writes a grid as the text of an OpenDRIVE file, ``.xodr``.
 
     Args:
@@ -51,7 +53,7 @@ def to_opendrive(codes: AnyArray, streets: Measures = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    streets = as_streets(streets)
+    check_named("streets", record(Streets), streets)
     network = lanes(codes)
     links = linked_tiles(codes)
     height, width = network.links.shape

@@ -116,11 +116,7 @@ class RoadMap:
 def map_to_json(road_map: UserValue) -> str:
     """Returns the text of a map file: a line for each key, and for each row of a table.
 
-    Args:
-      road_map: one map, in any form that `as_maps` takes.
-
-    Raises:
-      InputError: for anything else.
+    Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
     """
     road_map = as_map(road_map)
     values: dict[str, Plain] = {

@@ -4,18 +4,17 @@ Places are complex numbers in metres, east + north·i, from the south-west corne
 lane's left bound is the middle of the road; its right bound is one width of a lane beside it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, one_of, real
-from elitelanes_jax._util.errors import InputError, shorten
+from elitelanes_jax._util.checks import one_of, real
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.records import Record, option
-from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.graph import Cell
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
@@ -61,20 +60,6 @@ class Streets(Record):
             if self.tile == Streets.tile:  # the lane was given, not the tile
                 raise InputError(f"lane: expected less than half of a tile, {self.tile / 2:g} m, got {self.lane:g} m")
             raise InputError(f"tile: expected more than two lanes, {2 * self.lane:g} m, got {self.tile:g} m")
-
-
-Measures: TypeAlias = Streets | Mapping[str, UserValue]
-"""The measures of streets, or some of their fields by name, such as ``{"lane": 3.5}``."""
-
-
-def as_streets(value: UserValue) -> Streets:
-    """Returns a `Streets` from itself or from some of its fields by name; raises `InputError` for anything else."""
-    if isinstance(value, Mapping):
-        named = {str(name): one for name, one in value.items()}
-        return check_named("streets", lambda fields: Streets().replace(**fields), named)
-    if not isinstance(value, Streets):
-        raise InputError(f"streets: expected Streets or its fields by name, got {shorten(repr(value), 40)}")
-    return value
 
 
 class Way(NamedTuple):

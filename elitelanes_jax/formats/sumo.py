@@ -21,10 +21,11 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
-from elitelanes_jax.formats.streets import Measures, Streets, as_streets, no_road
+from elitelanes_jax.formats.streets import Streets, no_road
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDE_TOWARDS
 
@@ -69,7 +70,7 @@ class Network(NamedTuple):
     warnings: tuple[str, ...]
 
 
-def plain_xml(codes: AnyArray, streets: Measures = Streets()) -> PlainXml:
+def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
     """Returns a grid as plain XML.
 
     Args:
@@ -83,7 +84,8 @@ def plain_xml(codes: AnyArray, streets: Measures = Streets()) -> PlainXml:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    streets, roads = as_streets(streets), _roads(codes)
+    check_named("streets", record(Streets), streets)
+    roads = _roads(codes)
     if not roads:
         raise no_road()
     exits: dict[Cell, list[Cell]] = {}
@@ -100,7 +102,7 @@ def plain_xml(codes: AnyArray, streets: Measures = Streets()) -> PlainXml:
     )
 
 
-def write_sumo(prefix: str | Path, codes: AnyArray, streets: Measures = Streets()) -> tuple[Path, Path, Path]:
+def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[Path, Path, Path]:
     """Writes a grid as ``PREFIX.nod.xml``, ``PREFIX.edg.xml`` and ``PREFIX.con.xml``, and returns their paths.
 
     Missing folders are made. Existing files are replaced when all three are written.
@@ -125,7 +127,7 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Measures = Streets(
     return nodes, edges, connections
 
 
-def network(codes: AnyArray, streets: Measures = Streets()) -> Network:
+def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
     """Makes a network of a grid by SUMO's `netconvert`.
 
     Args:
@@ -160,7 +162,7 @@ def network(codes: AnyArray, streets: Measures = Streets()) -> Network:
     return Network(_COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning")))
 
 
-def convert(file: str | Path, codes: AnyArray, streets: Measures = Streets()) -> tuple[str, ...]:
+def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[str, ...]:
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
