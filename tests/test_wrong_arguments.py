@@ -34,7 +34,7 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.symmetry import rotate
-from elitelanes_jax.optimizers import MoveWeights
+from elitelanes_jax.optimizers import MoveWeights, run
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
@@ -115,6 +115,7 @@ WRONG = {
     "prefix: expected a name, got 3": lambda: write_sumo(3, GRID),
     "text: expected the content of a YAML file, got 3": lambda: from_duckietown(3),
     "expected maps, grids or files of maps, got 3": lambda: map_to_json(3),
+    "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
     "moves: mirror: expected a whole number, 0 or more, got -1": lambda: evolve(0, moves={"mirror": -1}),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),

@@ -53,13 +53,11 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
-    limit = (
-        f", {least:g} to {most:g}"
-        if most < float("inf")
-        else f" over {least:g}"
-        if exclusive
-        else f", {least:g} or more"
-    )
+    limit = f" over {least:g}" if exclusive else f", {least:g}"
+    if most < float("inf"):
+        limit += f"{', up' if exclusive else ''} to {most:g}"
+    elif not exclusive:
+        limit += " or more"
 
     def check(value: UserValue) -> float:
         number = value

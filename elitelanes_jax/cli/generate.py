@@ -20,7 +20,7 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
-from elitelanes_jax.cli.program import fail, program_name, say
+from elitelanes_jax.cli.program import program_name, say
 
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
@@ -77,7 +77,7 @@ def _generate(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        with naming_options(GenerateSpec(), "furnish"):
+        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
             if options.scheduler is None:
                 maps = generate(spec, options.out, force=options.force)
             else:
@@ -86,7 +86,7 @@ def _generate(options: argparse.Namespace) -> int:
                 with dask_executor(options.scheduler) as executor:
                     maps = generate_on(executor, spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
-        return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
+        raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
         explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")

@@ -30,14 +30,14 @@ def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
         if codes.shape not in spec.shapes:
             raise InputError(
                 f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
-                f"got {codes.shape[0]} x {codes.shape[1]}, {own.name_of(index)}"
+                f"got {codes.shape[0]} x {codes.shape[1]}, {own.names[index]}"
             )
         if spec.camera is not None and not len(list_movements(codes)):
-            raise InputError(f"{source}: expected maps with lanes, for a camera, got none, {own.name_of(index)}")
+            raise InputError(f"{source}: expected maps with lanes, for a camera, got none, {own.names[index]}")
         if lacking := set(codes.flat) - set(tiles.rotations):
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
-            raise InputError(f"{expected}, got {' and '.join(kinds)}, {own.name_of(index)}")
+            raise InputError(f"{expected}, got {' and '.join(kinds)}, {own.names[index]}")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:

@@ -23,18 +23,14 @@ class GivenMaps:
       digest: of all fields of all maps.
       repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
       paths: the files and folders they were read from.
-      files: the file of each map, or an empty text.
+      names: of the maps in messages: the index, and the file if there is one.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
     repeated: int = 0
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
-    files: tuple[str, ...] = field(default=(), compare=False, repr=False)
-
-    def name_of(self, index: int) -> str:
-        """Returns words for a map in messages: its index, and its file if it has one."""
-        return f"map {index} of {len(self.maps)} from 0" + (f", in {self.files[index]}" if self.files[index] else "")
+    names: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -46,9 +42,11 @@ def given(
     maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = (), files: Sequence[str] = ()
 ) -> GivenMaps:
     """Returns the maps with their metrics, which are measured if a map has none."""
-    measured = tuple(map(_measured, maps))
+    files = files or [""] * len(maps)
+    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
+    measured = tuple(map(_measured, maps, names))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, repeated, tuple(paths), tuple(files or [""] * len(measured)))
+    return GivenMaps(measured, digest, repeated, tuple(paths), tuple(names))
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -95,7 +93,9 @@ def _files(source: Path) -> list[Path]:
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
     kinds = {".json", ".yaml", ".yml"}
-    files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
+    files = sorted(source.rglob("map.json"))
+    if not files and not (source / "run.json").exists():
+        files = sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files
@@ -115,7 +115,13 @@ def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
     return [found[number] for number in sorted(found)]
 
 
-def _measured(road_map: RoadMap) -> RoadMap:
-    if road_map.metrics is not None:
-        return road_map
-    return replace(road_map, metrics=plain_measure(road_map.codes))
+def _measured(road_map: RoadMap, name: str) -> RoadMap:
+    """Returns a map with its metrics. Raises `InputError` if it has others, as after a change of the codes by hand."""
+    measured = plain_measure(road_map.codes)
+    for metric, value in (road_map.metrics or {}).items():
+        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > 1e-6:
+            raise InputError(
+                f"{name}: expected the metrics of its codes, {metric} {measured[metric]:g}, got {value:g}; without "
+                "metrics it is measured"
+            )
+    return road_map if road_map.metrics is not None else replace(road_map, metrics=measured)

@@ -83,7 +83,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
                     rows.append(_write(spec, one, work.files))
                 except InputError as error:
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
-                    raise InputError(f"niche {one.niche}, {maps.name_of(number)}: {error}") from None
+                    raise InputError(f"niche {one.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
         members = {name: [one for one in packed if one.split == name] for name in SPLITS}
         about["splits"] = {
