@@ -4,7 +4,7 @@ import { describe, expect, test } from "vitest";
 import { gridOf, rowsOf, type Grid } from "../src/network/codes";
 import { binOf, binsOf, feature, nicheAt, nicheOf, type Axis } from "../src/network/features";
 import { FileError } from "../src/network/errors";
-import { fromDuckietown, readMap, toDuckietown, toFix, toMapJson } from "../src/network/formats";
+import { readMap, toDuckietown, toFix, toMapJson } from "../src/network/formats";
 import { alphabetMask, METRIC_NAMES, fitness, measure, type MetricName, type Weights } from "../src/network/measure";
 import {
   byKind,
@@ -21,6 +21,11 @@ import { planOf, type PlanValues } from "../src/network/plan";
 import { repair } from "../src/network/repair";
 import { measureTown } from "../src/network/town";
 
+interface Read {
+  readonly rows: number[][];
+  readonly objects: MapObject[];
+}
+
 interface Case {
   readonly rows: number[][];
   readonly dirty: number[];
@@ -34,6 +39,7 @@ interface Case {
   readonly town: Record<string, number>;
   readonly objects: MapObject[];
   readonly duckietown: string | null;
+  readonly read: Read | null;
   readonly plan: {
     readonly quarterTurns: number[];
     readonly tiles: Record<string, number>;
@@ -41,13 +47,14 @@ interface Case {
   } | null;
 }
 
-const { alphabet, weights, kinds, plan, cases } = JSON.parse(
+const { alphabet, weights, kinds, plan, by_hand, cases } = JSON.parse(
   readFileSync(new URL("cases.json", import.meta.url), "utf8"),
 ) as {
   alphabet: number[];
   weights: Weights;
   kinds: ObjectKinds;
   plan: PlanValues;
+  by_hand: Read & { duckietown: string };
   cases: Case[];
 };
 
@@ -85,7 +92,7 @@ describe.each(cases)("a grid $rows", (one) => {
     if (one.duckietown === null) expect(() => toDuckietown(grid, objects)).toThrow(FileError);
     else {
       expect(toDuckietown(grid, objects)).toBe(one.duckietown);
-      expect(rowsOf(fromDuckietown(one.duckietown))).toEqual(one.rows);
+      expectRead(one.duckietown, one.read!);
     }
     const read = readMap(toMapJson(grid, { objects }), "map.json", kinds);
     expect([rowsOf(read.grid), read.objects]).toEqual([one.rows, objects]);
@@ -102,6 +109,17 @@ describe.each(cases)("a grid $rows", (one) => {
   });
 });
 
+function expectRead(yaml: string, { rows, objects }: Read): void {
+  const read = readMap(yaml, "town.yaml", kinds);
+  expect(rowsOf(read.grid)).toEqual(rows);
+  expect(read.objects).toHaveLength(objects.length);
+  for (const [index, { x, y, angle, ...others }] of objects.entries()) {
+    expect(read.objects[index]).toMatchObject(others);
+    expect(Math.hypot(read.objects[index].x - x, read.objects[index].y - y)).toBeLessThan(1e-9);
+    expect(read.objects[index].angle).toBeCloseTo(angle, 9);
+  }
+}
+
 const withObject = (fields: object) => JSON.stringify({ codes: [[6, 3]], objects: [fields] });
 
 test.each([
@@ -117,16 +135,14 @@ test.each([
   ["map.json", "[[16]]", "map.json: expected tile codes 0 to 15, got 16"],
   ["map.json", JSON.stringify([Array(1025).fill(0)]), "map.json: expected at most 1024 tiles a side"],
   ["town.yaml", "tile_size: 0.585", 'town.yaml: expected a Duckietown map, got no "tiles"'],
+  ["town.yaml", "tiles: [[4way", "town.yaml: expected readable YAML, got: unexpected end"],
+  ["town.yaml", "tiles: [[4way]]\nobjects: [{kind: duckie}]", "town.yaml: objects: object 0: x: expected a number"],
   ["town.yml", "tiles:\n- [moat]", "town.yml: tiles: expected one of Duckietown's kinds, got moat at row 0, column 0"],
 ])("a bad %s is refused: %s", (name, text, message) => {
   expect(() => readMap(text, name, kinds)).toThrow(message);
 });
 
-test("objects of YAML are announced as unread", () => {
-  const yaml = toDuckietown(gridOf([[6, 3]]), [{ kind: "duckie", x: 1, y: 0.5, angle: 0, height: 0.08 }]);
-  expect(readMap(yaml, "town.yaml", kinds)).toMatchObject({ objects: [], unread: true });
-  expect(readMap(toDuckietown(gridOf([[6, 3]])), "town.yaml", kinds).unread).toBe(false);
-});
+test("YAML is read as Python reads it", () => expectRead(by_hand.duckietown, by_hand));
 
 describe("objects", () => {
   const grid = { height: 2, width: 3 };

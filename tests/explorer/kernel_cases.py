@@ -12,6 +12,7 @@ import numpy as np
 from elitelanes_jax import InputError, Weights, fitness, repair
 from elitelanes_jax.explorer._collect import plan_values
 from elitelanes_jax.formats import OBJECT_KINDS, MapObject, make_plan, to_duckietown
+from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import base_kind, object_values
 from elitelanes_jax.network import METRIC_NAMES, Metrics, measure_town, plain_measure
 from elitelanes_jax.problem import SHARE_UNIT, SHARES, niche_bins, paper_axes
@@ -26,12 +27,53 @@ CODES = [range(16), [0, 3, 6, 9, 12, 5, 10], [0, 0, *range(16)], [5, 7, 10, 11, 
 SHAPES = [(1, 1), (1, 6), (6, 1), (2, 2), (3, 7), (9, 8)]
 
 
+BY_HAND = """\
+# As people write maps.
+tile_size: 0.61
+"tiles": [
+    ['curve_left / W', straight/E, curve_left/N], # a row
+    [ straight/S,  floor/N ,
+      straight/N],
+  ]
+tiles2:
+- - grass
+  - curve_left
+objects:
+  first:
+    height: 0.06
+    kind: 'duckie'
+    static: off
+    place: {tile: [1,0], relative: {~SE2Transform: {p: [-0.1, 0.2,], theta: 1.5}}}
+  light: {kind: trafficlight, pos: [1.5, 1], rotate: 400, optional: true}
+  street:
+    kind: sign_blank
+    pose:
+      ~SE2Transform:
+        p:
+        - 0.3
+        - 0.4
+    tag:
+      ~TagInstance: {tag_id: 551, family: 36h11}
+  slot:
+    kind: sign_1_way_left
+    attach:
+      tile:
+        - 2
+        - 1
+      slot: 6
+    pose:
+      ~SE2Transform: {theta_deg: -270}
+  own: {kind: "my.crane", place: {tile: [0, 0], relative: {~SE2Transform: {}}}}
+"""
+
+
 def kernel_cases():
     """The text of the file: a case a line."""
     random = np.random.default_rng(0)
     cases = [_case(random.choice(codes, shape), random) for shape in SHAPES for codes in CODES]
     lines = ",\n".join(json.dumps(case) for case in cases)
     shared = {"alphabet": ALPHABET, "weights": WEIGHTS._asdict(), "kinds": OBJECT_KINDS, "plan": plan_values()}
+    shared["by_hand"] = {"duckietown": BY_HAND} | _read(BY_HAND)
     heads = [f'"{name}": {json.dumps(values)}' for name, values in shared.items()]
     return "{\n" + ",\n".join([*heads, f'"cases": [\n{lines}\n]']) + "\n}\n"
 
@@ -46,6 +88,7 @@ def _case(grid, random):
     }
     axes = paper_axes(grid.shape)
     objects = _objects(random, *grid.shape)
+    text = _or_none(lambda: to_duckietown(grid, objects=objects))
     fills = (False, True) if min(grid.shape) > 1 else (False,)
     return {
         "rows": grid.tolist(),
@@ -59,9 +102,15 @@ def _case(grid, random):
         "bins": niche_bins(np.array([measured[axis.metric] for axis in axes]), axes).tolist(),
         "town": {name: int(value) for name, value in measure_town(grid)._asdict().items()},
         "objects": [object_values(thing) for thing in objects],
-        "duckietown": _or_none(lambda: to_duckietown(grid, objects=objects)),
+        "duckietown": text,
+        "read": text and _read(text),
         "plan": _or_none(lambda: _plan(grid)),
     }
+
+
+def _read(text):
+    codes, objects = read_duckietown(text)
+    return {"rows": codes.tolist(), "objects": [object_values(thing) for thing in objects]}
 
 
 def _objects(random, height, width):

@@ -45,11 +45,10 @@ export function useDrawing({ kinds, onMap, show, say }: Callbacks): Drawing {
   const openFiles = async (list: ArrayLike<File>) => {
     const files = Array.from(list); // a picker's list is emptied meanwhile
     try {
-      const { grid, fixed, objects, unread } = await readMapFile(files, kinds);
+      const { grid, fixed, objects } = await readMapFile(files, kinds);
       open(editorOf(grid, objects, fixed ?? undefined));
       const others = files.length > 1 ? `; the first of ${files.length} files` : "";
-      const left = unread ? `; without its objects, which only "elitelanes explore" reads from YAML` : "";
-      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}${left}`);
+      say(`${files[0].name}: ${grid.height} × ${grid.width} tiles${others}`);
     } catch (error) {
       say(error instanceof FileError ? error.message : `${files[0].name}: cannot be read`);
     }

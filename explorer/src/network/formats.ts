@@ -1,7 +1,8 @@
 /** Map files: `map.json`, rows for `--fix`, and Duckietown's YAML. */
+import { FAILSAFE_SCHEMA, load, type YAMLException } from "js-yaml";
 import { CONNECTIONS, gridOf, rotateCode, rowsOf, type Grid } from "./codes";
 import { check, FileError } from "./errors";
-import { checkObjects, NO_OBJECTS, TILE_SIZE, type MapObject, type ObjectKinds } from "./objects";
+import { baseKind, checkObjects, NO_OBJECTS, TILE_SIZE, type MapObject, type ObjectKinds } from "./objects";
 
 const ROADS: Readonly<Record<string, number>> = {
   straight: 10,
@@ -13,6 +14,12 @@ const ROADS: Readonly<Record<string, number>> = {
 };
 const TURNS: Readonly<Record<string, number>> = { S: 0, E: 1, N: 2, W: 3 };
 const STAND = 0.27 / 0.4; // of a traffic light, from the middle of its mesh, by its height
+// Metres east and north from a tile's south-west corner.
+const SLOTS = [
+  ...[0.09, 0.035, 0.035, 0.09, -0.035, 0.09, -0.09, 0.035],
+  ...[-0.09, -0.035, -0.035, -0.09, 0.035, -0.09, 0.09, -0.035],
+];
+const [FIRST_STREET, LAST_STREET] = [440, 551]; // the tags of street names
 const GROUNDS = ["grass", "floor", "asphalt", "empty", "calibration_tile"];
 
 const CODE = new Map<string, number>();
@@ -48,6 +55,13 @@ export function toDuckietown(grid: Grid, objects: readonly MapObject[] = []): st
   return `${[...lines, ...objectLines(objects, grid.height)].join("\n")}\n`;
 }
 
+/** Returns an angle, at most half a turn to either side. */
+function withinHalfTurn(angle: number): number {
+  const turns = angle / (2 * Math.PI);
+  const whole = Math.abs(turns % 1) === 0.5 ? 2 * Math.round(turns / 2) : Math.round(turns);
+  return angle - 2 * Math.PI * whole;
+}
+
 function objectLines(objects: readonly MapObject[], rows: number): string[] {
   const text = (value: number) => `${+value.toFixed(6) + 0}`;
   const lines = objects.map((thing, index) => {
@@ -61,9 +75,7 @@ function objectLines(objects: readonly MapObject[], rows: number): string[] {
       y += STAND * height * Math.sin(angle);
       angle += Math.PI / 2;
     }
-    const turns = angle / (2 * Math.PI);
-    const whole = Math.abs(turns % 1) === 0.5 ? 2 * Math.round(turns / 2) : Math.round(turns);
-    const degrees = (angle - 2 * Math.PI * whole) * (180 / Math.PI);
+    const degrees = withinHalfTurn(angle) * (180 / Math.PI);
     return [
       `  ${name}_${index}:`,
       `    kind: ${name}`,
@@ -112,15 +124,15 @@ export interface MapContent {
   /** For each cell, 1 if its row has a code and 0 if it has null; null without such cells. */
   readonly fixed: Uint8Array | null;
   readonly objects: readonly MapObject[];
-  /** Whether the file has objects that were not read. */
-  readonly unread: boolean;
 }
 
-/** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML without its objects. */
+/** Reads a map from a file's text: JSON with codes, rows of codes and nulls, or Duckietown's YAML. */
 export function readMap(text: string, name: string, kinds: ObjectKinds): MapContent {
   if (/\.ya?ml$/i.test(name)) {
-    const grid = fromDuckietown(text, `${name}: `);
-    return { grid, fixed: null, objects: NO_OBJECTS, unread: /^objects\s*:\s*\n\s+\S/m.test(text) };
+    const [file, values] = [`${name}: `, yamlFields(text, `${name}: `)];
+    const grid = gridIn(values, file);
+    const objects = checkObjects(objectsIn(values, grid.height, kinds, file), kinds, grid, file);
+    return { grid, fixed: null, objects };
   }
   let values: unknown;
   try {
@@ -143,54 +155,103 @@ export function readMap(text: string, name: string, kinds: ObjectKinds): MapCont
     ? Uint8Array.from(listed.flat(), (cell) => +(cell !== null))
     : null;
   const grid = gridOf(listed.map((row) => row.map((cell) => (cell ?? 0) as number)));
-  return { grid, fixed, objects: checkObjects(fields!.objects ?? NO_OBJECTS, kinds, grid, `${name}: `), unread: false };
+  return { grid, fixed, objects: checkObjects(fields!.objects ?? NO_OBJECTS, kinds, grid, `${name}: `) };
 }
 
-/** Reads the tiles of Duckietown's YAML, in brackets or as nested lists. Messages begin with `file`. */
-export function fromDuckietown(text: string, file = ""): Grid {
-  const lines = text.split(/\r?\n/).map((line) => line.replace(/(^|\s)#.*$/, ""));
-  const start = lines.findIndex((line) => /^tiles\s*:/.test(line));
-  check(start >= 0, `${file}expected a Duckietown map, got no "tiles"`);
-  const body = [lines[start].replace(/^tiles\s*:/, "")];
-  for (const line of lines.slice(start + 1)) {
-    if (/^[^\s-]/.test(line) && !line.startsWith("]")) break;
-    body.push(line);
+/** Reads the tiles of Duckietown's YAML. */
+export const fromDuckietown = (text: string): Grid => gridIn(yamlFields(text, ""), "");
+
+/** What a table of YAML has: lists, tables and texts. */
+type Fields = Readonly<Record<string, unknown>>;
+
+const fieldsOf = (value: unknown, none: Fields = {}): Fields =>
+  value && typeof value === "object" && !Array.isArray(value) ? (value as Fields) : none;
+const textIn = (fields: Fields, name: string): string => (typeof fields[name] === "string" ? fields[name] : "");
+
+/** Returns the number of a field, NaN if it is something else. */
+const numberIn = (fields: Fields, name: string, usual = NaN): number =>
+  name in fields ? Number(textIn(fields, name) || NaN) : usual;
+
+function pairIn(fields: Fields, name: string): [number, number] {
+  const [first, second] = Array.isArray(fields[name]) ? (fields[name] as unknown[]) : [];
+  return [numberIn({ first }, "first"), numberIn({ second }, "second")];
+}
+
+function yamlFields(text: string, file: string): Fields {
+  try {
+    return fieldsOf(load(text, { schema: FAILSAFE_SCHEMA }));
+  } catch (error) {
+    throw new FileError(`${file}expected readable YAML, got: ${(error as YAMLException).reason}`);
   }
-  const joined = body.join("\n");
-  const rows = joined.includes("[")
-    ? [...joined.replace(/^\s*\[(?=\s*\[)/, "").matchAll(/\[([^[\]]*)\]/g)].map((found) =>
-        found[1]
-          .split(",")
-          .map((kind) => kind.trim())
-          .filter(Boolean),
-      )
-    : blockRows(body);
-  check(rows.length > 0 && rows[0].length > 0, `${file}tiles: expected rows of kinds of tiles`);
-  checkSides(rows, `${file}tiles`);
-  return gridOf(
-    rows.map((row, y) =>
-      row.map((kind, x) => {
-        const plain = kind.replace(/^(["'])(.*)\1$/, "$2").replace(/\s*\/\s*/, "/");
-        const code = CODE.get(plain);
-        if (code === undefined)
-          throw new FileError(
-            `${file}tiles: expected one of Duckietown's kinds, got ${kind.slice(0, 40)} at row ${y}, column ${x}`,
-          );
-        return code;
-      }),
-    ),
+}
+
+function gridIn({ tiles: rows }: Fields, file: string): Grid {
+  check(rows !== undefined, `${file}expected a Duckietown map, got no "tiles"`);
+  const isTable = Array.isArray(rows) && rows.length > 0 && rows.every(Array.isArray);
+  check(isTable, `${file}tiles: expected rows of kinds of tiles`);
+  const listed = rows as unknown[][];
+  checkSides(listed, `${file}tiles`);
+  const codeOf = (kind: unknown, x: number, y: number): number => {
+    const text = typeof kind === "string" ? kind : "no text";
+    const code = CODE.get(text.replace(/\s*\/\s*/, "/"));
+    const got = `${text.slice(0, 40)} at row ${y}, column ${x}`;
+    check(code !== undefined, `${file}tiles: expected one of Duckietown's kinds, got ${got}`);
+    return code!;
+  };
+  return gridOf(listed.map((row, y) => row.map((kind, x) => codeOf(kind, x, y))));
+}
+
+function objectsIn(values: Fields, rows: number, kinds: ObjectKinds, file: string): unknown[] {
+  const tileSize = numberIn(values, "tile_size", TILE_SIZE);
+  check(
+    !values.objects || (tileSize >= 0.01 && tileSize <= 100),
+    `${file}tile_size: expected metres, a number from 0.01 to 100`,
   );
+  return Object.values(values.objects || {}).map((value) => objectIn(fieldsOf(value), rows, tileSize, kinds));
 }
 
-function blockRows(lines: readonly string[]): string[][] {
-  const rows: string[][] = [];
-  for (const line of lines) {
-    const first = /^\s*-\s+-\s*(.*?)\s*$/.exec(line);
-    const next = /^\s+-\s*(.*?)\s*$/.exec(line);
-    if (first) rows.push([first[1]]);
-    else if (next && rows.length) rows[rows.length - 1].push(next[1]);
+/** Reads an object, by Python's rules. A number that is not there becomes NaN, which `checkObject` refuses. */
+function objectIn(fields: Fields, rows: number, tileSize: number, kinds: ObjectKinds): object {
+  const given = textIn(fields, "kind").replace(/^sign_1_way_(left|right)$/, "sign_oneway_$1");
+  let kind = Object.hasOwn(kinds, given) ? given : `other:${given}`;
+  const [usual] = kinds[baseKind(kind)];
+  const height = usual && numberIn(fields, "height", usual);
+  let [x, y, angle] = poseIn(fields, rows, tileSize);
+  if (kind === "trafficlight") {
+    angle -= Math.PI / 2;
+    x -= ((STAND * height) / tileSize) * Math.cos(angle);
+    y += ((STAND * height) / tileSize) * Math.sin(angle);
   }
-  return rows;
+  const tag = "tag" in fields ? numberIn(fieldsOf(fieldsOf(fields.tag)["~TagInstance"]), "tag_id") : undefined;
+  if (kind === "sign_blank" && tag! >= FIRST_STREET && tag! <= LAST_STREET) kind = "sign_street_name";
+  const isStatic = !/^(false|no|off)$/i.test(textIn(fields, "static"));
+  return { kind, x, y, angle: withinHalfTurn(angle), height, ...(tag !== undefined && { tag }), static: isStatic };
+}
+
+/** Returns the position of an object in tiles, and its angle. */
+function poseIn(fields: Fields, rows: number, tileSize: number): [x: number, y: number, angle: number] {
+  const radians = (degrees: number) => degrees * (Math.PI / 180);
+  const transform = (value: unknown) => {
+    const inner = fieldsOf(fieldsOf(value)["~SE2Transform"], { p: null, theta: null });
+    const [east, north] = "p" in inner ? pairIn(inner, "p") : [0, 0];
+    return [east, north, "theta" in inner ? numberIn(inner, "theta") : radians(numberIn(inner, "theta_deg", 0))];
+  };
+  const fromSouthWest = ([column, row]: number[], [east, north, angle]: number[]): [number, number, number] => [
+    column + east / tileSize,
+    rows - row - north / tileSize,
+    angle,
+  ];
+  const { attach, pos, pose, place } = fields;
+  const rotate = radians(numberIn(fields, "rotate", 0));
+  if (attach) {
+    const slot = 2 * numberIn(fieldsOf(attach), "slot");
+    const angle = pose ? transform(pose)[2] : rotate;
+    return fromSouthWest(pairIn(fieldsOf(attach), "tile"), [SLOTS[slot], SLOTS[slot + 1], angle]);
+  }
+  if (pos) return [...pairIn(fields, "pos"), rotate];
+  if (pose || !place) return fromSouthWest([0, 0], transform(pose));
+  const [column, row] = pairIn(fieldsOf(place), "tile");
+  return fromSouthWest([column + 0.5, row + 0.5], transform(fieldsOf(place).relative));
 }
 
 function checkSides(rows: readonly (readonly unknown[])[], name: string): void {
