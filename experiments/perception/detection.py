@@ -52,7 +52,8 @@ _LEARNED = 4  # the least size of boxes in training
 _FURNISHED = "all duckies=0.6 cones=0.6 buses=0.25 trucks=0.25 lane_duckies=3"
 _SEEN = 0.25  # the least share of objects in the second figure
 _SHOWN, _COLOURS = 0.3, ((48, 59, 255), (255, 92, 255), (255, 229, 0), (255, 98, 41))  # the least score; BGR
-_TRAINED, _HELD_OUT = (1, 9, 13, 17, 21, 25), (5,)  # the first of four numbers of drawings; objects/ has 1 to 4
+# Numbers of drawings, four from each. Those from 1 are in objects/.
+_TRAINED, _HELD_OUT = (1, 9, 13, 17, 21, 25), (5,)
 
 
 class Budget(NamedTuple):
@@ -63,15 +64,17 @@ class Budget(NamedTuple):
       towns: of the training.
       test_towns: of each test in our pictures.
       views: pictures of each town; each map that people made has twice as many.
+      drawings: of each kind, for the training.
     """
 
     steps: int = 4000
     towns: int = 200
     test_towns: int = 20
     views: int = 16
+    drawings: int = 24
 
 
-_FULL, _QUICK = Budget(), Budget(2, 1, 1, 2)
+_FULL, _QUICK = Budget(), Budget(2, 1, 1, 2, 4)
 
 
 class Pictures(NamedTuple):
@@ -141,7 +144,7 @@ def _make_pictures(folder: Path, budget: Budget, seed: int) -> dict[str, Picture
     camera = (f"rows={_ROWS}", f"columns={_COLUMNS}", "heading=90")
     usual = usual.replace(furnish=_FURNISHED, camera=camera, views=budget.views)
     train = usual.replace(maps=budget.towns, size="7", split=(1, 0, 0), seed=2 * seed)
-    train = train.replace(objects=_draw(folder / "objects", _TRAINED))
+    train = train.replace(objects=_draw(folder / "objects", _TRAINED[: budget.drawings // 4]))
     test = usual.replace(maps=budget.test_towns, size="8", split=(0, 0, 1), seed=2 * seed + 1)
     held_out = test.replace(objects=_draw(folder / "objects-held-out", _HELD_OUT))
     specs = {"train": train, "seen": test, "held out": held_out}
