@@ -193,9 +193,12 @@ def test_islands_take_all_of_it():
         ({"fitness": lambda metrics: float(metrics.turns)}, "fitness: expected to be a function that JAX can trace"),
         ({"moves": 3}, "moves: expected weights and moves by name, got 3"),
         ({"moves": {"miror": 0}}, "got 'miror'; is it mirror?"),
-        ({"moves": {"mirror": -1}}, "mirror: expected a whole number, 0 or more, got -1"),
-        ({"moves": {"mine": (1, lambda bits: bits)}}, "mine: expected a weight and a Move"),
-        ({"moves": {"mine": (-1, Move(1, None))}}, "expected a whole number, 0 or more, got -1"),
+        ({"moves": {"mirror": -1}}, "moves: mirror: expected a whole number, 0 or more, got -1"),
+        ({"moves": {"mine": (1, lambda bits: bits)}}, "moves: mine: expected a weight and a Move"),
+        (
+            {"moves": {"mine": (-1, Move(1, None))}},
+            "moves: mine: expected a whole number, 0 or more, got -1",
+        ),
         (
             {"moves": {"mine": (1, Move(1, lambda bits, grid, mate: (grid, grid)))}},
             "expected mine to return int8 and bool",

@@ -32,8 +32,12 @@ def test_a_result_writes_what_generate_writes(key, tmp_path):
     with pytest.raises(InputError, match="out: expected a folder that is new or empty"):
         result.write(tmp_path / "out", 1)
     result.write(tmp_path / "out", 1, force=True, tile_px=16)
-    with pytest.raises(NotEnoughMapsError):
+    with pytest.raises(NotEnoughMapsError, match=r"; at_most=True writes those found; .* find more$"):
         result.write(tmp_path / "none", 10_000)
+    with pytest.raises(InputError, match="tile: expected one of .* is it tiles?"):
+        result.write(tmp_path / "none", maps=1, tile=1)
+    with pytest.raises(InputError, match="path: expected a name that ends in .npz, got town.json"):
+        result.save("town.json")
     with pytest.raises(InputError, match="tile_px: expected a whole number"):
         result.write(tmp_path / "none", 1, tile_px=1)
     assert not (tmp_path / "none").exists()

@@ -1,7 +1,7 @@
 """Wrong arguments from Python: each is named in one line, before any search."""
 
 import sys
-from functools import cache
+from functools import cache, partial
 
 import jax
 import numpy as np
@@ -13,17 +13,32 @@ from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
 from elitelanes_jax.explorer.page import explore
-from elitelanes_jax.formats import to_dt_maps, to_duckietown, to_gltf, to_movingai, to_nav2, to_opendrive
+from elitelanes_jax.formats import (
+    Streets,
+    from_duckietown,
+    map_to_json,
+    to_commonroad,
+    to_dt_maps,
+    to_duckietown,
+    to_gltf,
+    to_lanelet2,
+    to_mjcf,
+    to_movingai,
+    to_nav2,
+    to_opendrive,
+    write_sumo,
+)
 from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.maps.generation import generate, merge
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.fitness import fitness
 from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.symmetry import rotate
+from elitelanes_jax.optimizers import MoveWeights, run
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles.rendering import choose_tiles, render
+from elitelanes_jax.tiles.rendering import choose_tiles, render, stand
 from elitelanes_jax.tiles.tileset import load_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
@@ -92,7 +107,19 @@ WRONG = {
     "what: expected a Result, maps, or paths of runs and maps, got int": lambda: explore(3, "page.html"),
     "grid: expected rows of tile codes, got 'town.json'; read_map reads": lambda: to_opendrive("town.json"),
     "shape: expected (height, width), two whole numbers": lambda: to_gltf((3,), b"\x89PNG\r\n\x1a\n"),
-    "picture: expected a PNG file, got b'no pictu'": lambda: to_gltf((2, 2), b"no picture"),
+    "picture: expected the content of a PNG file, got b'no picture'": lambda: to_gltf((2, 2), b"no picture"),
+    "picture: expected the content of a PNG file, got 'floor.png'": lambda: to_gltf((2, 2), "floor.png"),
+    "standing: expected a list of Standing, got 3": lambda: to_mjcf(GRID, "floor.png", standing=3),
+    "objects: expected a list of MapObject, got 'signs'": lambda: stand("signs"),
+    "image: expected a name, got 3": lambda: to_nav2(GRID, 3),
+    "prefix: expected a name, got 3": lambda: write_sumo(3, GRID),
+    "text: expected the content of a YAML file, got 3": lambda: from_duckietown(3),
+    "expected maps, grids or files of maps, got 3": lambda: map_to_json(3),
+    "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
+    "moves: mirror: expected a whole number, 0 or more, got -1": lambda: evolve(0, moves={"mirror": -1}),
+    "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
+    "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),
+    "user_moves: expected moves by name, got 3": lambda: MoveWeights(user_moves=3),
     "cells: expected at most 1,073,741,824 in all, got": lambda: to_nav2(np.full((1024, 1024), 15), "map.pgm"),
     "cells: expected at most 33,554,432 in all, got": lambda: to_movingai(np.full((99, 99), 15), "map", cells=64),
     "objects: expected a list of objects, got 'signs'": lambda: to_duckietown(GRID, objects="signs"),
@@ -113,6 +140,17 @@ def test_a_wrong_argument_is_named(message, tmp_path, monkeypatch):
     assert str(error.value).startswith(message)
     assert "\n" not in str(error.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("any_types")
+@pytest.mark.parametrize("write", [to_opendrive, to_lanelet2, to_commonroad, partial(write_sumo, "city")])
+def test_streets_are_a_record(write, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for value in (3, None, {"lane": 3}):
+        with pytest.raises(InputError, match=f"^streets: expected Streets, got {value}"):
+            write(RING, value)
+    assert not list(tmp_path.iterdir())
+    assert write(RING, Streets(lane=3))
 
 
 def test_progress_needs_no_stream(monkeypatch):

@@ -53,13 +53,11 @@ def whole(least: int, most: int = _LARGEST_INT32) -> Check:
 
 def real(least: float, most: float = float("inf"), *, unit: str = "a number", exclusive: bool = False) -> Check:
     """Makes a check for a finite number from `least`, or over it if `exclusive`, to `most`."""
-    limit = (
-        f", {least:g} to {most:g}"
-        if most < float("inf")
-        else f" over {least:g}"
-        if exclusive
-        else f", {least:g} or more"
-    )
+    limit = f" over {least:g}" if exclusive else f", {least:g}"
+    if most < float("inf"):
+        limit += f"{', up' if exclusive else ''} to {most:g}"
+    elif not exclusive:
+        limit += " or more"
 
     def check(value: UserValue) -> float:
         number = value
@@ -110,6 +108,17 @@ def paths(value: UserValue) -> list[Path]:
     if not (found := [path(one) for one in several]):
         raise InputError("expected at least one, got none")
     return found
+
+
+def listed(kind: type) -> Check:
+    """Makes a check for a list or tuple of objects of a type."""
+
+    def check(values: UserValue) -> UserValue:
+        if type(values) not in (list, tuple) or not all(isinstance(one, kind) for one in values):
+            raise InputError(f"expected a list of {kind.__name__}, got {shorten(repr(values))}")
+        return values
+
+    return check
 
 
 def ends_as_file(file: Path) -> bool:

@@ -53,4 +53,4 @@ def unpack(path: str | Path) -> tuple[Plain, dict[str, np.ndarray]]:
         raise InputError(f"{path}: {reason(error)}") from None
     except _DAMAGES as error:
         words = shorten(str(error).partition("\n")[0] or type(error).__name__)
-        raise InputError(f"{path}: expected NumPy's .npz, got a damaged file: {words}") from None
+        raise InputError(f"{path}: expected NumPy's .npz, got a file that cannot be read as such: {words}") from None

@@ -16,9 +16,7 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
-from elitelanes_jax.cli.program import fail, say
-
-_CONTINUES = "complete files are kept, and the same command resumes"
+from elitelanes_jax.cli.program import say
 
 
 def add_dataset(commands: Commands) -> None:
@@ -37,7 +35,7 @@ def add_dataset(commands: Commands) -> None:
     add_force(command)
     add_cores(command)
     add_verbosity(command)
-    command.set_defaults(action=_dataset, interrupted=_CONTINUES)
+    command.set_defaults(action=_dataset)
 
 
 def _dataset(options: argparse.Namespace) -> int:
@@ -51,17 +49,14 @@ def _dataset(options: argparse.Namespace) -> int:
     from elitelanes_jax.search.compile_cache import use_compile_cache
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
-    try:
-        with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from", "furnish"):
-            if options.scheduler is None:
-                about = make_dataset(spec, options.out, force=options.force)
-            else:
-                from elitelanes_jax.maps.cluster import dask_executor
+    with naming_options(DatasetSpec(), "hold_out_tiles", "maps_from", "furnish"):
+        if options.scheduler is None:
+            about = make_dataset(spec, options.out, force=options.force)
+        else:
+            from elitelanes_jax.maps.cluster import dask_executor
 
-                with dask_executor(options.scheduler) as executor:
-                    about = make_dataset(spec, options.out, force=options.force, executor=executor)
-    except OSError as error:
-        return fail("elitelanes", f"{error.filename or options.out}: {error.strerror or error}; {_CONTINUES}", 2)
+            with dask_executor(options.scheduler) as executor:
+                about = make_dataset(spec, options.out, force=options.force, executor=executor)
     lines = [f"{'':14}  " + "  ".join(split.rjust(10) for split in about["pictures"])]
     lines.append(f"{'pictures':14}  " + "  ".join(str(count).rjust(10) for count in about["pictures"].values()))
     for one in about["classes"]:

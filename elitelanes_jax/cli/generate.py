@@ -20,12 +20,11 @@ from elitelanes_jax.cli.arguments import (
     naming_options,
     read_options,
 )
-from elitelanes_jax.cli.program import INTERRUPTED, fail, program_name, say
+from elitelanes_jax.cli.program import program_name, say
 
 if TYPE_CHECKING:
     from elitelanes_jax.formats.road_map import RoadMap
 
-_CONTINUES = "the elites are kept, and the same command resumes"
 _KEPT = "; the elites are kept: fewer maps need no new search, and more evaluations extend it"
 
 _COLUMNS = (
@@ -78,7 +77,7 @@ def _generate(options: argparse.Namespace) -> int:
 
     detail(f"compiled programs are kept in {use_compile_cache() or 'no folder'}")
     try:
-        with naming_options(GenerateSpec(), "furnish"):
+        with naming_options(GenerateSpec(), "furnish", "axes", "where"):
             if options.scheduler is None:
                 maps = generate(spec, options.out, force=options.force)
             else:
@@ -86,12 +85,8 @@ def _generate(options: argparse.Namespace) -> int:
 
                 with dask_executor(options.scheduler) as executor:
                     maps = generate_on(executor, spec, options.out, force=options.force)
-    except KeyboardInterrupt:
-        if not has_unfinished(options.out):
-            raise
-        return fail("elitelanes", f"interrupted; {_CONTINUES}", INTERRUPTED)
     except NotEnoughMapsError as error:
-        return fail("elitelanes", f"{error}{_KEPT if has_unfinished(options.out) else ''}", 1)
+        raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:
         explore = f"{program_name()} explore {shlex.quote(str(options.out))} --open shows all elites"
         say(f"{describe_maps(maps, spec.maps, options.out)}\n{explore}")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from elitelanes_jax._util.folders import check_apart
+from elitelanes_jax._util.folders import check_apart, has_unfinished
 from elitelanes_jax._util.packages import __version__
 from elitelanes_jax._util.progress import Verbosity
 from elitelanes_jax._util.types import Untyped
@@ -23,10 +23,12 @@ from elitelanes_jax.cli.metrics import add_metrics
 from elitelanes_jax.cli.pack import add_pack
 from elitelanes_jax.cli.pick import add_pick
 from elitelanes_jax.cli.plan import add_plan
-from elitelanes_jax.cli.program import guarded, say
+from elitelanes_jax.cli.program import INTERRUPTED, fail, guarded, say
 from elitelanes_jax.cli.render import add_render
 from elitelanes_jax.cli.score import add_score
 from elitelanes_jax.cli.tiles import add_tiles
+
+_RESUMES = "what is complete is kept, and the same command resumes"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -36,13 +38,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _act(options: argparse.Namespace) -> int:
-    """Runs a command, unless it would replace a folder that contains one of its inputs."""
+    """Runs a command, unless it would replace a folder that contains one of its inputs.
+
+    If an interrupted or failed command can be resumed, the message says so.
+    """
     if getattr(options, "force", False) and options.out is not None:
         values = (value for name, value in vars(options).items() if name != "out")
         named = [one for value in values for one in (value if isinstance(value, list) else [value])]
         texts = [one for one in named if isinstance(one, str | Path)]
         check_apart(options.out, filter(os.path.exists, texts))  # False for a text that is too long for a path
-    return int(options.action(options))
+    try:
+        return int(options.action(options))
+    except (KeyboardInterrupt, OSError) as error:
+        out = getattr(options, "out", None)
+        if out is None or not has_unfinished(out):
+            raise
+        if isinstance(error, KeyboardInterrupt):
+            return fail("elitelanes", f"interrupted; {_RESUMES}", INTERRUPTED)
+        return fail("elitelanes", f"{error.filename or out}: {error.strerror or error}; {_RESUMES}", 2)
 
 
 def make_parser() -> argparse.ArgumentParser:

@@ -15,8 +15,6 @@ from elitelanes_jax.cli.arguments import (
 )
 from elitelanes_jax.cli.program import say
 
-_CONTINUES = "what is complete stays, and the same command continues from there"
-
 
 def add_pack(commands: Commands) -> None:
     """Adds the command to a parser's."""
@@ -26,7 +24,7 @@ def add_pack(commands: Commands) -> None:
         "pack",
         help="maps for other programs, with splits, trips and checksums",
         description="Writes a folder with maps for other programs, splits that share no niche, and trips with their "
-        "exact lengths. Interrupted or killed, it continues when it is started again.",
+        "exact lengths. After an interruption or a kill, the same command resumes.",
     )
     command.add_argument(
         "sources",
@@ -41,7 +39,7 @@ def add_pack(commands: Commands) -> None:
     add_options(command, PackSpec())
     add_force(command)
     add_verbosity(command)
-    command.set_defaults(action=_pack, interrupted=_CONTINUES)
+    command.set_defaults(action=_pack)
 
 
 def _pack(options: argparse.Namespace) -> int:

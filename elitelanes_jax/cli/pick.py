@@ -56,7 +56,7 @@ def _pick(options: argparse.Namespace) -> int:
     spec = read_options(options, PickSpec())
     from elitelanes_jax.maps.picking import pick
 
-    with naming_options(PickSpec(), "furnish"):
+    with naming_options(PickSpec(), "furnish", "axes", "where"):
         maps = pick(
             spec, options.archives, options.out, force=bool(options.force), force_archive=options.force == "archive"
         )

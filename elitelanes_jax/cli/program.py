@@ -36,7 +36,7 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, level: Ve
     except InputError as error:
         return fail(program, str(error), 2)
     except NotEnoughMapsError as error:
-        return fail(program, str(error), 1)
+        return fail(program, str(error).replace("at_most=True", "--at-most"), 1)
     except OSError as error:
         return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:

@@ -1,7 +1,6 @@
 """The tiles of each split of a dataset, and checks of a tile set against maps."""
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ import numpy as np
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.movements import list_movements
@@ -17,28 +16,28 @@ from elitelanes_jax.tiles.tile import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 
-def check_given(spec: DatasetSpec, maps: Sequence[RoadMap], tiles: TileSet) -> None:
+def check_given(spec: DatasetSpec, own: GivenMaps, tiles: TileSet) -> None:
     """Checks maps that are used instead of evolved ones.
 
     Raises:
       InputError: unless their number and sizes are the specification's, they can be drawn, and for a camera have lanes.
     """
     source = "maps" if spec.maps_from is None else "maps_from"
-    if len(maps) != spec.maps:
-        raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(maps)}")
-    for index, road_map in enumerate(maps):
+    if len(own.maps) != spec.maps:
+        raise InputError(f"{source}: expected {spec.maps} of them, as the specification says, got {len(own.maps)}")
+    for index, road_map in enumerate(own.maps):
         codes = np.asarray(check_grid(road_map.codes))
         if codes.shape not in spec.shapes:
             raise InputError(
                 f"{source}: expected sizes {' x '.join(f'{low}..{high}' for low, high in spec.size)}, "
-                f"got number {index} of {codes.shape[0]} x {codes.shape[1]}"
+                f"got {codes.shape[0]} x {codes.shape[1]}, {own.names[index]}"
             )
         if spec.camera is not None and not len(list_movements(codes)):
-            raise InputError(f"{source}: expected maps with lanes, for a camera, got none in number {index}")
+            raise InputError(f"{source}: expected maps with lanes, for a camera, got none, {own.names[index]}")
         if lacking := set(codes.flat) - set(tiles.rotations):
             kinds = [kind for kind, members in KINDS.items() if lacking & set(members)]
             expected = f"{source}: expected codes that the tile set has pictures for"
-            raise InputError(f"{expected}, got {' and '.join(kinds)} in number {index}")
+            raise InputError(f"{expected}, got {' and '.join(kinds)}, {own.names[index]}")
 
 
 def tiles_by_split(tiles: TileSet, spec: DatasetSpec) -> tuple[TileSet, TileSet, TileSet]:

@@ -135,7 +135,7 @@ def make_dataset(
         raise InputError("maps: expected none beside the specification's maps_from")
     own = spec.maps_from if maps is None else given(check_named("maps", as_maps, maps))
     if own is not None:
-        check_given(spec, own.maps, tiles)
+        check_given(spec, own, tiles)
     by_split = tiles_by_split(tiles, spec)
     search = drawable(spec.search, tiles)
     if own is None:

@@ -167,7 +167,7 @@ def _go(key: Array, step: Array, state: Pytree, action: Array, params: LaneDrive
 def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
     try:
         action = np.asarray(policy(observation), np.float32)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         file = getattr(getattr(policy, "__code__", None), "co_filename", "")
         raise InputError(f"policy: expected an action, got {_describe(error, file)}") from error
     if action.shape != (2,):
@@ -185,7 +185,7 @@ def load_policy(file: Path) -> Policy:
     """
     try:
         act = runpy.run_path(str(file)).get("act")
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         if isinstance(error, OSError) and Path(str(error.filename)).resolve() == file.resolve():
             raise InputError(f"{file}: expected a readable file, got: {error.strerror or error}") from None
         raise InputError(f"{file}: expected a program that runs, got {_describe(error, str(file))}") from error
@@ -194,7 +194,7 @@ def load_policy(file: Path) -> Policy:
     return act
 
 
-def _describe(error: Exception, file: str) -> str:
+def _describe(error: BaseException, file: str) -> str:
     """Returns the text of an error, with the last line of the file that it came through."""
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
     return f"{type(error).__name__}: {error}" + (f" (line {lines[-1]} of {file})" if lines else "")

@@ -6,6 +6,8 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
@@ -37,8 +39,9 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
       problem: from lanelet 1 to a lanelet that is farthest from there.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one without any road.
+      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
+    check_named("streets", record(Streets), streets)
     ways, after, links = lanes(codes)
     rights = rights_of_way(codes, streets)
     sides = [bounds(way, streets, len(links)) for way in ways]

@@ -134,6 +134,8 @@ def read_duckietown(text: str) -> tuple[NDArray[np.int8], list[MapObject] | None
     Raises:
       InputError: as `from_duckietown`, or for an object that cannot be read.
     """
+    if not isinstance(text, str):
+        raise InputError(f"text: expected the content of a YAML file, got {shorten(repr(text))}")
     values = yaml_tree(text)
     rows = values.get("tiles") if isinstance(values, dict) else None
     if rows is None:

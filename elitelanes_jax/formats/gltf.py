@@ -10,7 +10,8 @@ from math import cos, sin
 
 import numpy as np
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.checks import check_named, listed
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.objects import Standing
 from elitelanes_jax.network.checks import check_shape
@@ -39,17 +40,17 @@ def to_gltf(
         lower edge is in the middle of the footprint. They grow with the tiles.
 
     Raises:
-      InputError: for a bad shape, picture or size.
+      InputError: for a bad shape, picture, size or object.
     """
     check_tile_size(tile_size, most=1000)
-    if not picture.startswith(_PNG):
-        raise InputError(f"picture: expected a PNG file, got {picture[:8]!r}")
+    if not isinstance(picture, bytes) or not picture.startswith(_PNG):
+        raise InputError(f"picture: expected the content of a PNG file, got {shorten(repr(picture), 16)}")
     depth, width = (side * tile_size for side in check_shape(shape))
     nodes: list[tuple[str, int, *tuple[_Vector, ...]]] = [
         ("floor", 0, (width, 0, 0), (0, 0, -depth), (0, 1, 0), (width / 2, 0, 0))  # right, up, forwards, place
     ]
     pictures = {picture: 0}
-    for thing, front, across, _ in standing:
+    for thing, front, across, _ in check_named("standing", listed(Standing), standing):
         scale, up = tile_size / TILE_SIZE, thing.height * tile_size / TILE_SIZE
         east, south = cos(thing.angle), -sin(thing.angle)  # where it faces
         right = (south * across * scale, 0, -east * across * scale)

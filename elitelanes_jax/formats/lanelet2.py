@@ -11,6 +11,8 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
@@ -38,8 +40,9 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
       enter their tile, and the turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one without any road.
+      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
+    check_named("streets", record(Streets), streets)
     ways, _, links = lanes(codes)
     rules = rights_of_way(codes, streets)
     city = _Map()

@@ -10,6 +10,7 @@ from xml.sax.saxutils import quoteattr
 
 from numpy.typing import ArrayLike
 
+from elitelanes_jax._util.checks import check_named, listed, name
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
 from elitelanes_jax.formats.objects import Standing
@@ -80,18 +81,19 @@ def to_mjcf(codes: ArrayLike, picture: str, tile_size: float = TILE_SIZE, standi
         mean colours that do not move. They grow with the tiles.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a lane, or a bad size.
+      InputError: for a bad grid (see `check_grid`), one without a lane, or a bad name, size or object.
     """
     check_tile_size(tile_size, 0.1, 1000)
     height, width = check_grid(codes).shape
     before, start, after = lane_points(lane_graph(codes), height, [0.49, 0.5, 0.51])[0]
     direction = after - before
+    standing = check_named("standing", listed(Standing), standing)
     things = [_solid(one, height, number, tile_size) for number, one in enumerate(standing)]
     return _MODEL.format(
         things="".join(things),
         east=width * tile_size / 2,
         north=height * tile_size / 2,
-        picture=quoteattr(picture),
+        picture=quoteattr(check_named("picture", name, picture)),
         x=start.real * tile_size,
         y=start.imag * tile_size,
         degrees=degrees(atan2(direction.imag, direction.real)),

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, name, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
 from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
@@ -87,7 +87,7 @@ def to_nav2(codes: ArrayLike, image: str, tile_size: float = TILE_SIZE, cells: i
     graph = lane_graph(codes)
     pixels = road * np.uint8(_FREE)
     picture = b"P5\n%d %d\n255\n" % road.shape[::-1] + pixels.tobytes()
-    about = _YAML.format(image=json.dumps(image), resolution=tile_size / cells)
+    about = _YAML.format(image=json.dumps(check_named("image", name, image)), resolution=tile_size / cells)
     return Nav2(picture, about, _geojson(graph, np.shape(codes)[0], tile_size))
 
 

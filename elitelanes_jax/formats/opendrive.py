@@ -10,6 +10,8 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 import math
 from typing import NamedTuple
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
@@ -49,8 +51,9 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
       side by which they enter and their turn, such as ``3_4_west_left``.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), or one without any road.
+      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
+    check_named("streets", record(Streets), streets)
     network = lanes(codes)
     links = linked_tiles(codes)
     height, width = network.links.shape

@@ -113,8 +113,12 @@ class RoadMap:
         return draw_svg(self.codes)
 
 
-def map_to_json(road_map: RoadMap) -> str:
-    """Returns the text of a map file: a line for each key, and for each row of a table."""
+def map_to_json(road_map: UserValue) -> str:
+    """Returns the text of a map file: a line for each key, and for each row of a table.
+
+    Takes one map in any form that `as_maps` takes; raises `InputError` for anything else.
+    """
+    road_map = as_map(road_map)
     values: dict[str, Plain] = {
         "format": _FORMAT,
         "shape": list(road_map.codes.shape),

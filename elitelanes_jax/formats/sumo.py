@@ -17,9 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
@@ -80,8 +82,9 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
       A `PlainXml`; the same grid gives the same texts.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without any road.
+      InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
+    check_named("streets", record(Streets), streets)
     roads = _roads(codes)
     if not roads:
         raise no_road()
@@ -107,7 +110,7 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()
     Raises:
       InputError: as `plain_xml`, or if the files cannot be written.
     """
-    texts = plain_xml(codes, streets)
+    prefix, texts = check_named("prefix", path, prefix), plain_xml(codes, streets)
     nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
     try:
         nodes.parent.mkdir(parents=True, exist_ok=True)
@@ -171,9 +174,9 @@ def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> 
     Raises:
       InputError: as `network`, or if the file cannot be written.
     """
-    text, warnings = network(codes, streets)
+    target, (text, warnings) = check_named("file", path, file), network(codes, streets)
     try:
-        write_atomic(Path(file), text.encode())
+        write_atomic(target, text.encode())
     except OSError as error:
         raise unwritable_error(file, error) from None
     return warnings
@@ -184,9 +187,9 @@ def _roads(codes: AnyArray) -> list[list[Cell]]:
     grid = check_grid(codes)
     links = linked_tiles(grid)
     roads = []
-    for path in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
-        middle = len(path) // 2
-        for part in (path[: middle + 1], path[middle:]) if path[0] == path[-1] else (path,):
+    for tiles in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
+        middle = len(tiles) // 2
+        for part in (tiles[: middle + 1], tiles[middle:]) if tiles[0] == tiles[-1] else (tiles,):
             roads += [part, part[::-1]]
     return sorted(roads)
 

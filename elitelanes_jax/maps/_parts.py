@@ -14,7 +14,7 @@ from elitelanes_jax._util.folders import first_difference, has_unfinished
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.types import Plain
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD
-from elitelanes_jax.maps.run import Evolved, Run, plan_run
+from elitelanes_jax.maps.run import Evolved, Run, describe_archive, plan_run
 from elitelanes_jax.maps.spec import GenerateSpec, parse_part
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
@@ -50,7 +50,8 @@ def join_parts(folders: Sequence[Path]) -> Evolved:
         few = ", ".join(missing[:5]) + (f" and {len(missing) - 5} more" if len(missing) > 5 else "")
         raise InputError(f"parts: expected all {count} parts, got all but {few}")
     run = plan_run(_read_spec(folders[0], settings))
-    results = [_read_archive(by_index[index], run, index, count) for index in range(1, count + 1)]
+    archives = {folder: record.get("archive") for folder, record in zip(folders, records, strict=True)}
+    results = [_read_archive(by_index[index], run, (index, count), archives) for index in range(1, count + 1)]
     speeds = [record["times"]["evaluations_per_second"] for record in records]
     known = [speed for speed in speeds if speed is not None]
     return Evolved(
@@ -86,16 +87,18 @@ def _read_spec(folder: Path, settings: dict[str, Plain]) -> GenerateSpec:
         raise InputError(f"{folder / RECORD}: expected settings of a run, got: {error}") from None
 
 
-def _read_archive(folder: Path, run: Run, index: int, count: int) -> Result:
+def _read_archive(folder: Path, run: Run, part: tuple[int, int], archives: dict[Path, Plain]) -> Result:
     file, (spec, search, tiles) = folder / ARCHIVE, run
     result = Result.load(file)
     if result.spec != search:
         if result.spec == search.replace(alphabet=result.spec.alphabet):
             raise InputError(f"{folder}: expected a part for the tile set {tiles.name!r}, got one for another set")
         raise InputError(f"{file}: expected the search in {RECORD} next to it, got another search")
-    shape, expected = result.elites.grids.shape, (len(spec.replace(part=(index, count)).seed_indices), *spec.size)
+    shape, expected = result.elites.grids.shape, (len(spec.replace(part=part).seed_indices), *spec.size)
     if shape[:-3] + shape[-2:] != expected:
         raise InputError("{}: expected {} seeds of {} x {}, got {}".format(file, *expected, shape))
+    if describe_archive(result) != archives[folder]:
+        raise InputError(f"{file}: expected the archive of the same run as {RECORD} next to it, got another one")
     return result
 
 

@@ -9,7 +9,7 @@ from elitelanes_jax._util.checks import path
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import MIB, parse_json, read_text
 from elitelanes_jax._util.types import UserValue
-from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json
+from elitelanes_jax.formats.road_map import RoadMap, as_maps, map_to_json, read_maps
 from elitelanes_jax.network.plain_metrics import plain_measure
 from elitelanes_jax.network.symmetry import canonical_form
 
@@ -23,12 +23,14 @@ class GivenMaps:
       digest: of all fields of all maps.
       repeated: the number of maps that were skipped because they equal another one when rotated or mirrored.
       paths: the files and folders they were read from.
+      names: of the maps in messages: the index, and the file if there is one.
     """
 
     maps: tuple[RoadMap, ...] = field(compare=False, repr=False)
     digest: str
     repeated: int = 0
     paths: tuple[Path, ...] = field(default=(), compare=False, repr=False)
+    names: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     @property
     def sizes(self) -> list[tuple[int, int]]:
@@ -36,11 +38,15 @@ class GivenMaps:
         return sorted({(road_map.codes.shape[0], road_map.codes.shape[1]) for road_map in self.maps})
 
 
-def given(maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = ()) -> GivenMaps:
+def given(
+    maps: Sequence[RoadMap], repeated: int = 0, paths: Sequence[Path] = (), files: Sequence[str] = ()
+) -> GivenMaps:
     """Returns the maps with their metrics, which are measured if a map has none."""
-    measured = tuple(map(_measured, maps))
+    files = files or [""] * len(maps)
+    names = [f"map {index}" + (f", in {file}" if file else "") for index, file in enumerate(files)]
+    measured = tuple(map(_measured, maps, names))
     digest = sha256("".join(map(map_to_json, measured)).encode()).hexdigest()[:16]
-    return GivenMaps(measured, digest, repeated, tuple(paths))
+    return GivenMaps(measured, digest, repeated, tuple(paths), tuple(names))
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
@@ -58,48 +64,64 @@ def parse_given(sources: UserValue) -> GivenMaps:
     """
     if isinstance(sources, GivenMaps):
         return sources
-    listed, paths = [sources] if isinstance(sources, str | Path) else sources, []
+    listed, paths, file_of = [sources] if isinstance(sources, str | Path) else sources, [], {}
     if isinstance(listed, list | tuple):
         paths = [Path(source) for source in listed if isinstance(source, str | Path)]
-        listed = [one for source in listed for one in _files(source)]
+        read = [one for source in listed for one in _maps_of(source)]
+        listed, file_of = [one for _, one in read], {id(one): file for file, one in read}
     found = as_maps(listed)
     if not found:
         raise InputError("expected at least one map, got none")
     distinct = {canonical_form(road_map.codes): road_map for road_map in reversed(found)}
     maps = [road_map for road_map in found if distinct[canonical_form(road_map.codes)] is road_map]
-    return given(maps, len(found) - len(maps), paths)
+    return given(maps, len(found) - len(maps), paths, [file_of.get(id(one), "") for one in maps])
 
 
-def _files(source: UserValue) -> list[UserValue]:
+def _maps_of(source: UserValue) -> list[tuple[str, UserValue]]:
+    """Reads a file or folder: each map with its file. Anything else is a map without a file."""
     source = path(source) if isinstance(source, str) else source
-    if not isinstance(source, Path) or not source.is_dir():
-        return [source]
+    if not isinstance(source, Path):
+        return [("", source)]
     if (source / "dataset.json").is_file():
         return _of_dataset(source)
+    return [(str(file), one) for file in _files(source) for one in read_maps(file)]
+
+
+def _files(source: Path) -> list[Path]:
+    if not source.is_dir():
+        return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
     kinds = {".json", ".yaml", ".yml"}
-    files = sorted(source.rglob("map.json")) or sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
+    files = sorted(source.rglob("map.json"))
+    if not files and not (source / "run.json").exists():
+        files = sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files
 
 
-def _of_dataset(folder: Path) -> list[UserValue]:
+def _of_dataset(folder: Path) -> list[tuple[str, UserValue]]:
     """Reads the maps of a dataset in the metadata of its samples, in the order of their numbers."""
-    found: dict[int, RoadMap] = {}
+    found: dict[int, tuple[str, RoadMap]] = {}
     for file in sorted(folder.rglob("*.jsonl")):
         for line in read_text(file, 1024 * MIB).splitlines():
             try:
                 row = parse_json(line)
                 values = {name: row.get(name) for name in ("codes", "metrics", "fitness", "niche")}
-                found[row["number"]] = RoadMap(**values)
+                found[row["number"]] = str(file), RoadMap(**values)
             except (ValueError, TypeError, KeyError, AttributeError) as error:  # an InputError is a ValueError
                 raise InputError(f"{file}: expected the metadata of a dataset, got: {error}") from None
     return [found[number] for number in sorted(found)]
 
 
-def _measured(road_map: RoadMap) -> RoadMap:
-    if road_map.metrics is not None:
-        return road_map
-    return replace(road_map, metrics=plain_measure(road_map.codes))
+def _measured(road_map: RoadMap, name: str) -> RoadMap:
+    """Returns a map with its metrics. Raises `InputError` if it has others, as after a change of the codes by hand."""
+    measured = plain_measure(road_map.codes)
+    for metric, value in (road_map.metrics or {}).items():
+        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > 1e-6:
+            raise InputError(
+                f"{name}: expected the metrics of its codes, {metric} {measured[metric]:g}, got {value:g}; without "
+                "metrics it is measured"
+            )
+    return road_map if road_map.metrics is not None else replace(road_map, metrics=measured)

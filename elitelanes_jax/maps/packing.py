@@ -83,8 +83,7 @@ def pack(spec: PackSpec, sources: UserValue, out: str | Path, *, force: bool = F
                     rows.append(_write(spec, one, work.files))
                 except InputError as error:
                     (work.kept / "maps.json").unlink()  # nothing is left to resume
-                    niche = f"niche {one.niche}, map {number} of {len(packed)} from 0"
-                    raise InputError(f"{niche}: {error}") from None
+                    raise InputError(f"niche {one.niche}, {maps.names[number]}: {error}") from None
                 bar.count()
         members = {name: [one for one in packed if one.split == name] for name in SPLITS}
         about["splits"] = {

@@ -85,7 +85,7 @@ def pick(
             result,
             spec.maps,
             spec.at_most,
-            hint="wider ranges or more archives",
+            hint="wider ranges or more archives" if search.where else "more archives",
             exclude=[np.array(grid, np.int8) for grid in spec.unlike],
         )
         runs = [

@@ -95,11 +95,7 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
         "settings": spec.to_plain(),
         "weights": search.all_weights._asdict(),
         **describe_source(tiles, result, choice),
-        # By seed. An elite worse than 0 does not count.
-        "archive": {
-            "coverage": coverage(result.elites.valid).tolist(),
-            "qd_score": qd_score(result.elites.fitness, result.elites.valid, worst=0).tolist(),
-        },
+        "archive": describe_archive(result),
         "versions": installed_versions(),
         "device": evolved.device,
         "times": {
@@ -109,6 +105,12 @@ def write_run(folder: Path, evolved: Evolved) -> list[RoadMap]:
     }
     write_json(folder / RECORD, record)
     return maps
+
+
+def describe_archive(result: Result) -> dict[str, list[float]]:
+    """Returns two metrics of an archive, by seed. An elite worse than 0 does not count."""
+    valid = result.elites.valid
+    return {"coverage": coverage(valid).tolist(), "qd_score": qd_score(result.elites.fitness, valid, worst=0).tolist()}
 
 
 def choose_maps(result: Result, count: int, at_most: bool, hint: str | None = None, **options: UserValue) -> Choice:

@@ -17,7 +17,7 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Int, Int8, Int32, Real, UInt32
 
-from elitelanes_jax._util.checks import none_or, real, whole
+from elitelanes_jax._util.checks import check_named, none_or, real, whole
 from elitelanes_jax._util.errors import InputError, shorten, suggest
 from elitelanes_jax._util.pytrees import pytree, traced
 from elitelanes_jax._util.records import Record, option
@@ -32,16 +32,20 @@ from elitelanes_jax.optimizers._windows import valid_windows
 
 def _check_user_moves(moves: UserValue) -> dict[str, tuple[AnyArray, Move]]:
     """Checks moves of the user; returns them sorted by name, so that results do not depend on their order."""
+    if not isinstance(moves, Mapping | tuple):
+        raise InputError(f"expected moves by name, got {shorten(repr(moves))}")
     checked = {}
-    for name, value in sorted(dict(moves).items()):
-        if not name.isidentifier() or name in KNOWN_MOVES:
+    for name, value in sorted(dict(moves).items(), key=lambda item: str(item[0])):
+        if not str(name).isidentifier() or name in KNOWN_MOVES:
             raise InputError(
                 f"expected names of letters, digits and _ that no other move has, got {shorten(repr(name))}"
             )
-        if len(value) != 2 or not isinstance(value[1], Move):
+        if not isinstance(value, tuple | list) or len(value) != 2 or not isinstance(value[1], Move):
             raise InputError(f"{name}: expected a weight and a Move, got {shorten(repr(value))}")
         weight, move = value
-        checked[name] = (weight if isinstance(weight, jax.Array | np.ndarray) else whole(0)(weight), move)
+        if not isinstance(weight, jax.Array | np.ndarray):
+            weight = check_named(name, whole(0), weight)
+        checked[name] = weight, move
     return checked
 
 
@@ -108,7 +112,11 @@ class MoveWeights(Record):
             if not isinstance(value, tuple | list):
                 words = f"one of {', '.join(KNOWN_MOVES)} with a weight, or another name with a weight and a Move"
                 raise InputError(f"moves: expected {words}, got {name!r}{suggest(name, KNOWN_MOVES)}")
-        return self.replace(**known, user_moves={**self.user_moves, **others})
+
+        def replaced(others: UserValue) -> MoveWeights:
+            return self.replace(**known, user_moves=self.user_moves | _check_user_moves(others))
+
+        return check_named("moves", replaced, others)
 
 
 KNOWN_MOVES = tuple(name for name in MoveWeights.options() if name not in ("fill_probability", "user_moves"))

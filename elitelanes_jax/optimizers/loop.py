@@ -9,6 +9,7 @@ import numpy as np
 from jax import lax
 from jaxtyping import Array, ArrayLike, Int, Key
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric, Pytree
 from elitelanes_jax.network.xla import run_if
 from elitelanes_jax.optimizers.base import Info, Optimizer
@@ -37,7 +38,12 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 
     Returns:
       The states of all seeds, arrays ``[S, ...]``, and an `Info` of arrays ``[generations, S]``.
+
+    Raises:
+      InputError: for anything else than an optimiser.
     """
+    if not isinstance(optimizer, Optimizer):
+        raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")
     return advance(optimizer, keys, start(optimizer, keys), 1, generations, most=generations)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import check_named, is_whole, whole
+from elitelanes_jax._util.checks import check_named, ends_as_file, is_whole, whole
 from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -173,12 +173,12 @@ class Result:
         result = replace(self, elites=elites, spec=self.spec.replace(where=ranges.values()))
         return result.choose(check_named("count", whole(1), count), seed).maps
 
-    def write(self, folder: str | Path, count: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
+    def write(self, folder: str | Path, maps: int = 16, *, force: bool = False, **options: UserValue) -> list[RoadMap]:
         """Writes the folder that `generate` writes: chosen maps with pictures and masks, a sheet, and the archive.
 
         Args:
           folder: new or empty.
-          count: the number of maps.
+          maps: the number of maps.
           force: whether the folder is replaced, if an earlier run wrote all files in it.
           **options: more fields of `PickSpec`, such as `where`, `at_most`, `tiles`, `tile_px` and `seed`.
 
@@ -193,7 +193,7 @@ class Result:
         from elitelanes_jax.maps.picking import pick
         from elitelanes_jax.maps.spec import PickSpec
 
-        return pick(PickSpec(maps=count, **options), self, folder, force=force)
+        return pick(PickSpec().replace(maps=maps, **options), self, folder, force=force)
 
     def choose(
         self,
@@ -236,15 +236,18 @@ class Result:
         """Writes the result to a file, whole or not at all: arrays as NumPy's ``.npz``, options as JSON in it.
 
         Args:
-          path: the file, with any suffix; an existing file is replaced.
+          path: the file, ``.npz`` or without a suffix; an existing file is replaced.
           state: whether to write the state and the measured speeds too. Without them equal searches give equal bytes.
           seed: that the keys were made from, to be noted in the file.
 
         Raises:
-          InputError: if your own optimiser's state has leaves that are not arrays of numbers.
+          InputError: if the name has the suffix of another format, such as .json, or your own optimiser's state has
+            leaves that are not arrays of numbers.
           OSError: that names the file, if it cannot be written.
         """
         file = check_named("path", checked_path, path)
+        if ends_as_file(file) and file.suffix.lower() != ".npz":
+            raise InputError(f"path: expected a name that ends in .npz, got {file}")
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites

@@ -51,13 +51,13 @@ class Choice(NamedTuple):
         return f"{found} ({', '.join(reasons)})" if reasons else found
 
     def describe_shortage(self, wanted: int, hint: str, *, writable: bool = True) -> str:
-        """Returns what `describe` returns, and what finds more maps: `hint`, and --at-most if some can be written."""
+        """Returns what `describe` returns, and what finds more maps: `hint`, and `at_most` if some can be written."""
         flawed = "" if _OUTSIDE in self.rejected else ", with other flaws"
         nearest = ", ".join(f"{name} {value:g}" for name, value in (self.nearest or {}).items())
         return (
             self.describe(wanted)
             + (f"; nearest found{flawed}: {nearest}" if nearest else "")
-            + ("; --at-most writes those found" if writable and self.maps else "")
+            + ("; at_most=True writes those found" if writable and self.maps else "")
             + f"; {hint} find more"
         )
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, is_whole, path, switch
+from elitelanes_jax._util.checks import check_named, is_whole, listed, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
@@ -240,24 +240,24 @@ def png_of(pixels: NDArray[np.integer]) -> bytes:
     return cv2.imencode(".png", pixels)[1].tobytes()
 
 
-def stand(objects: Sequence[MapObject], pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
+def stand(objects: Sequence[MapObject] | None, pictures: ObjectSet | str | Path | None = None) -> list[Standing]:
     """Returns how objects look from their front, for the floors of 3-D simulators; tags on the floor are left out.
 
     Args:
-      objects: of a map.
+      objects: of a map; None is no object.
       pictures: of objects, a set or its folder; by default the package's own. `render` chooses the same ones.
 
     Raises:
-      InputError: for a kind without pictures in the set.
+      InputError: for anything else, or a kind without pictures in the set.
     """
-    listed = []
+    objects, standing = check_named("objects", listed(MapObject), objects or ()), []
     for thing, chosen in zip(objects, load_objects(pictures).choose(objects), strict=True):
         if thing.height:
             front = chosen.views[0]
             width = thing.height * front.shape[1] / front.shape[0]
             red, green, blue = (front[front[..., 3] >= OPAQUE][:, :3].mean(axis=0) / 255).tolist()
-            listed.append(Standing(thing, png_of(front), width, (red, green, blue)))
-    return listed
+            standing.append(Standing(thing, png_of(front), width, (red, green, blue)))
+    return standing
 
 
 def overlay(picture: Picture, opacity: float = 0.6) -> NDArray[np.uint8]:

@@ -97,8 +97,9 @@ WRONG = {
     "one is of other versions": ({"versions": {"jax": "0.1"}}, "part-2: expected a part of a run with elitelanes_jax"),
     "one is of more parts": ({"part": [2, 3]}, "part-2: expected one of 2 parts, as "),
     "one comes twice": ({"part": [1, 2]}, "part-2: expected each part once, got 1/2 again, after "),
-    "one is cut off": (cut, "archive.npz: expected NumPy's .npz, got a damaged file"),
+    "one is cut off": (cut, "archive.npz: expected NumPy's .npz, got a file that cannot be read as such"),
     "one has the archive of another": (swap, "part-2/archive.npz: expected 2 seeds of 5 x 6, got (1, 20, 5, 6)"),
+    "one has the archive of another run": ({"archive": {}}, "part-2/archive.npz: expected the archive of the same run"),
     "one is no record": (lambda part: (part / "run.json").write_text("{}"), "got another folder"),
     "one is of a broken record": ({"part": "all"}, "part-2: expected a part of a run, made by"),
     "all have settings that are none": (

@@ -355,8 +355,8 @@ def test_each_niche_is_split_in_the_same_shares(tmp_path):
     ("size", "maps", "message"),
     [
         (5, lambda: [], "maps: expected 12 of them, as the specification says, got 0"),
-        (5, lambda: random_maps(12, 6), "maps: expected sizes 5..5, got number 0 of 6 x 6"),
-        ("5 4..5", lambda: random_maps(12, 6), "maps: expected sizes 5..5 x 4..5, got number 0 of 6 x 6"),
+        (5, lambda: random_maps(12, 6), "maps: expected sizes 5..5, got 6 x 6, map 0"),
+        ("5 4..5", lambda: random_maps(12, 6), "maps: expected sizes 5..5 x 4..5, got 6 x 6, map 0"),
         (5, lambda: [RoadMap(np.full((5, 5), 8, np.int8))] * 12, "maps: expected codes that the tile set has"),
     ],
 )
@@ -385,7 +385,7 @@ def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
 
 def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):
     out = tmp_path / "out"
-    small_files_only(3000)
+    small_files_only(15000)
     with pytest.raises(OSError, match=f"File too large: '{tmp_path}/") as error:
         make_dataset(SPEC, out, maps=MAPS, workers=2)
     assert error.value.filename.endswith(("given.jsonl", ".png"))
@@ -397,13 +397,13 @@ def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole
 
 def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evolved, capsys):
     out = tmp_path / "out"
-    small_files_only(3000)
+    small_files_only(15000)
     code = main(["dataset", *EVOLVED, "--out", str(out)])
     small_files_only(-1)
     assert code == 2
     place, reason = capsys.readouterr().err.split(": ", 1)[1].split(": ")
     assert Path(place).is_relative_to(out) or Path(place).is_relative_to(tmp_path / ".out-unfinished" / "kept")
-    assert reason == "File too large; complete files are kept, and the same command resumes\n"
+    assert reason == "File too large; what is complete is kept, and the same command resumes\n"
     assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
     assert files(out) == files(evolved)
 

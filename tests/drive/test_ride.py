@@ -169,6 +169,8 @@ def test_what_is_wrong_with_a_policy_is_named(tmp_path, capsys):
     for text, message in (
         ("x = 1", "policy.py: expected a function act(observation), got none"),
         ("1 / 0", "policy.py: expected a program that runs, got ZeroDivisionError: division by zero"),
+        ("raise SystemExit(0)", "policy.py: expected a program that runs, got SystemExit: 0 (line 1 of"),
+        ("def act(seen): exit()", "policy: expected an action, got SystemExit: None (line 1 of"),
         ("def act(seen): return seen.speeed", "policy: expected an action, got AttributeError"),
         ("def act(seen): return 1", "policy: expected two numbers, for the left and the right wheel, got shape ()"),
         ("def act(seen): return 0.5, float('nan')", "policy: expected two finite numbers, got 0.5 and nan"),

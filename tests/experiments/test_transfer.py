@@ -162,6 +162,11 @@ def test_the_bridge_sees_poses_as_we_do_and_says_what_is_wrong():
         seen = world.ask("start", pose=poses[0])
         moved = world.ask("step", action=np.array([0.4, 0.4]), frames=30)
         assert 0.1 < 0.585 * np.hypot(*(moved["pose"] - seen["pose"])[:2]) < 0.4
+        world.ask("start", pose=poses[0])
+        before = world.ask("step", action=np.array([0.2, 0.3]), frames=90)["pose"]
+        after = world.ask("step", action=np.array([0.2, 0.3]))["pose"]  # the limits that `drive.Robot` names
+        np.testing.assert_allclose(0.585 * np.hypot(*(after - before)[:2]), 0.3 * 0.5 / 30, rtol=0.01)
+        np.testing.assert_allclose(after[2] - before[2], 3.75 * 0.1 / 30, rtol=0.01)
         with pytest.raises(InputError, match="^luck: gym-duckietown: expected to load, got "):
             world.load(DuckietownMap("luck", "tiles: 3", LOOP))
 

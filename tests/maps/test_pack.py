@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, make_dataset, mirror, read_map, rotate
+from elitelanes_jax._util.files import write_atomic
+from elitelanes_jax.cli.main import main
 from elitelanes_jax.drive import movements
 from elitelanes_jax.drive.lanes import Movement, lane_length
-from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack
+from elitelanes_jax.maps import FormatOptions, PackSpec, exporting, pack, packing
 from elitelanes_jax.maps.given import parse_given
 from elitelanes_jax.network import plain_measure, wfc
 
@@ -110,6 +112,23 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
     assert len(drawn) == len(MAPS) + 3  # a map for the check of the settings, twice, and the interrupted one again
 
 
+def test_a_full_disk_is_one_line_that_says_how_to_continue(packed, tmp_path, monkeypatch, capsys):
+    def fail(file, content):
+        if file.suffix == ".yaml":
+            raise OSError(28, "No space left on device", str(file))
+        write_atomic(file, content)
+
+    out = tmp_path / "pack"
+    line = ["pack", str(packed), "--to", "duckietown", "--trips", "5", "--out", str(out)]
+    with monkeypatch.context() as patch:
+        patch.setattr(packing, "write_atomic", fail)
+        assert main(line) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(": No space left on device; what is complete is kept, and the same command resumes\n")
+    assert said.startswith(f"elitelanes: {out}/duckietown/") and not out.exists()
+    assert main(line) == 0
+
+
 def test_an_id_is_that_of_all_rotations_and_mirror_images(packed, tmp_path):
     turned = [RoadMap(mirror(rotate(one.codes, number)), niche=one.niche) for number, one in enumerate(MAPS)]
     pack(SPEC, [*turned, *MAPS], tmp_path / "pack")
@@ -144,7 +163,7 @@ def test_what_cannot_be_packed_is_refused_before_anything_is_written(tmp_path):
     stub = RoadMap(np.array([[4, 1], [0, 0]]), niche=[0])
     for spec, maps, message in (
         (SPEC, MAPS[:2], "split: expected a niche for each of 3 splits, got 2 in all"),
-        (SPEC.replace(split=(1, 0, 0)), [*MAPS, stub], "niche 2x2-00, map 16 of 17 from 0: grid: expected a lane"),
+        (SPEC.replace(split=(1, 0, 0)), [*MAPS, stub], "niche 2x2-00, map 16: grid: expected a lane"),
         (PackSpec(to=("duckietown",), formats=FormatOptions(ground="sea")), MAPS, "ground: expected one of grass"),
     ):
         with pytest.raises(InputError, match=message):

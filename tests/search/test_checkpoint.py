@@ -193,7 +193,7 @@ def test_folders_in_use_damaged_or_no_folders_are_refused(kept, tmp_path):
         run(checkpoint=folder)
     whole = (folder / "result.npz").read_bytes()
     (folder / "result.npz").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got a damaged file"):
+    with pytest.raises(InputError, match=r"result.npz: expected NumPy's .npz, got a file that cannot be read as such"):
         run(checkpoint=folder)
     assert len((folder / "result.npz").read_bytes()) == len(whole) // 2
     with pytest.raises(InputError, match=r"result.npz: expected a path that can be written to"):

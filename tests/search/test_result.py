@@ -276,11 +276,11 @@ def test_files_of_other_kinds_are_refused(tmp_path):
     with pytest.raises(InputError, match="is a directory"):
         Result.load(tmp_path)
     file.write_text('{"codes": [[6, 3], [12, 9]]}')
-    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got a damaged file"):
+    with pytest.raises(InputError, match="result.npz: expected NumPy's .npz, got a file that cannot be read as such"):
         Result.load(file)
     with file.open("wb") as stream:
         np.save(stream, np.zeros(3))
-    with pytest.raises(InputError, match="got a damaged file: no archive of arrays"):
+    with pytest.raises(InputError, match="got a file that cannot be read as such: no archive of arrays"):
         Result.load(file)
     with file.open("wb") as stream:
         np.savez(stream, grids=np.zeros(3))
@@ -299,7 +299,7 @@ def test_nothing_pickled_is_run(tmp_path):
 
     with (tmp_path / "result.npz").open("wb") as stream:
         np.savez(stream, grids=np.array([Harm()], object))
-    with pytest.raises(InputError, match="a damaged file: Object arrays cannot be loaded"):
+    with pytest.raises(InputError, match="a file that cannot be read as such: Object arrays cannot be loaded"):
         Result.load(tmp_path / "result.npz")
     assert not (tmp_path / "harm").exists()
 

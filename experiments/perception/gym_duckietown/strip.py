@@ -1,8 +1,9 @@
 """A ride in gym-duckietown as a strip of pictures, above our camera's pictures at the same poses.
 
-python -m experiments.perception.gym_duckietown.strip WEIGHTS MAP --out FILE [--seconds N] [--domain-rand]
+python -m experiments.perception.gym_duckietown.strip WEIGHTS MAP --out FILE [--seconds N] [--domain-rand] [--ours]
 
-The pictures are spread over the ride. A ride ends when the robot leaves the road or hits something.
+Duckietown's terms of use restrict gym-duckietown's pictures; with `--ours`, the strip has our pictures alone. They are
+spread over the ride. A ride ends when the robot leaves the road or hits something.
 """
 
 import argparse
@@ -35,6 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help=".png")
     parser.add_argument("--seconds", type=whole(_SHOWN, 600), default=30, metavar="N", help="default 30")
     parser.add_argument("--domain-rand", action="store_true", help="with gym-duckietown's random light and camera")
+    parser.add_argument("--ours", action="store_true", help="without gym-duckietown's pictures")
     options = parser.parse_args(arguments)
     return run("strip", lambda: _run(options))
 
@@ -59,7 +61,7 @@ def _run(options: argparse.Namespace) -> None:
     ours = [np.asarray(view(Pose(*poses[index].astype(np.float32).tolist())).image) for index in shown]
     pictures = [*(images[index] for index in shown), *ours]
     small = [cv2.resize(image, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA) for image in pictures]
-    rows = [np.concatenate(small[first : first + _SHOWN], axis=1) for first in (0, _SHOWN)]
+    rows = [np.concatenate(small[first : first + _SHOWN], axis=1) for first in (0, _SHOWN)[options.ours :]]
     write(options.out, png_of(np.concatenate(rows).astype(np.uint8)))
     print(about)
 

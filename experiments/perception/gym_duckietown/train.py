@@ -2,7 +2,7 @@
 
     python -m experiments.perception.gym_duckietown.train {pose,labels} DATASET --out FILE [--steps N]
 
-DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160 --format plain`, or pictures of `own_pictures`.
+DATASET is a folder of `elitelanes dataset --camera rows=120 columns=160 --format plain`, or a file of `pictures`.
 An interrupted training continues with the same command.
 """
 
@@ -24,13 +24,24 @@ from jaxtyping import Array, Float, UInt8
 from numpy.typing import NDArray
 
 from elitelanes_jax import InputError
+from elitelanes_jax.tiles import LABELS
 from experiments.common import Parser, Pytree, leave, run, whole, write
-from experiments.perception.gym_duckietown.nets import COLUMNS, NETS, ROWS, SCALES, write_weights
+from experiments.perception.gym_duckietown.nets import (
+    COLUMNS,
+    NETS,
+    ROWS,
+    SCALES,
+    find_labels,
+    find_poses,
+    write_weights,
+)
+from experiments.perception.gym_duckietown.pictures import TILE
+from experiments.perception.unet import confusion, ious
 
 __all__ = ["Views", "main", "read_views", "train"]
 
 _BATCH = {"pose": 64, "labels": 8}
-_STEPS = {"pose": 6000, "labels": 3000}
+_STEPS = {"pose": 5000, "labels": 3000}
 _LEARNING_RATE = {"pose": 2e-3, "labels": 5e-3}
 _KEEP_EVERY = 60  # seconds
 
@@ -50,7 +61,7 @@ class Views(NamedTuple):
 
 
 def read_views(folder: Path, part: str = "train") -> Views:
-    """Reads a part of a dataset in the layout plain, or pictures of `own_pictures`.
+    """Reads a part of a dataset in the layout plain, or a file of `pictures`.
 
     Raises:
       InputError: for another folder, or pictures of another size.
@@ -118,6 +129,15 @@ def train(task: str, views: Views, steps: int, seed: int, checkpoint: Path, say:
     return weights
 
 
+def _score(task: str, weights: Pytree, views: Views) -> str:
+    """Returns the medians of the lane pose's error, or each class's IoU."""
+    if task == "labels":
+        scores = ious(confusion(views.labels, find_labels(weights, views.images), len(LABELS)))
+        return ", ".join(f"{name} {score:.3f}" for name, score in zip(LABELS, scores, strict=True))
+    d, phi = np.median(np.abs(find_poses(weights, views.images) - views.lanes), axis=0)[:2]
+    return f"medians {d * TILE * 100:.2f} cm, {phi:.3f} rad"
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command line; returns its exit code."""
     parser = Parser("train", __doc__)
@@ -125,6 +145,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="weights, .npz")
     parser.add_argument("--steps", type=whole(1), metavar="N", help=f"by default {_STEPS}")
+    parser.add_argument("--pictures", type=whole(1), metavar="N", help="as many of the dataset, at random; default all")
+    parser.add_argument("--held-out", type=Path, metavar="DATASET", help="says the errors there after the training")
     parser.add_argument("--seed", type=whole(0), default=0, metavar="N", help="of first weights and batches; default 0")
     options = parser.parse_args(arguments)
     return run("train", lambda: _run(options))
@@ -132,10 +154,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: argparse.Namespace) -> None:
     views, steps = read_views(options.dataset), options.steps or _STEPS[options.task]
+    if options.pictures:
+        chosen = np.random.default_rng(options.seed).permutation(len(views.images))[: options.pictures]
+        views = Views(*(part[chosen] for part in views))
     checkpoint = options.out.with_suffix(".checkpoint")
     weights = train(options.task, views, steps, options.seed, checkpoint, partial(print, flush=True))
     write_weights(options.out, weights)
     print(f"{options.out}: {options.out.stat().st_size:,} bytes")
+    if options.held_out:
+        print(_score(options.task, weights, read_views(options.held_out)))
     checkpoint.unlink()
 
 
