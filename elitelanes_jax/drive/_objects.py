@@ -72,14 +72,7 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
     for index, things in enumerate(listed):
         for slot, thing in enumerate(things):
             radius = thing.radius if thing.height else 0
-            values[index, slot] = (
-                kinds.index(base_kind(thing.kind)),
-                thing.x,
-                thing.y,
-                thing.angle,
-                thing.height,
-                radius,
-            )
+            values[index, slot] = kinds.index(base_kind(thing.kind)), *thing[1:5], radius
     kind, *rest = (jnp.asarray(values[..., part]) for part in range(6))
     return Objects(kind.astype(jnp.int32), *rest)
 

@@ -200,12 +200,8 @@ def _tag_pages(plan: Plan) -> Iterator[Untyped]:
             extent = x + border, right - border, bottom - border, y + border
             ax.imshow(bits, "gray", extent=extent, vmin=0, vmax=255, aspect="auto", interpolation="none")
             name = STREET_NAMES.get(tag, "") if kind == "sign_street_name" else ""
-            _write(
-                ax,
-                x,
-                bottom + 0.7 * _LINE,
-                f"{number}  {_thing_name(kind)} {name}".rstrip() + f", tag {tag}",
-            )
+            words = f"{number}  {_thing_name(kind)} {name}".rstrip() + f", tag {tag}"
+            _write(ax, x, bottom + 0.7 * _LINE, words)
         ax.set(xlim=(0, _A4[0]), ylim=(_A4[1], 0))
         yield page
 

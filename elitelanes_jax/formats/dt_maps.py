@@ -31,17 +31,10 @@ _ROADS = {"straight": NORTH | SOUTH, "curve": SOUTH | EAST, "3way": NORTH | EAST
 _GROUNDS = ("grass", "floor", "asphalt")
 _TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in _ROADS.items() for turns in (3, 2, 1, 0)}
 _SIGNS = {
-    "sign_4_way_intersect": "four_way_intersect",
-    "sign_T_intersect": "t_intersection",
-    "sign_left_T_intersect": "left_t_intersect",
-    "sign_right_T_intersect": "right_t_intersect",
-} | {
-    f"sign_{name}": name
-    for name in (
-        *("stop", "yield", "do_not_enter", "no_left_turn", "no_right_turn", "oneway_left", "oneway_right"),
-        *("duck_crossing", "pedestrian", "parking", "t_light_ahead"),
-    )
-}
+    kind: kind.removeprefix("sign_").lower()
+    for kind in OBJECT_KINDS
+    if kind.startswith("sign_") and kind not in ("sign_blank", "sign_street_name")
+} | {"sign_4_way_intersect": "four_way_intersect", "sign_T_intersect": "t_intersection"}
 _KIND_OF_SIGN = {name: kind for kind, name in _SIGNS.items()}
 
 

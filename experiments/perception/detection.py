@@ -50,8 +50,10 @@ _ROWS, _COLUMNS = 192, 256
 _BATCH = 4  # pictures a step
 _LEARNED = 4  # the least size of boxes in training
 _FURNISHED = "all duckies=0.6 cones=0.6 buses=0.25 trucks=0.25 lane_duckies=3"
+_SEEN = 0.25  # the least share of objects in the second figure
 _SHOWN, _COLOURS = 0.3, ((48, 59, 255), (255, 92, 255), (255, 229, 0), (255, 98, 41))  # the least score; BGR
-_HELD_OUT = 5  # the first number of a drawing that no kind has in objects/
+# Numbers of drawings, four from each. Those from 1 are in objects/.
+_TRAINED, _HELD_OUT = (1, 9, 13, 17, 21, 25), (5,)
 
 
 class Budget(NamedTuple):
@@ -62,15 +64,17 @@ class Budget(NamedTuple):
       towns: of the training.
       test_towns: of each test in our pictures.
       views: pictures of each town; each map that people made has twice as many.
+      drawings: of each kind, for the training.
     """
 
     steps: int = 4000
-    towns: int = 100
+    towns: int = 200
     test_towns: int = 20
     views: int = 16
+    drawings: int = 24
 
 
-_FULL, _QUICK = Budget(), Budget(2, 1, 1, 2)
+_FULL, _QUICK = Budget(), Budget(2, 1, 1, 2, 4)
 
 
 class Pictures(NamedTuple):
@@ -80,11 +84,13 @@ class Pictures(NamedTuple):
       image: uint8 ``[N, H, W, 3]``, RGB.
       boxes: float32 ``[N, M, 4]``: x, y, width and height in pixels.
       kinds: int ``[N, M]``, indices in `KINDS`; -1 pads the list.
+      visible: float32 ``[N, M]``, the share of each object that is seen; 1 in gym-duckietown, which does not tell it.
     """
 
     image: NDArray[np.uint8]
     boxes: NDArray[np.float32]
     kinds: NDArray[np.int_]
+    visible: NDArray[np.float32]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -125,7 +131,7 @@ def _run(options: argparse.Namespace) -> None:
         tests["gym-duckietown"] = _their_pictures(options.out / "data", budget, options.seed)
     found = {test: detect(weights, pictures.image, len(KINDS)) for test, pictures in tests.items()}
     lines = [_line(test, pictures, found[test]) for test, pictures in tests.items()]
-    head = ["pictures", "mAP50", *KINDS, *(f"{words} px" for words in list(SIZES)[1:])]
+    head = ["pictures", "mAP50", "a quarter seen", *KINDS, *(f"{words} px" for words in list(SIZES)[1:])]
     write(options.out / "detection.md", table(head, lines))
     sheet = np.vstack([_sheet(pictures, found[test]) for test, pictures in tests.items()])
     write(options.out / "detection.jpg", cv2.imencode(".jpg", sheet, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
@@ -134,22 +140,29 @@ def _run(options: argparse.Namespace) -> None:
 
 def _make_pictures(folder: Path, budget: Budget, seed: int) -> dict[str, Pictures]:
     """Makes the datasets of the training and of the tests, as `elitelanes dataset` does, and reads them."""
-    objects = folder / "objects"
-    if not objects.exists():
-        part = folder / ".objects"
-        shutil.rmtree(part, ignore_errors=True)
-        shutil.copytree(default_objects(), part, ignore=shutil.ignore_patterns(*(f"{kind}_?" for kind in KINDS)))
-        draw_all(part, KINDS, first=_HELD_OUT)
-        part.rename(objects)
     usual = DatasetSpec(search=SearchSpec(style="town", evaluations=20_000), format="coco", tile_px=128)
     camera = (f"rows={_ROWS}", f"columns={_COLUMNS}", "heading=90")
     usual = usual.replace(furnish=_FURNISHED, camera=camera, views=budget.views)
     train = usual.replace(maps=budget.towns, size="7", split=(1, 0, 0), seed=2 * seed)
+    train = train.replace(objects=_draw(folder / "objects", _TRAINED[: budget.drawings // 4]))
     test = usual.replace(maps=budget.test_towns, size="8", split=(0, 0, 1), seed=2 * seed + 1)
-    specs = {"train": train, "seen": test, "held out": test.replace(objects=objects)}
+    held_out = test.replace(objects=_draw(folder / "objects-held-out", _HELD_OUT))
+    specs = {"train": train, "seen": test, "held out": held_out}
     for name, spec in specs.items():
         make_dataset(spec, folder / name)
     return {name: read(folder / name) for name in specs}
+
+
+def _draw(folder: Path, firsts: Sequence[int]) -> Path:
+    """Makes an object set as objects/, with other drawings of `KINDS`; returns its folder."""
+    if not folder.exists():
+        part = folder.with_name(f".{folder.name}")
+        shutil.rmtree(part, ignore_errors=True)
+        shutil.copytree(default_objects(), part, ignore=shutil.ignore_patterns(*(f"{kind}_?" for kind in KINDS)))
+        for first in firsts:
+            draw_all(part, KINDS, first)
+        part.rename(folder)
+    return folder
 
 
 def _their_pictures(folder: Path, budget: Budget, seed: int) -> Pictures:
@@ -173,7 +186,7 @@ def _their_pictures(folder: Path, budget: Budget, seed: int) -> Pictures:
                     mine = [index for index in np.unique(owners)[1:] if names[index - 1] in KINDS]
                     around = [cv2.boundingRect((owners == index).astype(np.uint8)) * share for index in mine]
                     kinds = [KINDS.index(names[index - 1]) for index in mine]
-                    boxes.append([[*box, kind] for box, kind in zip(around, kinds, strict=True)])
+                    boxes.append([[*box, kind, 1] for box, kind in zip(around, kinds, strict=True)])
                 print(f"{place.name}: {len(images)} pictures of gym-duckietown", flush=True)
         content = io.BytesIO()
         np.savez_compressed(content, **_pictures(images, boxes)._asdict())
@@ -190,31 +203,34 @@ def read(folder: Path) -> Pictures:
     boxes: dict[int, list[list[float]]] = {one["id"]: [] for one in about["images"]}
     for one in about["annotations"]:
         if names[one["category_id"]] in KINDS:
-            boxes[one["image_id"]].append([*one["bbox"], KINDS.index(names[one["category_id"]])])
+            boxes[one["image_id"]].append([*one["bbox"], KINDS.index(names[one["category_id"]]), one["visible"]])
     images = [np.asarray(Image.open(place / one["file_name"])) for one in about["images"]]
     return _pictures(images, list(boxes.values()))
 
 
 def _pictures(images: Sequence[NDArray[np.uint8]], boxes: Sequence[Sequence[Sequence[float]]]) -> Pictures:
     most = max(1, *map(len, boxes))
-    padded = np.array([[*own, *[[0, 0, 0, 0, -1]] * (most - len(own))] for own in boxes], np.float32)
-    return Pictures(np.stack(images), padded[..., :4], padded[..., 4].astype(int))
+    padded = np.array([[*own, *[[0, 0, 0, 0, -1, 0]] * (most - len(own))] for own in boxes], np.float32)
+    return Pictures(np.stack(images), padded[..., :4], padded[..., 4].astype(int), padded[..., 5])
 
 
-def average_precisions(pictures: Pictures, found: NDArray[np.floating]) -> NDArray[np.float64]:
+def average_precisions(
+    pictures: Pictures, found: NDArray[np.floating], least_visible: float = 0.0
+) -> NDArray[np.float64]:
     """Computes average precisions at an IoU of 0.5, for each of `SIZES` and `KINDS`, ``[S, K]``; NaN without boxes.
 
     Args:
       pictures: with the true boxes.
       found: ``[N, P, 6]``: x, y, width, height, score and kind of the boxes found in each picture.
+      least_visible: objects of which a smaller share is seen do not count, whether they are found or not.
     """
     from pycocotools.coco import COCO
     from pycocotools.cocoeval import COCOeval
 
-    coco = COCO()
+    coco, areas = COCO(), np.where(pictures.visible >= least_visible, pictures.boxes[..., 2:].prod(axis=-1), -1)
     annotations = [
         {"image_id": int(i), "category_id": int(pictures.kinds[i, m]), "bbox": pictures.boxes[i, m].tolist()}
-        | {"id": number, "iscrowd": 0, "area": float(pictures.boxes[i, m, 2:].prod())}
+        | {"id": number, "iscrowd": 0, "area": float(areas[i, m])}
         for number, (i, m) in enumerate(np.argwhere(pictures.kinds >= 0), 1)
     ]
     images, categories = ([{"id": index} for index in range(count)] for count in (len(found), len(KINDS)))
@@ -234,26 +250,23 @@ def average_precisions(pictures: Pictures, found: NDArray[np.floating]) -> NDArr
 
 def _line(test: str, pictures: Pictures, found: NDArray[np.floating]) -> list[str]:
     precisions = average_precisions(pictures, found)
-    means = [np.nanmean(row) if np.isfinite(row).any() else np.nan for row in precisions]
-    cells = ["" if np.isnan(value) else f"{value:.3f}" for value in (*precisions[0], *means[1:])]
+    clear = average_precisions(pictures, found, _SEEN)[:1]
+    means = [np.nanmean(row) if np.isfinite(row).any() else np.nan for row in (*precisions, *clear)]
+    cells = ["" if np.isnan(value) else f"{value:.3f}" for value in (means[-1], *precisions[0], *means[1:-1])]
     return [test, f"**{means[0]:.3f}**", *cells]
 
 
 def _sheet(pictures: Pictures, found: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Draws the boxes found, uint8 ``[H, W, 3]``, in BGR, in five pictures that have several objects."""
     large = (pictures.kinds >= 0) & (pictures.boxes[..., 2:].prod(axis=-1) >= SIZES["8 or more"][0] ** 2)
-    chosen = np.argsort(-np.minimum(large.sum(axis=1), 3), kind="stable")[:200:40]
     sheet = []
-    for index in chosen:
+    for index in np.argsort(-np.minimum(large.sum(axis=1), 3), kind="stable")[:200:40]:
         image = cv2.cvtColor(pictures.image[index].repeat(2, axis=0).repeat(2, axis=1), cv2.COLOR_RGB2BGR)
-        for *box, score, kind in found[index]:
-            if score >= _SHOWN:
-                x, y, wide, high = (round(2 * float(side)) for side in box)
-                cv2.rectangle(image, (x, y, wide, high), _COLOURS[int(kind)], 1)
-                words = f"{KINDS[int(kind)]} {score:.2f}"
-                cv2.putText(
-                    image, words, (x, y - 3), cv2.FONT_HERSHEY_SIMPLEX, 0.4, _COLOURS[int(kind)], 1, cv2.LINE_AA
-                )
+        for *box, score, kind in found[index][found[index, :, 4] >= _SHOWN].tolist():
+            (x, y, wide, high), colour = (round(2 * side) for side in box), _COLOURS[int(kind)]
+            cv2.rectangle(image, (x, y, wide, high), colour)
+            words, font = f"{KINDS[int(kind)]} {score:.2f}", cv2.FONT_HERSHEY_SIMPLEX
+            cv2.putText(image, words, (x, y - 3), font, 0.4, colour, 1, cv2.LINE_AA)
         sheet.append(image)
     return np.hstack(sheet)
 

@@ -44,7 +44,9 @@ def test_each_box_is_learned_at_its_middle(drawn):
 
 
 def pictures_of(boxes, kinds):
-    return Pictures(np.zeros((len(boxes), 64, 64, 3), np.uint8), np.array(boxes, np.float32), np.array(kinds))
+    kinds = np.array(kinds)
+    image = np.zeros((len(boxes), 64, 64, 3), np.uint8)
+    return Pictures(image, np.array(boxes, np.float32), kinds, np.ones(kinds.shape, np.float32))
 
 
 def test_precisions_are_those_of_a_calculation_by_hand():
@@ -56,6 +58,17 @@ def test_precisions_are_those_of_a_calculation_by_hand():
     assert by_size["all"][1] == pytest.approx(1) == by_size["4 to 8"][1]
     assert by_size["16 to 32"][0] == 0
     assert np.isnan(by_size["8 or more"][1:]).all() and np.isnan(by_size["4 to 8"][0])
+    hidden = there._replace(visible=np.array([[1, 0.2], [1, 0]], np.float32))
+    assert detection.average_precisions(hidden, found, 0.25)[0, 0] == pytest.approx(1)
+    assert detection.average_precisions(hidden, found)[0, 0] == pytest.approx(51 / 101)
+
+
+def test_of_two_boxes_around_one_object_the_better_one_is_kept(monkeypatch):
+    near, better, other = [10, 10, 20, 10, 0.5, 0], [11, 10, 20, 10, 0.9, 0], [11, 10, 20, 10, 0.4, 1]
+    peaks = np.array([[better, near, other] + [[0] * 6] * 77], np.float32)
+    monkeypatch.setattr(centernet, "_peaks", lambda *_: peaks.copy())
+    found = centernet.detect(None, np.zeros((1, 64, 64, 3), np.uint8), 2)
+    assert found[0, :3].tolist() == [*peaks[0, :1].tolist(), [0] * 6, peaks[0, 2].tolist()]
 
 
 def rectangles(count, seed):
@@ -68,7 +81,7 @@ def rectangles(count, seed):
     for image, own, shades in zip(images, boxes.astype(int), kinds, strict=True):
         for (x, y, wide, high), kind in zip(own, shades, strict=True):
             image[y : y + high, x : x + wide] = (230, 20)[kind]
-    return Pictures(images, boxes, kinds)
+    return Pictures(images, boxes, kinds, np.ones(kinds.shape, np.float32))
 
 
 @pytest.mark.slow
@@ -78,7 +91,7 @@ def test_it_learns_and_a_resumed_training_gives_the_same_weights(tmp_path):
             raise KeyboardInterrupt
 
     def weights_of(file, report):
-        return centernet.train(*rectangles(64, 0), len(KINDS), 3, steps=200, batch=8, file=file, report=report)
+        return centernet.train(*rectangles(64, 0)[:3], len(KINDS), 3, steps=200, batch=8, file=file, report=report)
 
     weights = weights_of(tmp_path / "whole", lambda step, loss: None)
     with pytest.raises(KeyboardInterrupt):
