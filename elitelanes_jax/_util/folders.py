@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json, unwritable_error, write_json
 from elitelanes_jax._util.types import Plain
 
@@ -161,7 +161,8 @@ def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plai
     earlier = {name: earlier.get(name) for name in settings}
     if (difference := first_difference(json.loads(json.dumps(settings)), earlier)) is not None:
         name, mine, found = difference
-        raise InputError(f"{folder}: expected results with {name} {mine!r}, got results with {found!r}; {hint}")
+        expected, got = shorten(repr(mine)), shorten(repr(found))
+        raise InputError(f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}")
 
 
 def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tuple[str, Plain, Plain] | None:

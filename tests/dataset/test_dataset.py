@@ -395,6 +395,17 @@ def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole
     assert files(out) == whole
 
 
+def test_a_dataset_that_lost_pictures_is_not_called_complete(evolved, tmp_path, capsys):
+    out = tmp_path / "out"
+    shutil.copytree(evolved, out)
+    next((out / "validation" / "labels").iterdir()).unlink()
+    assert main(["dataset", *EVOLVED, "--out", str(out)]) == 2
+    said = f"elitelanes: {out}: expected 4 files validation/labels/*.png, got 3; --force draws all again\n"
+    assert capsys.readouterr().err == said
+    assert main(["dataset", *EVOLVED, "--out", str(out), "--force"]) == 0
+    assert files(out) == files(evolved)
+
+
 def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evolved, capsys):
     out = tmp_path / "out"
     small_files_only(15000)
