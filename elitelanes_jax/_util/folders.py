@@ -232,7 +232,7 @@ def _check_replaceable(
     if force and found:
         raise InputError(f"{asked}: expected a folder with files of an earlier run alone, got one with {found}")
     if not force or foreign is None:
-        hint = "; --force replaces it" if foreign and not found else ""
+        hint = "; force=True replaces it" if foreign and not found else ""
         raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
     check_apart(asked, inputs)
 
@@ -247,7 +247,7 @@ def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], forc
     same = _has_work(hidden)
     if same:
         try:
-            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use --force, to start anew")
+            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use force=True, to start anew")
         except InputError:
             if not force:
                 raise

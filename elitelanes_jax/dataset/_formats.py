@@ -118,7 +118,7 @@ def check_pictures(folder: Path, about: Record) -> Record:
         for layer in ("image", "labels"):
             files = FORMATS[about["settings"]["format"]].file(split, 0, layer).replace("000000", "*")
             if (found := len(list(folder.glob(files)))) != count:
-                raise InputError(f"{folder}: expected {count:,} files {files}, got {found:,}; --force draws all again")
+                raise InputError(f"{folder}: expected {count:,} files {files}, got {found:,}; force=True draws all")
     return about
 
 

@@ -154,7 +154,7 @@ def make_dataset(
     settle(out)
     if (out / RECORD).exists():
         try:
-            compare_settings(out, out / RECORD, identity, "use another folder, or --force to replace this one")
+            compare_settings(out, out / RECORD, identity, "use another folder, or force=True to replace this one")
             return check_pictures(out, read_json(out / RECORD))
         except InputError:
             if not force:

@@ -400,7 +400,7 @@ def test_a_dataset_that_lost_pictures_is_not_called_complete(evolved, tmp_path, 
     shutil.copytree(evolved, out)
     next((out / "validation" / "labels").iterdir()).unlink()
     assert main(["dataset", *EVOLVED, "--out", str(out)]) == 2
-    said = f"elitelanes: {out}: expected 4 files validation/labels/*.png, got 3; --force draws all again\n"
+    said = f"elitelanes: {out}: expected 4 files validation/labels/*.png, got 3; --force draws all\n"
     assert capsys.readouterr().err == said
     assert main(["dataset", *EVOLVED, "--out", str(out), "--force"]) == 0
     assert files(out) == files(evolved)
