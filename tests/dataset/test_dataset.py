@@ -25,7 +25,7 @@ from elitelanes_jax.dataset._formats import FORMATS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.tiles import LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -152,7 +152,7 @@ def test_all_formats_have_the_same_pictures(given, name):
 def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_path, monkeypatch):
     """A list as the explorer saves it, with maps of two sizes, one of them twice: rotated, mirrored."""
     maps = [*random_maps(6), *random_maps(3, side=6)]
-    maps = [replace(road_map, metrics={"crossings": 3}) for road_map in maps]
+    maps = [replace(one, metrics={"crossings": plain_measure(one.codes)["crossings"]}) for one in maps]
     listed = [{**vars(road_map), "codes": road_map.codes.tolist()} for road_map in (*maps[:5], *maps)]
     listed += [{"codes": mirror(rotate(road_map.codes)).tolist()} for road_map in maps]
     known = [{name: value for name, value in one.items() if value is not None} for one in listed]
