@@ -9,6 +9,7 @@ import pytest
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.progress import Progress
+from elitelanes_jax.benchmark import find_task, run_tasks, score_submission
 from elitelanes_jax.dataset.make import make_dataset
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
@@ -38,7 +39,8 @@ from elitelanes_jax.optimizers import MoveWeights, run
 from elitelanes_jax.search.evolution import evolve
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles.rendering import choose_tiles, render, stand
+from elitelanes_jax.tiles import propose_masks
+from elitelanes_jax.tiles.rendering import choose_tiles, render, stand, write_png
 from elitelanes_jax.tiles.tileset import load_tiles
 
 GRID = np.array([[6, 3], [12, 9]])
@@ -116,6 +118,10 @@ WRONG = {
     "text: expected the content of a YAML file, got 3": lambda: from_duckietown(3),
     "expected maps, grids or files of maps, got 3": lambda: map_to_json(3),
     "optimizer: expected an Optimizer, got PRNGKeyArray": lambda: run(jax.random.key(0), None, 3),
+    "submission: expected a Submission, got 'own.npz'": lambda: score_submission("own.npz"),
+    "tasks: expected a list of Task, got Task(": lambda: run_tasks(find_task("5x5A-10000"), None),
+    "image: expected uint8 [S, S, 3], got float64 [4, 4]": lambda: propose_masks(np.zeros((4, 4))),
+    "file: expected a name that ends in .png, got map.json": lambda: write_png("map.json", np.zeros((4, 4), np.uint8)),
     "moves: mirror: expected a whole number, 0 or more, got -1": lambda: evolve(0, moves={"mirror": -1}),
     "moves: expected names of letters, digits and _ that no other": lambda: evolve(0, moves={3: (1, 2)}),
     "user_moves: mine: expected a weight and a Move, got 3": lambda: MoveWeights(user_moves={"mine": 3}),

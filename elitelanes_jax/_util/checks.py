@@ -126,6 +126,18 @@ def ends_as_file(file: Path) -> bool:
     return file.name.lower().endswith(_FILES)
 
 
+def file_named(suffix: str) -> Check:
+    """Makes a check for the path of a file to write, with this suffix or without the suffix of another format."""
+
+    def check(value: UserValue) -> Path:
+        file = path(value)
+        if ends_as_file(file) and file.suffix.lower() != suffix:
+            raise InputError(f"expected a name that ends in {suffix}, got {file}")
+        return file
+
+    return check
+
+
 def folder(value: UserValue) -> Path:
     """Checks for the path of a folder to write to; an existing folder may have any name."""
     out = path(value)

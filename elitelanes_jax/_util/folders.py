@@ -20,7 +20,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import read_json, unwritable_error, write_json
 from elitelanes_jax._util.types import Plain
 
@@ -161,7 +161,8 @@ def compare_settings(folder: str | Path, file: Path, settings: Mapping[str, Plai
     earlier = {name: earlier.get(name) for name in settings}
     if (difference := first_difference(json.loads(json.dumps(settings)), earlier)) is not None:
         name, mine, found = difference
-        raise InputError(f"{folder}: expected results with {name} {mine!r}, got results with {found!r}; {hint}")
+        expected, got = shorten(repr(mine)), shorten(repr(found))
+        raise InputError(f"{folder}: expected results with {name} {expected}, got results with {got}; {hint}")
 
 
 def first_difference(one: Mapping[str, Plain], other: Mapping[str, Plain]) -> tuple[str, Plain, Plain] | None:
@@ -231,7 +232,7 @@ def _check_replaceable(
     if force and found:
         raise InputError(f"{asked}: expected a folder with files of an earlier run alone, got one with {found}")
     if not force or foreign is None:
-        hint = "; --force replaces it" if foreign and not found else ""
+        hint = "; force=True replaces it" if foreign and not found else ""
         raise InputError(f"{asked}: expected a folder that is new or empty, got one with files in it{hint}")
     check_apart(asked, inputs)
 
@@ -246,7 +247,7 @@ def _resume(asked: str | Path, hidden: Path, settings: Mapping[str, Plain], forc
     same = _has_work(hidden)
     if same:
         try:
-            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use --force, to start anew")
+            compare_settings(asked, hidden / _SETTINGS, settings, f"delete {hidden}, or use force=True, to start anew")
         except InputError:
             if not force:
                 raise

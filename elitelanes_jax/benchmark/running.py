@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Int, Int8
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, listed, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.benchmark.submissions import LEAST_RUNS, Submission, measure_grids
@@ -68,9 +68,9 @@ def run_tasks(
       seeds: as in `run`.
 
     Raises:
-      InputError: for tasks of different budgets, for an index of no task, and for grids as in `run`.
+      InputError: for anything else than tasks of equal budgets, for an index of no task, and for grids as in `run`.
     """
-    if len({task.evaluations for task in tasks}) != 1:
+    if len({task.evaluations for task in check_named("tasks", listed(Task), tasks)}) != 1:
         raise InputError(f"tasks: expected equal budgets, got {', '.join(task.name for task in tasks) or 'no task'}")
     return _run(tasks, partial(_begin, search, tasks), partial(_check_index, len(tasks)), seeds)
 

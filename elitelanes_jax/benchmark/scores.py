@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from elitelanes_jax.benchmark.tasks import Task
 from elitelanes_jax.problem.qd_metrics import coverage
@@ -42,11 +42,12 @@ def compute_scores(task: Task, best: NDArray[np.float64]) -> Scores:
     return Scores(coverage(filled), total / filled.shape[-1], precision, at_optimum)
 
 
-def confidence_interval(values: NDArray[np.float64]) -> tuple[float, float]:
+def confidence_interval(values: ArrayLike) -> tuple[float, float]:
     """Returns the 95 % percentile bootstrap interval of the mean over runs ``[R]``; equal values give equal limits.
 
     Runs with NaN are ignored. If all runs are NaN, both limits are NaN.
     """
+    values = np.asarray(values, float)
     known = values[~np.isnan(values)]
     if not len(known):
         return float("nan"), float("nan")

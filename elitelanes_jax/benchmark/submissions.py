@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Int, Int8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
 from elitelanes_jax._util.npz import unpack
 from elitelanes_jax._util.types import AnyArray
@@ -108,6 +108,8 @@ def score_submission(submission: Submission) -> tuple[NDArray[np.float64], Score
     Raises:
       InputError: for a grid whose values differ from the archive's, or that is better than its niche's certificate.
     """
+    if not isinstance(submission, Submission):
+        raise InputError(f"submission: expected a Submission, got {shorten(repr(submission))}")
     task, grids, *claims = submission
     counts = measure_grids(grids.reshape(-1, *task.shape))
     measured = {name: values.reshape(grids.shape[:3]) for name, values in counts.items()}

@@ -5,6 +5,7 @@ an interruption in 130. A fault of the program keeps its traceback.
 """
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -33,10 +34,11 @@ def guarded(program: str, action: Callable[[], int], interrupted: str, level: Ve
     try:
         with reporting(level):
             return action()
-    except InputError as error:
-        return fail(program, str(error), 2)
-    except NotEnoughMapsError as error:
-        return fail(program, str(error).replace("at_most=True", "--at-most"), 1)
+    except (InputError, NotEnoughMapsError) as error:
+        words = re.sub(
+            r"\b(force|force_archive|at_most)=True", lambda found: "--" + found[1].replace("_", "-"), str(error)
+        )
+        return fail(program, words, 2 if isinstance(error, InputError) else 1)
     except OSError as error:
         return fail(program, f"{error.filename}: {error.strerror}" if error.filename else str(error), 2)
     except KeyboardInterrupt:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import read_json, write_atomic
 from elitelanes_jax._util.folders import foreign_file
 from elitelanes_jax._util.packages import import_optional
@@ -109,6 +110,16 @@ def foreign_to_dataset(folder: Path) -> str | None:
     pictures = [layout.file(split, 0, layer) for split in range(len(SPLITS)) for layer in layers]
     patterns = (re.escape(picture).replace("000000", r"\d{6,}") for picture in pictures)
     return foreign_file(folder, re.compile("|".join([_DESCRIBING, *patterns])).fullmatch)
+
+
+def check_pictures(folder: Path, about: Record) -> Record:
+    """Returns the record of a complete dataset; raises `InputError` if pictures are missing."""
+    for split, count in enumerate(about["pictures"].values()):
+        for layer in ("image", "labels"):
+            files = FORMATS[about["settings"]["format"]].file(split, 0, layer).replace("000000", "*")
+            if (found := len(list(folder.glob(files)))) != count:
+                raise InputError(f"{folder}: expected {count:,} files {files}, got {found:,}; force=True draws all")
+    return about
 
 
 _SHORT = ("train", "val", "test")

@@ -22,7 +22,14 @@ from elitelanes_jax._util.records import record
 from elitelanes_jax._util.threads import count_cores, side_by_side
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.dataset._card import sample_sheet, write_card
-from elitelanes_jax.dataset._formats import RECORD, Format, find_format, foreign_to_dataset, write_sample
+from elitelanes_jax.dataset._formats import (
+    RECORD,
+    Format,
+    check_pictures,
+    find_format,
+    foreign_to_dataset,
+    write_sample,
+)
 from elitelanes_jax.dataset._plan import Maps, evolve_maps, given_maps, split_maps
 from elitelanes_jax.dataset._samples import draw_sample
 from elitelanes_jax.dataset._tile_splits import check_given, digest, tiles_by_split
@@ -123,7 +130,7 @@ def make_dataset(
 
     Raises:
       InputError: for constraints that no map can meet, maps besides those of the specification or that cannot be
-        drawn, a bad tile set, or a folder with other files.
+        drawn, a bad tile set, a folder with other files, or a complete dataset that has lost pictures.
       NotEnoughMapsError: if the searches return too few maps.
       OSError: that names the file, if a file cannot be written; or if a worker fails. The same call resumes.
     """
@@ -147,8 +154,8 @@ def make_dataset(
     settle(out)
     if (out / RECORD).exists():
         try:
-            compare_settings(out, out / RECORD, identity, "use another folder, or --force to replace this one")
-            return read_json(out / RECORD)
+            compare_settings(out, out / RECORD, identity, "use another folder, or force=True to replace this one")
+            return check_pictures(out, read_json(out / RECORD))
         except InputError:
             if not force:
                 raise

@@ -95,5 +95,5 @@ def _check_out(out: Path, force: bool) -> None:
     with out.open("rb") as stream:
         ours = stream.read(len(_MARK)) == _MARK.encode()
     if not ours or not force:
-        hint = "; --force replaces it" if ours else ""
+        hint = "; force=True replaces it" if ours else ""
         raise InputError(f"{out}: expected a new file, got an existing one{hint}")

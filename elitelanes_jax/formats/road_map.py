@@ -10,7 +10,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, ends_as_file, is_real, is_whole, path
+from elitelanes_jax._util.checks import check_named, file_named, is_real, is_whole, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
@@ -90,10 +90,7 @@ class RoadMap:
           InputError: if the name has the suffix of another format, such as .yaml.
           OSError: if the file cannot be written.
         """
-        target = check_named("file", path, file)
-        if ends_as_file(target) and target.suffix.lower() != ".json":
-            raise InputError(f"file: expected a name that ends in .json, got {target}")
-        write_atomic(target, map_to_json(self).encode())
+        write_atomic(check_named("file", file_named(".json"), file), map_to_json(self).encode())
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, RoadMap) and map_to_json(self) == map_to_json(other)

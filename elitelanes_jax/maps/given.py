@@ -119,7 +119,7 @@ def _measured(road_map: RoadMap, name: str) -> RoadMap:
     """Returns a map with its metrics. Raises `InputError` if it has others, as after a change of the codes by hand."""
     measured = plain_measure(road_map.codes)
     for metric, value in (road_map.metrics or {}).items():
-        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > 1e-6:
+        if metric in measured and metric != "off_alphabet" and abs(value - measured[metric]) > 1e-3:
             raise InputError(
                 f"{name}: expected the metrics of its codes, {metric} {measured[metric]:g}, got {value:g}; without "
                 "metrics it is measured"

@@ -114,7 +114,7 @@ def pick(
 
 
 def _foreign_or_archive(folder: Path) -> str | None:
-    hint = f"{ARCHIVE}, which pick does not write again; --force-archive replaces it too"
+    hint = f"{ARCHIVE}, which pick does not write again; force_archive=True replaces it too"
     return foreign_to_maps(folder) or (hint if (folder / ARCHIVE).exists() else None)
 
 

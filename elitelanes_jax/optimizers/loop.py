@@ -38,9 +38,6 @@ def run(optimizer: Optimizer, keys: Key[Array, " S"], generations: int) -> tuple
 
     Returns:
       The states of all seeds, arrays ``[S, ...]``, and an `Info` of arrays ``[generations, S]``.
-
-    Raises:
-      InputError: for anything else than an optimiser.
     """
     if not isinstance(optimizer, Optimizer):
         raise InputError(f"optimizer: expected an Optimizer, got {type(optimizer).__name__}")

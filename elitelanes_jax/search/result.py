@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Int8, Int32, Real, UInt32
 from numpy.typing import DTypeLike
 
-from elitelanes_jax._util.checks import check_named, ends_as_file, is_whole, whole
+from elitelanes_jax._util.checks import check_named, file_named, is_whole, whole
 from elitelanes_jax._util.checks import path as checked_path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import write_atomic
@@ -245,9 +245,7 @@ class Result:
             leaves that are not arrays of numbers.
           OSError: that names the file, if it cannot be written.
         """
-        file = check_named("path", checked_path, path)
-        if ends_as_file(file) and file.suffix.lower() != ".npz":
-            raise InputError(f"path: expected a name that ends in .npz, got {file}")
+        file = check_named("path", file_named(".npz"), path)
         elites = self.elites._asdict()
         arrays = {f"metrics.{name}": values for name, values in elites.pop("metrics")._asdict().items()}
         arrays |= {f"{_EXTRA}{name}": values for name, values in elites.pop("features").items()} | elites

@@ -81,6 +81,8 @@ def propose_masks(image: NDArray[np.uint8], colours: Mapping[str, Colour] = COLO
     Returns:
       bool ``[S, S]`` for each of these names. Lines are on the road, and do not overlap.
     """
+    if getattr(image, "dtype", None) != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise InputError(f"image: expected uint8 [S, S, 3], got {getattr(image, 'dtype', '')} {list(np.shape(image))}")
     size = image.shape[0]
     hsv = np.asarray(cv2.cvtColor(cv2.medianBlur(np.ascontiguousarray(image), 3), cv2.COLOR_RGB2HSV), np.uint8)
     fine = _disc(size * _CLEAN)

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from elitelanes_jax._util.checks import check_named, is_whole, listed, path, switch
+from elitelanes_jax._util.checks import check_named, file_named, is_whole, listed, path, switch
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
 from elitelanes_jax.formats.objects import OPAQUE, MapObject, Standing
@@ -229,8 +229,8 @@ def write_picture(folder: str | Path, picture: Picture) -> None:
 
 
 def write_png(file: str | Path, pixels: NDArray[np.integer]) -> None:
-    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``."""
-    Path(file).write_bytes(png_of(pixels))
+    """Writes a PNG file of a picture ``[H, W]`` or, in RGB, ``[H, W, 3]``; raises `InputError` for another suffix."""
+    check_named("file", file_named(".png"), file).write_bytes(png_of(pixels))
 
 
 def png_of(pixels: NDArray[np.integer]) -> bytes:

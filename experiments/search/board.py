@@ -101,7 +101,9 @@ def _find_row(name: str) -> tuple[str, Row]:
     if name in ROWS:
         return name, ROWS[name]
     file = Path(name)
-    search = runpy.run_path(name).get("search") if file.suffix == ".py" and file.is_file() else None
+    if file.suffix == ".py" and not file.is_file():
+        raise InputError(f"{file}: expected a file with a function search, got none")
+    search = runpy.run_path(name).get("search") if file.suffix == ".py" else None
     if not callable(search):
         raise InputError(f"ROW: expected one of {', '.join(ROWS)}, or FILE.py with a function search, got {name}")
 

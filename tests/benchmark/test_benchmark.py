@@ -210,6 +210,8 @@ def test_the_page_runs_searches_of_ones_own(tmp_path, monkeypatch, capsys):
     (_, program), (_, of_tasks), *_ = blocks(PAGE.read_text(encoding="utf-8"), "python")
     run_program(program, str(PAGE), capsys)
     assert main(["score", "own.npz"]) == 0
+    exec(compile("\n".join(program.rstrip().splitlines()[:-4]), "own.py", "exec"), own := {})
+    assert run(find_task("6x6B-10000"), own["search"], seeds=1).grids.shape[-2:] == (6, 6)
     capsys.readouterr()
     exec(compile(of_tasks, str(PAGE), "exec"), {})
     assert capsys.readouterr().out == "5x5B-10000 True\n6x6A-10000 True\n"

@@ -25,7 +25,7 @@ from elitelanes_jax.dataset._formats import FORMATS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps.spec import SPLITS
-from elitelanes_jax.network import canonical_form
+from elitelanes_jax.network import canonical_form, plain_measure
 from elitelanes_jax.tiles import LABELS, default_tiles
 
 # The searches of all tests of the command are one compiled program for each size.
@@ -152,7 +152,7 @@ def test_all_formats_have_the_same_pictures(given, name):
 def test_maps_from_a_list_are_drawn_as_given_ones_and_go_on_after_an_error(tmp_path, monkeypatch):
     """A list as the explorer saves it, with maps of two sizes, one of them twice: rotated, mirrored."""
     maps = [*random_maps(6), *random_maps(3, side=6)]
-    maps = [replace(road_map, metrics={"crossings": 3}) for road_map in maps]
+    maps = [replace(one, metrics={"crossings": plain_measure(one.codes)["crossings"]}) for one in maps]
     listed = [{**vars(road_map), "codes": road_map.codes.tolist()} for road_map in (*maps[:5], *maps)]
     listed += [{"codes": mirror(rotate(road_map.codes)).tolist()} for road_map in maps]
     known = [{name: value for name, value in one.items() if value is not None} for one in listed]
@@ -393,6 +393,17 @@ def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole
     small_files_only(-1)
     make_dataset(SPEC, out, maps=MAPS)
     assert files(out) == whole
+
+
+def test_a_dataset_that_lost_pictures_is_not_called_complete(evolved, tmp_path, capsys):
+    out = tmp_path / "out"
+    shutil.copytree(evolved, out)
+    next((out / "validation" / "labels").iterdir()).unlink()
+    assert main(["dataset", *EVOLVED, "--out", str(out)]) == 2
+    said = f"elitelanes: {out}: expected 4 files validation/labels/*.png, got 3; --force draws all\n"
+    assert capsys.readouterr().err == said
+    assert main(["dataset", *EVOLVED, "--out", str(out), "--force"]) == 0
+    assert files(out) == files(evolved)
 
 
 def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evolved, capsys):

@@ -31,7 +31,7 @@ def folder(written, tmp_path):
 def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_path):
     if FORMATS[name].needs and not importlib.util.find_spec(FORMATS[name].needs):
         pytest.skip(f"{FORMATS[name].needs} is not installed")
-    with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or --force"):
+    with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or force=True"):
         make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
     make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)
     assert [entry.name for entry in tmp_path.iterdir()] == ["out"]

@@ -59,7 +59,7 @@ def test_a_search_of_ones_own_gets_a_row_beside_the_others(tmp_path, monkeypatch
     ("arguments", "words"),
     [
         (["best"], "ROW: expected one of paper, standard, tuned"),
-        (["best.py"], "or FILE.py with a function search, got best.py"),
+        (["best.py"], "best.py: expected a file with a function search, got none"),
         ([__file__], "or FILE.py with a function search, got /"),
         (["tuned", "--tune"], "expected a row with settings to tune, got one without"),
         ([], "got none"),

@@ -109,7 +109,7 @@ def test_a_folder_is_replaced_if_that_is_asked_for(tmp_path, place):
     out = tmp_path / "out"
     write(out, "old", ("one", "three"))
     before = out.stat().st_ino
-    refused(out, "got one with files in it; --force replaces it", foreign=foreign)
+    refused(out, "got one with files in it; force=True replaces it", foreign=foreign)
     refused(out, "got one with files in it$", force=True)
     refused(
         out,
@@ -237,7 +237,7 @@ def test_work_is_resumed_with_the_same_settings_alone(tmp_path, place):
             interrupted()
         assert has_unfinished(out) and not out.exists()
     message = (
-        r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use --force, to start"
+        r"out: expected results with x \[3\], got results with .2.; delete .*-unfinished, or use force=True, to start"
     )
     refused(out, message, {"seed": 1, "more": {"x": [3]}})
     assert has_unfinished(out)
