@@ -41,7 +41,7 @@ from experiments.perception.unet import confusion, ious
 __all__ = ["Views", "main", "read_views", "train"]
 
 _BATCH = {"pose": 64, "labels": 8}
-_STEPS = {"pose": 5000, "labels": 3000}
+_STEPS = {"pose": 3000, "labels": 900}
 _LEARNING_RATE = {"pose": 2e-3, "labels": 5e-3}
 _KEEP_EVERY = 60  # seconds
 
