@@ -153,9 +153,9 @@ class Programs:
         """
         height, width = self._static.shape
         cells = self._cells + generations * self.evaluations_per_step * len(self._keys) * height * width
-        names = ["start"] * starts + ["collect"]
-        if generations:
-            names += [self._to_advance(device, cells) for device in self._devices]
+        # The largest programs are first: they compile while the others are lowered.
+        names = [self._to_advance(device, cells) for device in self._devices] if generations else []
+        names += ["start"] * starts + ["collect"]
         if runs:
             self._cells = cells
         names = [name for name in names if name not in self._programs]
