@@ -67,7 +67,7 @@ class Budget(NamedTuple):
       drawings: of each kind, for the training.
     """
 
-    steps: int = 4000
+    steps: int = 8000
     towns: int = 200
     test_towns: int = 20
     views: int = 16
