@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, real
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.files import new_file
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
-from elitelanes_jax.drive._camera import Camera, look, make_atlas
+from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
 from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
@@ -33,14 +34,17 @@ from elitelanes_jax.formats.rides import MOST_POSES, RIDES
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.tiles.object_set import load_objects
-from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render
-from elitelanes_jax.tiles.tileset import TileSet
+from elitelanes_jax.tiles.rendering import check_tile_px, choose_tiles, render, scale_tiles
+from elitelanes_jax.tiles.tileset import TileSet, load_tiles
 
 POLICIES = ("route", "random")
 """Drivers: one follows the route to the goal, the other turns its wheels at random."""
 
 Policy: TypeAlias = Callable[[LaneDriveObservation], ArrayLike]
-"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1."""
+"""Your own driver: takes an observation, in NumPy, and returns the commands of the left and right wheel, -1 to 1.
+
+If it has an attribute `camera`, a `Camera`, it observes only this camera's picture.
+"""
 
 _RATE = 30
 _GIF_STEP, _GIF_SCALE = 3, 0.5  # a GIF shows every third frame, half as large: otherwise it is ten times a film's size
@@ -50,6 +54,7 @@ _BATCH = 32  # frames that are rendered at once
 _HEIGHT, _WIDEST = 480, 1280  # pixels of a film, and of the map in it
 _MOST_SEEN = 32  # objects in a view
 _BITS = 4  # of the fraction of a pixel
+_SIGHT_PX = 128  # of a tile in the pictures that a policy observes
 _PACE = 0.5  # tiles a second: the expert drives a little more
 
 
@@ -74,7 +79,13 @@ class Rides(NamedTuple):
 
 
 def make_rides(
-    grid: ArrayLike, count: int = 1, *, policy: str | Policy = "route", seconds: float = 60, seed: int = 0
+    grid: ArrayLike,
+    count: int = 1,
+    *,
+    policy: str | Policy = "route",
+    seconds: float = 60,
+    seed: int = 0,
+    tiles: TileSet | None = None,
 ) -> Rides:
     """Drives on a map from random starts to random goals that the expert reaches in time.
 
@@ -84,6 +95,7 @@ def make_rides(
       policy: one of `POLICIES`, or your own driver.
       seconds: the length of a ride.
       seed: of starts, goals and everything random.
+      tiles: that the camera of your own driver shows; by default the package's own.
 
     Raises:
       InputError: for a bad grid, a map without a lane, another policy, or one that fails or does not return two
@@ -95,8 +107,14 @@ def make_rides(
     furthest = max(int(_PACE * seconds), 1)
     drawing, driving = jax.random.split(jax.random.key(seed))
     levels = make_levels(drawing, check_grid(grid)[None], count, least=min(4, furthest), most=furthest)
-    steps = max(round(seconds * _RATE), 1)
-    poses, lengths, success = _drive(policy, driving, LaneDriveParams(levels), steps)
+    steps, params = max(round(seconds * _RATE), 1), LaneDriveParams(levels)
+    if (camera := getattr(policy, "camera", None)) is not None:
+        tiles = load_tiles() if tiles is None else tiles
+        scaled = scale_tiles(tiles, _SIGHT_PX)
+        camera = check_named("policy", record(Camera), camera)
+        sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
+        params = params.replace(observe="camera", sight=sight)
+    poses, lengths, success = _drive(policy, driving, params, steps)
     return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
 
 
