@@ -99,6 +99,7 @@ def _drive(options: argparse.Namespace) -> int:
             policy=policy,
             seconds=options.seconds,
             seed=options.seed,
+            tiles=tiles,
         )
     except InputError as error:
         message = str(error)

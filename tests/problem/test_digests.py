@@ -9,7 +9,7 @@ import pytest
 
 from elitelanes_jax import InputError, ea, evolve
 from elitelanes_jax.optimizers import EvolutionConfig
-from elitelanes_jax.problem.digests import digest
+from elitelanes_jax.problem.kernels import digest
 
 KEYS = jax.random.split(jax.random.key(5), 2)
 GRID = jax.ShapeDtypeStruct((3, 4), jnp.int8)
