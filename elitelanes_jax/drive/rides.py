@@ -23,6 +23,7 @@ from elitelanes_jax._util.files import new_file
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
 from elitelanes_jax.drive._camera import Camera, look, make_atlas, make_sight
+from elitelanes_jax.drive._environment import Transition
 from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveObservation, LaneDriveParams
 from elitelanes_jax.drive._levels import Level, make_levels
 from elitelanes_jax.drive._objects import make_billboards, make_objects
@@ -113,54 +114,27 @@ def make_rides(
         camera = check_named("policy", record(Camera), camera)
         sight = make_sight(scaled["image"], scaled["labels"], tiles.rotations, camera)
         params = params.replace(observe="camera", sight=sight)
-    drive = partial(_drive_by, policy) if callable(policy) else partial(_drive, policy)
-    poses, lengths, success = jax.device_get(drive(driving, params, steps))
+    poses, lengths, success = _drive(policy, driving, params, steps)
     return Rides(jax.device_get(levels), poses[:, 0], poses[:, 1], poses[:, 2], lengths, success)
 
 
-@partial(jax.jit, static_argnames=("policy", "steps"))
-@partial(jax.vmap, in_axes=(0, 0, None, None, None))
-def _drive_one(key: Pytree, level: Level, params: LaneDriveParams, policy: str, steps: int) -> Pytree:
-    _, state = LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
-    poses = jnp.broadcast_to(jnp.stack(state.pose)[:, None], (3, steps + 1))
-
-    def go(step: Pytree, carry: Pytree) -> Pytree:
-        state, poses, over, length, success = carry
-        moving = jax.random.fold_in(key, step)
-        action = pure_pursuit(state, params)
-        if policy == "random":
-            action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
-        done = LaneDrive.step(moving, state, action, params)
-        state = jax.tree.map(lambda new, old: jnp.where(over, old, new), done.state, state)
-        success, length = success | (done.info.success & ~over), length + ~over
-        return state, poses.at[:, step].set(jnp.stack(state.pose)), over | done.terminated, length, success
-
-    first = state, poses, jnp.bool_(False), jnp.int32(0), jnp.bool_(False)
-    _, poses, _, length, success = jax.lax.fori_loop(1, steps + 1, go, first)
-    return poses, length, success
-
-
-def _drive(policy: str, key: Array, params: LaneDriveParams, steps: int) -> Pytree:
-    keys = jax.random.split(key, params.levels.grid.shape[0])
-    return _drive_one(keys, params.levels, params, policy, steps)
-
-
-def _drive_by(
-    policy: Policy, key: Array, params: LaneDriveParams, steps: int
+def _drive(
+    policy: str | Policy, key: Array, params: LaneDriveParams, steps: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], NDArray[np.bool_]]:
-    """Drives like `_drive`, and calls a Python function at each step."""
+    """Returns the poses ``[N, 3, steps + 1]``, the numbers of steps, and which rides reached their goals."""
     keys = jax.random.split(key, params.levels.grid.shape[0])
     seen, states = _begin(keys, params.levels, params)
     poses = np.repeat(np.stack(jax.device_get(states.pose), axis=1)[:, :, None], steps + 1, axis=2)
     over, lengths, success = (np.zeros(len(keys), kind) for kind in (bool, np.int32, bool))
+    actions = np.zeros((len(keys), 2), np.float32)
     for step in range(1, steps + 1):
         if over.all():
             break
-        listed = jax.device_get(seen)
-        actions = np.zeros((len(keys), 2), np.float32)
-        for one in np.flatnonzero(~over):
-            actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
-        done = _go(keys, step, states, actions, params)
+        if callable(policy):
+            listed = jax.device_get(seen)
+            for one in np.flatnonzero(~over):
+                actions[one] = _ask(policy, jax.tree.map(lambda part, one=one: part[one], listed))
+        done = _go(keys, step, states, actions, params, None if callable(policy) else policy)
         seen, states = done.observation, done.state
         pose, reached, ended = jax.device_get((done.state.pose, done.info.success, done.terminated))
         poses[~over, :, step:] = np.stack(pose, axis=1)[~over, :, None]
@@ -176,10 +150,18 @@ def _begin(key: Array, level: Level, params: LaneDriveParams) -> Pytree:
     return LaneDrive.reset_to_level(jax.random.fold_in(key, 0), level, params)
 
 
-@jax.jit
-@partial(jax.vmap, in_axes=(0, None, 0, 0, None))
-def _go(key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams) -> Pytree:
-    return LaneDrive.step(jax.random.fold_in(key, step), state, action, params)
+@partial(jax.jit, static_argnames="policy")
+@partial(jax.vmap, in_axes=(0, None, 0, 0, None, None))
+def _go(
+    key: Array, step: Array, state: Pytree, action: Array, params: LaneDriveParams, policy: str | None
+) -> Transition:
+    """Makes a step with the action, or with that of one of `POLICIES`."""
+    moving = jax.random.fold_in(key, step)
+    if policy == "route":
+        action = pure_pursuit(state, params)
+    elif policy == "random":
+        action = jax.random.uniform(jax.random.fold_in(moving, 0), (2,))
+    return LaneDrive.step(moving, state, action, params)
 
 
 def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float32]:
