@@ -26,8 +26,8 @@ from .maps.parts import merge as merge
 from .maps.picking import pick as pick
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec
+from .network.bits import random_grids as random_grids
 from .network.fitness import fitness as fitness
-from .network.grids import random_grids as random_grids
 from .network.metric_names import Metrics as Metrics
 from .network.metrics import measure as measure
 from .network.repairing import repair as repair

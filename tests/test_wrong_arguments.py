@@ -33,8 +33,8 @@ from elitelanes_jax.maps import PackSpec, furnish
 from elitelanes_jax.maps.generation import generate
 from elitelanes_jax.maps.parts import merge
 from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.optimizers import MoveWeights, run
 from elitelanes_jax.search.evolution import evolve

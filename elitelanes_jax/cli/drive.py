@@ -88,7 +88,8 @@ def _drive(options: argparse.Namespace) -> int:
         if drawn and drawn.tile_set == tiles.name:
             chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
-        rides = make_rides(road_map.codes, rides_shown, policy=policy, seconds=options.seconds, seed=options.seed)
+        settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
+        rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)
     except InputError as error:
         message = str(error)
         raise InputError(f"--{message}" if message.startswith("policy:") else f"{options.map}: {message}") from None

@@ -1,8 +1,10 @@
 """Views from a robot: the lanes' own figures, the camera of the environments, and datasets to the same bytes."""
 
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -142,9 +144,13 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
         spec = DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, transforms="none", format=layout)
         maps = [RoadMap(TOWN)] * 4
         make_dataset(spec, tmp_path / "one", workers=1, maps=maps)
-    (program,) = [text for _, text in blocks((tmp_path / "one" / "README.md").read_text(), "python") if "rows" in text][
-        -1:
-    ]
+    card = (tmp_path / "one" / "README.md").read_text()
+    _, found_title, measured = card.partition("## What such views teach")
+    assert bool(found_title) == camera
+    page = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
+    figures = re.findall(r"\d[\d.,]*\d", measured.partition("##")[0])
+    assert (len(figures) > 8) == camera and not [figure for figure in figures if figure not in page]
+    (program,) = [text for _, text in blocks(card, "python") if "rows" in text][-1:]
     assert len([line for line in program.splitlines() if line]) <= 9
     found = {}
     exec(program.replace("DIR", "one"), found)

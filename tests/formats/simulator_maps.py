@@ -14,8 +14,8 @@ from oracle import road_graph
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats import RoadMap, read_map
 from elitelanes_jax.maps import furnish
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.grids import random_grids
 from elitelanes_jax.network.growth import grow_town
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.network.wfc import generate_batch
