@@ -30,7 +30,8 @@ from elitelanes_jax.formats import (
     write_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
-from elitelanes_jax.maps.generation import generate, merge
+from elitelanes_jax.maps.generation import generate
+from elitelanes_jax.maps.parts import merge
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.fitness import fitness
