@@ -22,7 +22,7 @@ from .explorer.page import explore as explore
 from .formats.road_map import RoadMap as RoadMap
 from .formats.road_map import read_map as read_map
 from .maps.generation import generate as generate
-from .maps.generation import merge as merge
+from .maps.parts import merge as merge
 from .maps.picking import pick as pick
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec

@@ -184,7 +184,7 @@ def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, monkeypatch)
 
 
 def test_what_is_wrong_with_a_camera_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom='"):
+    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom=3'"):
         parse_viewpoints(["zoom=3"])
     with pytest.raises(InputError, match="rows: expected a whole number, 16 to 4096, got '0'"):
         parse_viewpoints("rows=0")
