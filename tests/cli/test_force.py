@@ -1,7 +1,6 @@
 """--force replaces a folder of an earlier run, and no folder with anything else in it."""
 
 import json
-import os
 import re
 import shutil
 from pathlib import Path
@@ -70,25 +69,6 @@ def test_a_folder_with_anything_else_is_never_replaced(command, add, found, fold
         assert "--force replaces" not in said
     assert f"expected a folder with files of an earlier run alone, got one with {found}" in said
     assert files(folder) == before
-
-
-def test_what_is_to_be_replaced_stays_where_the_new_run_fails(folder, monkeypatch):
-    before = files(folder)
-    assert main([*SMALL, "--maps", "999", "--force", "--out", str(folder)]) == 1
-    assert files(folder) == before
-    usual, moved = Path.rename, []
-
-    def rename(self, target):
-        moved.append(self)
-        if len(moved) == 8:  # the files are complete, four old entries are moved out, and a new one is in
-            raise OSError(28, os.strerror(28), str(target))
-        return usual(self, target)
-
-    monkeypatch.setattr(Path, "rename", rename)
-    assert main([*SMALL, "--maps", "2", "--force", "--out", str(folder)]) == 2
-    assert len(moved) > 8
-    assert files(folder) == before
-    assert [entry.name for entry in folder.parent.iterdir()] == ["out"]
 
 
 def test_pictures_are_replaced_too(folder, tmp_path, capsys):
