@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -85,6 +86,21 @@ def test_pictures_are_replaced_too(folder, tmp_path, capsys):
     (tmp_path / "pictures" / "labels.png").unlink()
     assert main([*command, "--force"]) == 2
     assert capsys.readouterr().err.endswith("earlier run alone, got one with no labels.png\n")
+
+
+@pytest.mark.parametrize(
+    "options",
+    ["--from {}", "--like {}", "--fix {}", "--furnish {}", "--furnish 'signs {}'", "--style s.toml --from {}"],
+)
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_folder_with_a_map_that_a_search_reads_is_not_replaced(options, linked, folder, capsys):
+    before, link = files(folder), folder.parent / "link"
+    link.symlink_to(folder)
+    source = (link if linked else folder) / "maps" / "0001" / "map.json"
+    line = [*SMALL, *shlex.split(options.format(source)), "--out", str(folder), "--force"]
+    assert main(line) == 2
+    assert capsys.readouterr().err.endswith(f"to replace that contains no input, got one with {source}\n")
+    assert files(folder) == before
 
 
 @pytest.mark.parametrize("through", ["folder", "file", "out"])
