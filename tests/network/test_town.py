@@ -98,8 +98,8 @@ def test_features_of_any_grid_are_the_oracles(grid):
 
 def test_features_of_made_towns(towns):
     found = measure_all(towns)
-    for place, grid in enumerate(towns):
-        assert as_ints(jax.tree.map(lambda values, place=place: values[place], found)) == as_ints(oracle(grid))
+    for index, grid in enumerate(towns):
+        assert as_ints(jax.tree.map(lambda values, index=index: values[index], found)) == as_ints(oracle(grid))
 
 
 @pytest.fixture(scope="module")
