@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
-from elitelanes_jax.network.metric_names import largest_metrics
-from elitelanes_jax.network.town_features import features_without_gaps, largest_town_feature
+from elitelanes_jax.network.records import features_without_gaps, largest_metrics, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.inventory import COUNTED

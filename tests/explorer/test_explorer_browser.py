@@ -25,10 +25,9 @@ from elitelanes_jax.formats.plan import make_plan
 from elitelanes_jax.formats.rides import RIDES
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map, read_maps
 from elitelanes_jax.maps.furnishing.placing import furnish
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
