@@ -2,23 +2,26 @@
 
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import jax
 import numpy as np
+from jaxtyping import Array, Key
 
 from elitelanes_jax._util.checks import check_named, path, paths
 from elitelanes_jax._util.errors import pluralize
 from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.progress import announce
 from elitelanes_jax._util.records import record
+from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps._parts import join_parts
 from elitelanes_jax.maps.folder import foreign_to_maps
 from elitelanes_jax.maps.run import Evolved, Run, describe_budget, plan_run, write_run
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.optimizers.loop import seed_keys
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import compile_search, evolve
 
 # The seconds between two checkpoints, and of the shortest search whose checkpoint is kept while maps are drawn.
 _SECONDS_A_CHECKPOINT, _WORTH_KEEPING = 10, 10
@@ -46,10 +49,16 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), Path(check_named("out", path, out))
-    run = plan_run(spec)
+    # Most tile sets have all codes. Then the programs are those of the search as specified: they load while tiles do.
+    keys = seed_keys(spec.seed, spec.seed_indices)
+    loaded = start_thread(partial(compile_search, keys, spec.size, spec.search, compiles=False))
+    try:
+        run = plan_run(spec)
+    finally:
+        loaded()
     inputs = [spec.tiles] if spec.tiles else []
     with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
-        return write_run(work.files, _evolve(run, work.kept / "search"))
+        return write_run(work.files, _evolve(run, keys, work.kept / "search"))
 
 
 def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: bool = False) -> list[RoadMap]:
@@ -75,7 +84,7 @@ def merge(parts: str | Path | Sequence[str | Path], out: str | Path, *, force: b
         return write_run(work.files, join_parts(folders))
 
 
-def _evolve(run: Run, checkpoint: Path) -> Evolved:
+def _evolve(run: Run, keys: Key[Array, " K"], checkpoint: Path) -> Evolved:
     """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
     spec, search, _ = run
     aim = pluralize(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
@@ -83,7 +92,6 @@ def _evolve(run: Run, checkpoint: Path) -> Evolved:
         f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
         f"{pluralize(len(spec.seed_indices), 'run')} of {describe_budget(search)}"
     )
-    keys = seed_keys(spec.seed, spec.seed_indices)
     start = time.perf_counter()
     result = evolve(keys, spec.size, spec=search, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
     if result.history.seconds < _WORTH_KEEPING:

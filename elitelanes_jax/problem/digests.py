@@ -4,13 +4,16 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from hashlib import sha256
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
 
 from elitelanes_jax._util.types import Pytree
+
+if TYPE_CHECKING:
+    from jax.extend import core
 
 
 def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
@@ -27,8 +30,10 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
     return parts.hexdigest()[:16]
 
 
-def _constants(closed: core.ClosedJaxpr) -> Iterator[bytes]:
+def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
     """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
+    from jax.extend import core  # most searches have no functions of the user
+
     for constant in closed.consts:
         is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
         yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()
