@@ -22,12 +22,12 @@ from .explorer.page import explore as explore
 from .formats.road_map import RoadMap as RoadMap
 from .formats.road_map import read_map as read_map
 from .maps.generation import generate as generate
-from .maps.generation import merge as merge
+from .maps.parts import merge as merge
 from .maps.picking import pick as pick
 from .maps.spec import GenerateSpec as GenerateSpec
 from .maps.spec import PickSpec as PickSpec
+from .network.bits import random_grids as random_grids
 from .network.fitness import fitness as fitness
-from .network.grids import random_grids as random_grids
 from .network.metric_names import Metrics as Metrics
 from .network.metrics import measure as measure
 from .network.repairing import repair as repair

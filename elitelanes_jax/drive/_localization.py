@@ -20,11 +20,6 @@ NEVER = 2**30
 """The number of tiles if the driver's turns do not reveal its node, or the grid does not have the node."""
 
 
-def turns_asked_for(count: int) -> Int32[Array, " K"]:
-    """Returns the turns of the driver of `ambiguity`: right, straight on, left, repeated, int32 ``[K]``."""
-    return jnp.arange(count, dtype=jnp.int32) % 3
-
-
 def localization_steps(grid: Int[ArrayLike, "H W"], asked: Int[ArrayLike, " K"]) -> Int32[Array, "H W 4"]:
     """Counts the tiles to drive from each node until the driver knows its node.
 
@@ -110,5 +105,5 @@ def ambiguity(grid: Int[ArrayLike, "H W"]) -> Int32[Array, ""]:
 def _ambiguity(grid: Array) -> Array:
     last = 2 * sum(grid.shape)
     counted = lane_nodes(grid)
-    steps = jnp.where(counted, jnp.minimum(localization_steps(grid, turns_asked_for(last)), last), 0)
+    steps = jnp.where(counted, jnp.minimum(localization_steps(grid, jnp.arange(last) % 3), last), 0)
     return (100 * steps.sum() // jnp.maximum(counted.sum(), 1)).astype(jnp.int32)

@@ -108,13 +108,7 @@ def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
 
 
 class Rays(NamedTuple):
-    """The directions of a camera's rays: ``[rows, columns]``, or what broadcasts to it.
-
-    Attributes:
-      right: metres to the right for each metre of the camera's depth.
-      forward: metres ahead.
-      fall: metres downwards.
-    """
+    """Metres that a camera's rays go for each metre of its depth. They broadcast to ``[rows, columns]``."""
 
     right: Float[Array, "..."]
     forward: Float[Array, "..."]

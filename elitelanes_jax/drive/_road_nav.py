@@ -59,21 +59,13 @@ class RoadNavParams(Record):
 
 
 class RoadNavState(NamedTuple):
-    """The state of an episode.
-
-    Attributes:
-      grid: int8 ``[H, W]``, of the level.
-      goal: of the level.
-      shortest: int32, of the level.
-      node: the agent's tile and heading.
-      tiles: int32, driven so far.
-    """
+    """The state of an episode. `grid`, `goal` and `shortest` are the level's."""
 
     grid: Int8[Array, "H W"]
     goal: LaneNode
     shortest: Int32[Array, ""]
-    node: LaneNode
-    tiles: Int32[Array, ""]
+    node: LaneNode  # of the agent
+    tiles: Int32[Array, ""]  # driven so far
 
 
 class RoadNavObservation(NamedTuple):
@@ -189,19 +181,13 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
 
 def _observe(state: RoadNavState, params: RoadNavParams) -> RoadNavObservation:
     grid, goal, node = state.grid, state.goal, state.node
-    window, mark, compass = None, None, None
-    if params.window:
-        window, mark = _look_around(grid, goal, node, params.window)
-    if params.goal not in ("mark", "both"):
-        mark = None
-    if params.goal in ("compass", "both"):
-        compass = _compass(node, goal)
+    window, mark = _look_around(grid, goal, node, params.window) if params.window else (None, None)
     everything = params.whole_map
     return RoadNavObservation(
         ways=jnp.asarray(MOVEMENTS)[grid[node.row, node.column], node.heading],
         window=window,
-        mark=mark,
-        compass=compass,
+        mark=mark if params.goal in ("mark", "both") else None,
+        compass=_compass(node, goal) if params.goal in ("compass", "both") else None,
         whole_map=grid if everything else None,
         here=jnp.stack(node) if everything else None,
         there=jnp.stack(goal) if everything and params.goal != "none" else None,

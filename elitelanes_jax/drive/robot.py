@@ -51,17 +51,11 @@ class Robot(Record):
 
 
 class Wheels(NamedTuple):
-    """The wheels' state.
+    """The wheels' state."""
 
-    Attributes:
-      speed: float32, metres a second, forward.
-      turn: float32, radians a second, to the left.
-      commands: float32 ``[5, 2]``, the last ones, the newest first; None without latency.
-    """
-
-    speed: Float[Array, ""]
-    turn: Float[Array, ""]
-    commands: Float[Array, "5 2"] | None
+    speed: Float[Array, ""]  # metres a second, forward
+    turn: Float[Array, ""]  # radians a second, to the left
+    commands: Float[Array, "5 2"] | None  # the last ones, the newest first; None without latency
 
 
 def still(robot: Robot) -> Wheels:

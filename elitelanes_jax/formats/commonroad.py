@@ -85,11 +85,9 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
 
     oncoming = {(*way.tile, (way.exit + 2) % 4, (way.heading + 2) % 4): index for index, way in enumerate(ways, 1)}
     lanelets = []
-    for index, way in enumerate(ways):
-        left, right = sides[index]
-        between = links[way.tile] == 2
+    for index, (way, (left, right)) in enumerate(zip(ways, sides, strict=True)):
+        between, rule = links[way.tile] == 2, rules.get(index, "")
         other = oncoming[*way.tile, way.heading, way.exit]
-        rule = rules.get(index, "")
         stop = f"{_point(left[-1])}{_point(right[-1])}<lineMarking>solid</lineMarking>{rule}"
         parts = [
             _bound("leftBound", left, "dashed" if between else "no_marking"),

@@ -13,13 +13,13 @@ import yaml
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
-from elitelanes_jax._util.files import MIB, read_text
+from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
-from elitelanes_jax.formats.road_map import RoadMap, as_map
+from elitelanes_jax.formats.road_map import RoadMap, as_map, text_of
 from elitelanes_jax.formats.tags import TAG_SIZE
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, rotate_codes
 
@@ -114,12 +114,7 @@ def _layer(folder: Path, name: str) -> dict[str, dict[str, Plain]]:
     file = folder / f"{name}.yaml"
     if name in LAYERS[3:] and not file.exists():
         return {}
-    try:
-        values = yaml_tree(read_text(file, 32 * MIB))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{file}: expected a readable YAML file, got: {getattr(error, 'strerror', error)}") from None
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
+    values = check_named(str(file), yaml_tree, text_of(file, 32 * MIB, "YAML"))
     found = values.get(name) if isinstance(values, dict) else None
     found = {} if found in ("", "~", "null") else found
     if not isinstance(found, dict) or not all(isinstance(one, dict) for one in found.values()):
@@ -163,16 +158,15 @@ def _code(kind: Plain, yaw: float) -> int:
 
 def _entry(thing: MapObject) -> tuple[str, dict[str, Plain]]:
     """Returns the layer of an object, and what that says of its kind."""
-    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
-    if thing.kind in _SIGNS:
-        return "traffic_signs", {"type": _SIGNS[thing.kind]} | tag
-    if thing.kind == "floor_tag":
-        return "ground_tags", {"size": TAG_SIZE} | tag
     if thing.kind == "duckie":
         return "citizens", {"color": "yellow"}
     if thing.kind == "duckiebot":
         return "vehicles", {"configuration": "DB21M", "id": None, "color": "blue"}
-    return "decorations", {"type": thing.kind.removeprefix(OTHER)} | tag
+    tag: dict[str, Plain] = {} if thing.tag is None else {"id": thing.tag, "family": TAG_FAMILY}
+    if thing.kind == "floor_tag":
+        return "ground_tags", {"size": TAG_SIZE} | tag
+    kind = _SIGNS.get(thing.kind)
+    return "traffic_signs" if kind else "decorations", {"type": kind or thing.kind.removeprefix(OTHER)} | tag
 
 
 def _object(

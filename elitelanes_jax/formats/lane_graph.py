@@ -20,24 +20,15 @@ _DOWN, _RIGHT = (np.array([getattr(side, name) for side in SIDES]) for name in (
 
 
 class LaneGraph(NamedTuple):
-    """The lanes of a grid.
+    """The lanes of a grid."""
 
-    Attributes:
-      nodes: int ``[N, 3]``, row, column and heading with which a tile is entered: 0 north, 1 east, 2 south, 3 west.
-      edges: int ``[M, 2]``, the movements, from node to node, in the order of their first nodes.
-      turns: int ``[M]``, 0 right, 1 straight, 2 left.
-    """
-
-    nodes: NDArray[np.int_]
-    edges: NDArray[np.int_]
-    turns: NDArray[np.int_]
+    nodes: NDArray[np.int_]  # [N, 3], row, column and heading when a tile is entered: 0 north, 1 east, 2 south, 3 west
+    edges: NDArray[np.int_]  # [M, 2], the movements, from node to node, in the order of their first nodes
+    turns: NDArray[np.int_]  # [M], 0 right, 1 straight, 2 left
 
 
 def lane_graph(codes: ArrayLike) -> LaneGraph:
-    """Makes the graph of a grid's lanes.
-
-    Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+    """Makes the graph of a grid's lanes, of codes ``[H, W]``, by the connections that neighbours return.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without a lane.
@@ -55,10 +46,7 @@ def lane_graph(codes: ArrayLike) -> LaneGraph:
 def lane_points(graph: LaneGraph, height: int, shares: ArrayLike) -> NDArray[np.complex128]:
     """Returns points on the centres of all lanes, complex128 ``[M, S]``, tiles east + north·i of the south-west corner.
 
-    Args:
-      graph: the lanes.
-      height: rows of the grid.
-      shares: float ``[S]``, the parts of each lane's length before the points, 0 to 1.
+    `height` is the grid's. `shares`, floats ``[S]``, are the parts of each lane's length before the points, 0 to 1.
     """
     row, column, heading = graph.nodes[graph.edges[:, 0]].T
     ahead, shares = _AHEAD[heading][:, None], np.asarray(shares, float)

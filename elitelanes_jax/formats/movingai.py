@@ -72,16 +72,13 @@ def _path_lengths(road: Bool[NDArray, "H W"], starts: NDArray[np.int_]) -> Float
     from scipy.sparse.csgraph import dijkstra
 
     index = np.cumsum(road).reshape(road.shape) - 1
-    free = np.pad(road, 1)
-    height, width = road.shape
-    rows, columns, lengths = [], [], []
+    free = np.pad(road, 1)  # so that no step leaves the map
+    cells, steps = np.argwhere(road), []
     for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        moved = [free[1 + y : 1 + y + height, 1 + x : 1 + x + width] for y, x in ((down, right), (down, 0), (0, right))]
-        able = road & np.logical_and.reduce(moved)
-        row, column = np.nonzero(able)
-        rows.append(index[row, column])
-        columns.append(index[row + down, column + right])
-        lengths.append(np.full(len(row), np.hypot(down, right)))
-    count = int(road.sum())
-    graph = coo_array((np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (count, count))
+        entered = cells + np.array([[[down, right]], [[down, 0]], [[0, right]]])
+        able = free[tuple(np.moveaxis(entered + 1, -1, 0))].all(axis=0)
+        ends = index[tuple(cells[able].T)], index[tuple(entered[0, able].T)]
+        steps.append((np.full(able.sum(), np.hypot(down, right)), *ends))
+    lengths, first, second = map(np.concatenate, zip(*steps, strict=True))
+    graph = coo_array((lengths, (first, second)), (len(cells), len(cells)))
     return np.asarray(dijkstra(graph.tocsr(), directed=False, indices=starts))

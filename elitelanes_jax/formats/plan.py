@@ -34,15 +34,10 @@ _EDGE = TAPE_WIDTHS["yellow"] / 2 + _LANE + TAPE_WIDTHS["white"] / 2
 
 
 class Tape(NamedTuple):
-    """A strip of tape on a tile.
+    """A strip of tape on a tile: straight pieces join the points of its middle line."""
 
-    Attributes:
-      colour: white, yellow or red.
-      points: of its middle line, metres east and south of the tile's north-west corner. Straight pieces join them.
-    """
-
-    colour: str
-    points: tuple[tuple[float, float], ...]
+    colour: str  # white, yellow or red
+    points: tuple[tuple[float, float], ...]  # metres east and south of the tile's north-west corner
 
     @property
     def length(self) -> float:
@@ -108,17 +103,17 @@ def make_plan(road_map: UserValue, *, tile_size: float = TILE_SIZE) -> Plan:
         raise InputError(f"map: expected roads on at most {LONGEST_PLAN} x {LONGEST_PLAN} tiles, got {got}")
     placed = tuple(_place(row, column, int(codes[row, column])) for row, column in np.argwhere(codes).tolist())
     tiles = {kind: sum(tile.kind == kind for tile in placed) for kind in REFERENCE}
-    strips = [(strip, count) for kind, count in tiles.items() for strip in tapes_of(kind, 0, size)]
-    metres = {
-        colour: sum(count * strip.length for strip, count in strips if strip.colour == colour) for colour in TAPE_WIDTHS
-    }
+    tape = dict.fromkeys(TAPE_WIDTHS, 0.0)
+    for kind, count in tiles.items():
+        for strip in tapes_of(kind, 0, size):
+            tape[strip.colour] += count * strip.length
     return Plan(
         shape=(height, width),
         tile_size=size,
         floor=(round(width * size, 3), round(height * size, 3)),
         placed=placed,
         tiles=tiles | {"empty": height * width - len(placed)},
-        tape={colour: round(total, 3) for colour, total in metres.items()},
+        tape={colour: round(total, 3) for colour, total in tape.items()},
         objects=tuple(sorted(things, key=lambda thing: (thing.y, thing.x, thing.kind))),
     )
 
@@ -150,12 +145,8 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
     """Returns the tapes of a tile, the red ones first, since the others lie on them.
 
     White tape has five pieces outside a turn and three inside, as in the corners of a crossing. Stop lines cross the
-    lane into a crossing, where traffic keeps to the right.
-
-    Args:
-      kind: of the tile.
-      quarter_turns: counter-clockwise from the tile in `REFERENCE`.
-      tile_size: the pitch of the tiles in metres.
+    lane into a crossing, where traffic keeps to the right. `quarter_turns` are counter-clockwise from the tile in
+    `REFERENCE`.
     """
     half, right = tile_size / 2, tile_size / 2 - TAPE_WIDTHS["yellow"] / 2
     side = Tape("white", ((half - _EDGE, 0.0), (half - _EDGE, tile_size)))  # in the west

@@ -20,17 +20,10 @@ from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import EXIT, TURNS, linked_codes, list_movements
 
-_RIGHTS_OF_WAY = ("allway_stop", "priority", "right_before_left", "traffic_light")
-
 BACK = 3
 """The turn of a way that leaves a dead end by the side where it came in."""
 
 _CHORDS = 8  # of a quarter circle, in formats that have no arcs: 0.5 % of its radius from it
-
-GEO_REFERENCE = "+proj=tmerc +lat_0=0 +lon_0=9 +k=0.9996 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
-"""Where maps lie on earth, for formats that need it: on the equator, on the central meridian of UTM's zone 32."""
-
-_SIDE_NAMES = (*TURNS, "back")
 
 
 @dataclass(frozen=True)
@@ -52,7 +45,7 @@ class Streets(Record):
     tile: float = option(30.0, real(0.01, 1000))
     lane: float = option(3.2, real(0.001, 500))
     speed: float = option(8.33, real(0.001, 100))
-    right_of_way: str = option("allway_stop", one_of(*_RIGHTS_OF_WAY))
+    right_of_way: str = option("allway_stop", one_of("allway_stop", "priority", "right_before_left", "traffic_light"))
 
     def check_together(self) -> None:
         """Checks that a tile has room for two lanes."""
@@ -63,19 +56,12 @@ class Streets(Record):
 
 
 class Way(NamedTuple):
-    """A lane across a tile.
+    """A lane across a tile."""
 
-    Attributes:
-      row: from the north.
-      column: from the west.
-      heading: when the tile is entered: 0 north, 1 east, 2 south, 3 west.
-      turn: 0 right, 1 straight, 2 left, 3 back, at a dead end.
-    """
-
-    row: int
-    column: int
-    heading: int
-    turn: int
+    row: int  # from the north
+    column: int  # from the west
+    heading: int  # when the tile is entered: 0 north, 1 east, 2 south, 3 west
+    turn: int  # 0 right, 1 straight, 2 left, 3 back, at a dead end
 
     @property
     def tile(self) -> Cell:
@@ -100,28 +86,19 @@ class Way(NamedTuple):
     @property
     def name(self) -> str:
         """Row, column, side of entry and turn, such as ``3_4_west_left``."""
-        return f"{self.row}_{self.column}_{SIDES[self.heading - 2].name}_{_SIDE_NAMES[self.turn]}"
+        return f"{self.row}_{self.column}_{SIDES[self.heading - 2].name}_{(*TURNS, 'back')[self.turn]}"
 
 
 class Lanes(NamedTuple):
-    """All lanes of a map.
+    """All lanes of a map."""
 
-    Attributes:
-      ways: in ascending order.
-      after: indices of the ways that go on where each way ends.
-      links: int8 ``[H, W]``, the number of links of each tile.
-    """
-
-    ways: list[Way]
-    after: list[list[int]]
-    links: NDArray[np.int8]
+    ways: list[Way]  # in ascending order
+    after: list[list[int]]  # the indices of the ways that continue each way
+    links: NDArray[np.int8]  # [H, W], the number of links of each tile
 
 
 def lanes(codes: ArrayLike) -> Lanes:
-    """Lists the lanes of a map: its movements, and a way back at each dead end.
-
-    Args:
-      codes: integer codes ``[H, W]``. Connections that no neighbour returns, or that leave the grid, are no roads.
+    """Lists the lanes of a map, codes ``[H, W]``: its movements, and a way back at each dead end.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), or one without any road.
@@ -164,7 +141,7 @@ def giving_way(ways: Iterable[Way]) -> set[int]:
 
 
 def bounds(way: Way, streets: Streets, height: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Returns the left and the right bound of a way, as many points each: `_CHORDS` lines for each quarter circle.
+    """Returns the left and the right bound of a way, with the same number of points.
 
     At a dead end the left bound leads around an island, a tenth of a lane wide.
     """

@@ -46,40 +46,19 @@ _HALF = _ARC.size // 2
 class PlainXml(NamedTuple):
     """A network in SUMO's plain XML, one text for each file.
 
-    Attributes:
-      nodes: each ``ROW_COLUMN``, after its tile; positions in metres, x to the east and y to the north, from the grid's
-        south-west corner.
-      edges: each ``ROW_COLUMN_SIDE``, after its first tile and the side by which it leaves that tile.
-      connections: from each edge to those that start at its end; back along the same road only at dead ends.
+    x is east and y north of the grid's south-west corner, in metres.
     """
 
-    nodes: str
-    edges: str
-    connections: str
-
-
-class Network(NamedTuple):
-    """A network that netconvert made.
-
-    Attributes:
-      text: of a file ``.net.xml``, without the date.
-      warnings: of netconvert, a line each.
-    """
-
-    text: str
-    warnings: tuple[str, ...]
+    nodes: str  # each named ROW_COLUMN after its tile
+    edges: str  # each named ROW_COLUMN_SIDE after its first tile and the side by which it leaves that tile
+    connections: str  # from each edge to those that start at its end; back along the same road only at dead ends
 
 
 def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
-    """Returns a grid as plain XML.
+    """Returns a grid, integer codes ``[H, W]``, or a `RoadMap` as plain XML; the same map gives the same texts.
 
-    Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`. Connections that no neighbour returns, or that leave the grid,
-        are no roads.
-      streets: the measures. A crossing with lights or stop signs on the map has these, and no other right of way.
-
-    Returns:
-      A `PlainXml`; the same grid gives the same texts.
+    Connections that no neighbour returns, or that leave the grid, are no roads. A crossing with lights or stop signs on
+    the map has these, and no other right of way.
 
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
@@ -98,7 +77,7 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
     return PlainXml(
         _xml("nodes", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
-        _xml("connections", (_connection(road, after) for road in roads for after in _ways_on(road, exits))),
+        _xml("connections", (_connection(road, after) for road in roads for after in _onward(road, exits))),
     )
 
 
@@ -111,7 +90,7 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()
       InputError: as `plain_xml`, or if the files cannot be written.
     """
     prefix, texts = check_named("prefix", path, prefix), plain_xml(codes, streets)
-    nodes, edges, connections = files = tuple(Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con"))
+    nodes, edges, connections = files = [Path(f"{prefix}.{kind}.xml") for kind in ("nod", "edg", "con")]
     try:
         nodes.parent.mkdir(parents=True, exist_ok=True)
         # Nodes of one network do not fit the edges of another, so no file is replaced before all are written.
@@ -121,21 +100,17 @@ def write_sumo(prefix: str | Path, codes: AnyArray, streets: Streets = Streets()
             for file in files:
                 Path(folder, file.name).replace(file)
     except OSError as error:
-        raise unwritable_error(
-            nodes, OSError(error.errno, error.strerror)
-        ) from None  # without the name of the hidden folder
+        error.filename = None  # that of the hidden folder
+        raise unwritable_error(nodes, error) from None
     return nodes, edges, connections
 
 
-def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
-    """Makes a network of a grid by SUMO's `netconvert`.
-
-    Args:
-      codes: integer codes ``[H, W]``, or a `RoadMap`, see `plain_xml`.
-      streets: their measures.
+def network(codes: AnyArray, streets: Streets = Streets()) -> tuple[str, tuple[str, ...]]:
+    """Makes a network of a map, see `plain_xml`, by SUMO's `netconvert`.
 
     Returns:
-      A `Network`; the same grid and version of SUMO give the same text.
+      The text of a file ``.net.xml`` without the date, and netconvert's warnings. The same map and version of SUMO give
+      the same text.
 
     Raises:
       InputError: as `plain_xml`; if eclipse-sumo is not installed, or netconvert fails.
@@ -159,7 +134,7 @@ def network(codes: AnyArray, streets: Streets = Streets()) -> Network:
             why = "; ".join(line for line in said if line.startswith("Error")) or f"exit code {run.returncode}"
             raise InputError(f"netconvert: expected a network of the map, got: {why}")
         text = Path(folder, "converted").read_text(encoding="utf-8")
-    return Network(_COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning")))
+    return _COMMENT.sub("", text), tuple(line for line in said if line.startswith("Warning"))
 
 
 def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> tuple[str, ...]:
@@ -217,7 +192,8 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
 
 
-def _ways_on(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
+def _onward(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
+    """Returns the first tiles of the roads that continue a road: the way back only at a dead end."""
     return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
 
 
@@ -238,8 +214,8 @@ def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
 
 
 def _connection(road: list[Cell], after: Cell) -> str:
-    start, end = _edge_id(road[0], road[1]), _edge_id(road[-1], after)
-    return f'<connection from="{start}" to="{end}" fromLane="0" toLane="0"/>'
+    ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}"'
+    return f'<connection {ends} fromLane="0" toLane="0"/>'
 
 
 def _id(node: Cell) -> str:

@@ -46,11 +46,7 @@ def write_maps(
     """Writes each map to its own folder, ``maps/0000`` and so on, and the contact sheet; returns the maps as drawn.
 
     The maps have one size, and metrics. `seed` is that of the choice of tile pictures, and of the positions of objects.
-    `furnish` is None for maps that keep the objects they have.
-
-    Raises:
-      InputError: if the objects do not fit on a map; the message names it.
-      OSError: if a file cannot be written.
+    Without `furnish`, maps keep the objects they have. Raises `InputError` if the objects do not fit on a map.
     """
     sheet_px = int(np.clip(_SHEET_PX // max(maps[0].codes.shape), *_SHEET_TILE_PX))
     if furnish:

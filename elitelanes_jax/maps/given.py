@@ -50,17 +50,12 @@ def given(
 
 
 def parse_given(sources: UserValue) -> GivenMaps:
-    """Reads maps, and measures metrics that are missing.
+    """Reads maps, and measures metrics that are missing; raises `InputError`, which names a bad file or folder.
 
-    Of several maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the
-    same network.
-
-    Args:
-      sources: one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a pack, or
-        all files ``map.json`` in them. Without any, the files ``.json``, ``.yaml`` and ``.yml`` right in them are read.
-
-    Raises:
-      InputError: for a file or folder that is missing or bad, or no map; the message names it.
+    The sources are one map or several, as `as_maps` takes them; or folders, whose maps are those of a dataset or a
+    pack, or all files ``map.json`` in them, or without any the files ``.json``, ``.yaml`` and ``.yml`` right in them.
+    Of maps that are the same when rotated or mirrored, the first one is used, so that no two splits have the same
+    network.
     """
     if isinstance(sources, GivenMaps):
         return sources

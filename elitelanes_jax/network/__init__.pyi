@@ -3,6 +3,7 @@ from . import wfc as wfc
 from .bits import bernoulli as bernoulli
 from .bits import randint as randint
 from .bits import random_bits as random_bits
+from .bits import random_grids as random_grids
 from .checks import check_shape as check_shape
 from .codes import CROSSINGS as CROSSINGS
 from .codes import EAST as EAST
@@ -12,7 +13,6 @@ from .codes import ROAD_ALPHABET as ROAD_ALPHABET
 from .codes import SIDE_TOWARDS as SIDE_TOWARDS
 from .codes import SOUTH as SOUTH
 from .codes import WEST as WEST
-from .grids import random_grids as random_grids
 from .metric_names import METRIC_NAMES as METRIC_NAMES
 from .metric_names import Metrics as Metrics
 from .metrics import measure as measure

@@ -37,11 +37,6 @@ def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "...
     return total
 
 
-def penalty_weights(weights: Weights) -> Weights:
-    """Returns the weights of penalties alone: negative weights and the constant are 0."""
-    return Weights(*(jnp.maximum(weight, 0) for weight in weights))._replace(constant=0)
-
-
 def _integer(name: str, weight: Numeric) -> Int32[Array, "..."]:
     array = weight if isinstance(weight, jax.Array) else np.asarray(weight)
     if not jnp.issubdtype(array.dtype, jnp.integer):

@@ -36,9 +36,8 @@ from elitelanes_jax.optimizers.presets import (
     with_moves,
 )
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds
-from elitelanes_jax.problem.digests import digest
 from elitelanes_jax.problem.fixed_cells import FixedCells
-from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels
+from elitelanes_jax.problem.kernels import Fitness, Kernel, apply_fitness, check_fitness, check_kernels, digest
 from elitelanes_jax.problem.problem import Problem
 from elitelanes_jax.problem.ranges import Range, range_limits
 from elitelanes_jax.search._checkpoint import Checkpoint, open_checkpoint

@@ -14,7 +14,7 @@ from elitelanes_jax import RoadMap, measure, read_map
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.formats import Streets, draw_text, sumo, table_to_csv
 from elitelanes_jax.formats import map_to_json as map_json
-from elitelanes_jax.formats.sumo import Network, plain_xml
+from elitelanes_jax.formats.sumo import plain_xml
 from elitelanes_jax.formats.table import measure_maps, table_to_json
 
 GRID = np.array([[6, 5, 7, 3], [10, 0, 10, 10], [14, 5, 13, 9], [8, 0, 0, 0]], np.int8)
@@ -93,7 +93,7 @@ def test_plain_xml_is_three_files_for_each_map(maps, tmp_path):
 
 def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatch, capsys):
     warnings = ("Warning: " + "a" * 999, "Warning: b")
-    monkeypatch.setattr(sumo, "network", lambda *_: Network("text", warnings))
+    monkeypatch.setattr(sumo, "network", lambda *_: ("text", warnings))
     out = tmp_path / "out"
     assert main(["export", *maps, "--to", "sumo", "--out", str(out)]) == 0
     assert (out / "0000.net.xml").read_text() == "text"

@@ -21,7 +21,7 @@ from given_maps import random_maps, small
 from elitelanes_jax import DatasetSpec, InputError, RoadMap, load_tiles, make_dataset, measure, mirror, render, rotate
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import STANDARD, tiles_by_split
-from elitelanes_jax.dataset._formats import FORMATS, write_sample
+from elitelanes_jax.dataset._layouts import LAYOUTS, write_sample
 from elitelanes_jax.dataset._plan import given_maps, split_maps
 from elitelanes_jax.dataset._views import View, warp
 from elitelanes_jax.maps.spec import SPLITS
@@ -225,7 +225,7 @@ def test_hugging_face_datasets_loads_one_split_and_layers_of_any_name(tmp_path, 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_no_two_layers_have_one_file(name):
-    layout = FORMATS[name]
+    layout = LAYOUTS[name]
     layers = ["image", "labels", *layout.layers, "images", "img", "ann", "points", "annotations", "layers"]
     assert len({layout.file(split, 3, layer) for layer in layers for split in range(3)}) == 3 * len(layers)
 
@@ -431,7 +431,7 @@ def interrupts():
 @pytest.mark.parametrize("number", range(4))
 def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monkeypatch, interrupts, given, number):
     """Interrupts the main thread when one of the workers has drawn so many pictures."""
-    usual, drawn = FORMATS["imagefolder"], []
+    usual, drawn = LAYOUTS["imagefolder"], []
 
     def interrupt(labels):
         drawn.append(labels)
@@ -441,7 +441,7 @@ def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monke
             time.sleep(0.2)  # on a busy machine the main thread may wait for its turn
         return usual.note(labels)
 
-    monkeypatch.setitem(FORMATS, "imagefolder", usual._replace(note=interrupt))
+    monkeypatch.setitem(LAYOUTS, "imagefolder", usual._replace(note=interrupt))
     threads = set(threading.enumerate())
     with pytest.raises(KeyboardInterrupt):
         make_dataset(small(), tmp_path / "out", maps=random_maps(), workers=3)

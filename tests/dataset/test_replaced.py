@@ -10,7 +10,7 @@ from given_maps import random_maps, small
 
 from elitelanes_jax import DatasetSpec, InputError, make_dataset
 from elitelanes_jax.cli.main import main
-from elitelanes_jax.dataset._formats import FORMATS
+from elitelanes_jax.dataset._layouts import LAYOUTS
 
 OTHERS = random_maps(seed=1)
 
@@ -27,10 +27,10 @@ def folder(written, tmp_path):
     return Path(shutil.copytree(written, tmp_path / "out"))
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", LAYOUTS)
 def test_another_dataset_takes_the_place_of_one_of_any_format(name, folder, tmp_path):
-    if FORMATS[name].needs and not importlib.util.find_spec(FORMATS[name].needs):
-        pytest.skip(f"{FORMATS[name].needs} is not installed")
+    if LAYOUTS[name].needs and not importlib.util.find_spec(LAYOUTS[name].needs):
+        pytest.skip(f"{LAYOUTS[name].needs} is not installed")
     with pytest.raises(InputError, match=r"expected results with .*, got .*; use another folder, or force=True"):
         make_dataset(small(format=name, seed=1), folder, maps=OTHERS)
     make_dataset(small(format=name, seed=1), folder, maps=OTHERS, force=True)

@@ -1,8 +1,10 @@
 """Views from a robot: the lanes' own figures, the camera of the environments, and datasets to the same bytes."""
 
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -142,9 +144,13 @@ def test_the_card_loads_arrays(layout, camera, tmp_path, capsys, monkeypatch):
         spec = DatasetSpec(maps=4, size=4, split=(1, 0, 0), tile_px=16, transforms="none", format=layout)
         maps = [RoadMap(TOWN)] * 4
         make_dataset(spec, tmp_path / "one", workers=1, maps=maps)
-    (program,) = [text for _, text in blocks((tmp_path / "one" / "README.md").read_text(), "python") if "rows" in text][
-        -1:
-    ]
+    card = (tmp_path / "one" / "README.md").read_text()
+    _, found_title, measured = card.partition("## What such views teach")
+    assert bool(found_title) == camera
+    page = (Path(__file__).parents[2] / "docs" / "perception.md").read_text()
+    figures = re.findall(r"\d[\d.,]*\d", measured.partition("##")[0])
+    assert (len(figures) > 8) == camera and not [figure for figure in figures if figure not in page]
+    (program,) = [text for _, text in blocks(card, "python") if "rows" in text][-1:]
     assert len([line for line in program.splitlines() if line]) <= 9
     found = {}
     exec(program.replace("DIR", "one"), found)
@@ -178,7 +184,7 @@ def test_an_interrupted_dataset_goes_on_to_the_same_bytes(tmp_path, monkeypatch)
 
 
 def test_what_is_wrong_with_a_camera_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom='"):
+    with pytest.raises(InputError, match=r"camera: expected some of rows=..., .*, got 'zoom=3'"):
         parse_viewpoints(["zoom=3"])
     with pytest.raises(InputError, match="rows: expected a whole number, 16 to 4096, got '0'"):
         parse_viewpoints("rows=0")

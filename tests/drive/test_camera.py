@@ -7,7 +7,7 @@ import pytest
 
 from elitelanes_jax import InputError, random_grids, render, repair
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
-from elitelanes_jax.drive._camera import rays
+from elitelanes_jax.drive._camera import ground_points
 from elitelanes_jax.drive.lanes import Movement, lane_point
 from elitelanes_jax.drive.robot import TILE
 from elitelanes_jax.tiles import choose_tiles, scale_tiles
@@ -82,7 +82,7 @@ def test_labels_and_colours_are_those_of_opencvs_warp(scene):
 
 def test_rays_meet_the_ground_where_points_project_from():
     camera = Camera(rows=48, columns=64)
-    ahead, left = np.asarray(rays(camera)) * TILE
+    ahead, left = np.asarray(ground_points(camera)) * TILE
     focal = 24 / np.tan(np.deg2rad(37.5))
     pitch = np.deg2rad(19.15)
     seen = np.isfinite(ahead)
@@ -92,7 +92,7 @@ def test_rays_meet_the_ground_where_points_project_from():
     np.testing.assert_allclose(24 + focal * down / depth, rows, atol=2e-3)
     np.testing.assert_allclose(32 + focal * right / depth, columns, atol=2e-3)
 
-    ahead, left = np.asarray(rays(Camera(rows=48, columns=64, distortion=(-0.2, 0.05)))) * TILE
+    ahead, left = np.asarray(ground_points(Camera(rows=48, columns=64, distortion=(-0.2, 0.05)))) * TILE
     seen = np.isfinite(ahead) & (ahead < 2)  # further away a ray hardly falls
     rows, columns = (index[seen] + 0.5 for index in np.mgrid[:48, :64])
     intrinsic = np.array([[focal, 0, 32], [0, focal, 24], [0, 0, 1.0]])

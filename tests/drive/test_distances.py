@@ -13,13 +13,12 @@ from hypothesis.extra import numpy as hnp
 
 from elitelanes_jax import InputError, random_grids, repair
 from elitelanes_jax.drive import UNREACHABLE, LaneNode, distances, lane_nodes, route
-from elitelanes_jax.drive._distances import NO_WAY, Route, shortest_ways, way_at
+from elitelanes_jax.drive._distances import NO_WAY, Route, shortest_ways
 
 SHAPE = (5, 6)
 find = jax.jit(distances)
 find_ways = jax.jit(shortest_ways)
 find_route = jax.jit(route, static_argnames="most")
-read_ways = jax.jit(way_at)
 find_nodes = jax.jit(lane_nodes)
 any_grids = hnp.arrays(np.int8, (3, 4), elements=st.integers(0, 15))
 small_grids = hnp.arrays(np.int8, (3, 4), elements=st.sampled_from((3, 5, 6, 7, 9, 11, 12, 13, 14, 15)))
@@ -52,12 +51,12 @@ def test_ways_and_routes_are_shortest(grid, data):
     listed = sorted(graph)
     start, goal = data.draw(st.sampled_from(listed)), data.draw(st.sampled_from(listed))
     table = lengths_to(graph, goal, grid.shape)
-    turns = read_ways(find_ways(grid, LaneNode(*goal)), LaneNode(*np.array(listed).T))
-    for node, turn in zip(listed, turns.tolist(), strict=True):
+    ways = np.asarray(find_ways(grid, LaneNode(*goal)))
+    for node in listed:
         onward = {data["turn"]: table[there] for _, there, data in graph.out_edges(node, data=True)}
         best = min(onward.values(), default=UNREACHABLE)
         expected = [turn for turn in range(3) if best < UNREACHABLE and onward.get(turn) == best]
-        assert turn == (expected[0] if expected else NO_WAY)
+        assert ways[node[:2]] >> 2 * node[2] & 3 == (expected[0] if expected else NO_WAY)
     check_route(graph, find_route(grid, LaneNode(*start), LaneNode(*goal)), start, goal, table[start])
 
 

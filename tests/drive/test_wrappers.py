@@ -15,7 +15,7 @@ from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
 from elitelanes_jax.drive._levels import make_levels
 from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
 from elitelanes_jax.drive._wrappers import GymnaxEnv, JaxUedEnv, flatten, gymnasium_env, gymnasium_vector_env
-from elitelanes_jax.network.grids import random_grids
+from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.repairing import repair
 from elitelanes_jax.tiles.rendering import scale_tiles
 from elitelanes_jax.tiles.tileset import load_tiles

@@ -45,11 +45,7 @@ def own_result():
         grids.reshape(2, 20, 6, 6), fitness.astype(np.int32), descriptor, np.ones((2, 20), bool), metrics, features
     )
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    none = np.zeros(0, np.int32)
-    history = History(
-        none, none, np.zeros((2, 0), np.int32), np.zeros((2, 0), np.int32), none * 1.0, np.zeros((2, 0), np.int32)
-    )
-    return Result(elites, history, state, spec, spec.axes_on((6, 6)))
+    return Result(elites, History.empty(2), state, spec, spec.axes_on((6, 6)))
 
 
 def float_result():
@@ -70,14 +66,7 @@ def big_result():
     descriptor = np.broadcast_to(niches, (*shape, 5)).astype(np.int32)
     metrics = Metrics(*[zeros] * 19, zeros.astype(np.float32))
     elites = MeasuredElites(grids, zeros, descriptor, np.ones(shape, bool), metrics, {})
-    steps = np.arange(1, 501)
-    history = History(
-        steps,
-        steps * 40,
-        np.zeros((32, 500), np.int32),
-        np.zeros((32, 500), np.int32),
-        steps * 1.0,
-        np.zeros((32, 500), np.int32),
-    )
+    steps, counts = np.arange(1, 501), np.zeros((32, 500), np.int32)
+    history = History(steps, steps * 40, counts, counts, steps * 1.0, counts)
     state = RunState(np.array(0, np.int32), None, np.array(0, np.uint32))
-    return Result(elites, history, state, SearchSpec(), paper_axes((12, 12)))
+    return Result(elites, history, state, SearchSpec(), axes)

@@ -17,7 +17,7 @@ from killed_runs import digest
 from elitelanes_jax import DatasetSpec, GenerateSpec, InputError, SearchSpec, generate, make_dataset
 from elitelanes_jax.cli.main import main
 from elitelanes_jax.dataset import make
-from elitelanes_jax.maps import cluster, dask_executor, generate_on
+from elitelanes_jax.maps import cluster, dask_executor, generate_on, parts
 
 SEARCH = SearchSpec(method="ea", preset="paper", generations=12)
 SPEC = GenerateSpec(size=(5, 6), maps=3, seeds=7, tile_px=16, search=SEARCH)
@@ -46,7 +46,7 @@ class Lossy(ThreadPoolExecutor):
 
 
 def test_workers_search_what_one_machine_does(whole, tmp_path, monkeypatch):
-    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 3)
+    monkeypatch.setattr(parts, "_SEEDS_A_PART", 3)
     out = tmp_path / "maps"
     executor = Lossy(lost=3)
     with executor, pytest.raises(ConnectionError) as error:
@@ -136,15 +136,15 @@ def test_without_dask_it_is_said(tmp_path, capsys, monkeypatch):
 @pytest.mark.slow
 def test_a_dask_cluster_whose_worker_is_killed(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    monkeypatch.setattr(cluster, "_SEEDS_A_PART", 2)
+    monkeypatch.setattr(parts, "_SEEDS_A_PART", 2)
     spec = SPEC.replace(search=SEARCH.replace(generations=30_000))
     generate(spec, tmp_path / "one")
     out = tmp_path / "maps"
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as workers:
 
         def kill_one():
-            parts = tmp_path / ".maps-unfinished" / "kept"
-            while not list(parts.glob(".[1-4]-unfinished")):
+            kept = tmp_path / ".maps-unfinished" / "kept"
+            while not list(kept.glob(".[1-4]-unfinished")):
                 time.sleep(0.01)
             with distributed.Client(workers.scheduler_address) as client:
                 os.kill(next(iter(client.run(os.getpid).values())), signal.SIGKILL)

@@ -101,9 +101,9 @@ def test_the_same_maps_give_the_same_bytes_after_an_interruption_too(packed, tmp
         drawn.append(name)
         if len(drawn) == 9:
             raise KeyboardInterrupt
-        return usual.files(road_map, name, **settings)
+        return usual.convert(road_map, name, **settings)
 
-    monkeypatch.setitem(exporting.FORMATS, "duckietown", usual._replace(files=interrupt))
+    monkeypatch.setitem(exporting.FORMATS, "duckietown", usual._replace(convert=interrupt))
     with pytest.raises(KeyboardInterrupt):
         pack(SPEC, MAPS, tmp_path / "pack")
     assert not (tmp_path / "pack").exists()

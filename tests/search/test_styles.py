@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from elitelanes_jax import Axis, DatasetSpec, GenerateSpec, InputError, SearchSpec, evolve, generate, mirror, rotate
 from elitelanes_jax.cli.arguments import add_options, read_options
 from elitelanes_jax.cli.generate import describe_maps
-from elitelanes_jax.maps.run import DIFFERENCE
+from elitelanes_jax.maps.generation import DIFFERENCE
 from elitelanes_jax.network import measure_town, plain_measure
 from elitelanes_jax.network.plain_metrics import plain_town
 from elitelanes_jax.problem.features import feature_unit
