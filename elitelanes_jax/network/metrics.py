@@ -61,7 +61,8 @@ def _measure(grid: Int8[Array, "H W"], alphabet: tuple[int, ...] | None) -> Metr
     links = find_links(layout, padded)
     faces = find_faces(layout, links)
 
-    rows, columns = layout.rows(), layout.columns()
+    # A guard cell has the column `width`.
+    rows, columns = np.divmod(np.arange(layout.size), layout.stride)
     here = layout.here(padded)
     north, east, south, west = (padded & side > 0 for side in (NORTH, EAST, SOUTH, WEST))
     connections = north.astype(jnp.int8) + east + south + west

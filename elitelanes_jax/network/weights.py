@@ -50,9 +50,8 @@ class Weights(NamedTuple):
 def check_weights(weights: UserValue, shape: tuple[int, int], more: int = 0) -> Weights:
     """Checks weights; returns them as ints.
 
-    Raises:
-      InputError: if one is not a whole number, or the fitness of a grid of the shape might not fit int32 together with
-        other features, which add at most `more` in size.
+    Raises `InputError` if one is not a whole number, or the fitness of a grid of the shape might not fit int32 together
+    with other features, which add at most `more` in size.
     """
     if not isinstance(weights, Weights):
         raise InputError(f"weights: expected Weights, got {type(weights).__name__}")

@@ -52,8 +52,7 @@ _SCALAR = "an integer or float scalar"
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
     """Checks the user's features for grids of a shape: kernels by name, or None.
 
-    Raises:
-      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name of its own.
+    Each must be a function that JAX can trace to an integer scalar, with a name of its own.
     """
     if features is None:
         return {}
@@ -74,11 +73,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 
 
 def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
-    """Checks a fitness of the user for grids of a shape with these columns of features.
-
-    Raises:
-      InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
-    """
+    """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
     if not callable(fitness):
         raise InputError(
             f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"

@@ -4,8 +4,9 @@ import cv2
 import jax
 import numpy as np
 import pytest
+from driving_oracle import drawn_maps
 
-from elitelanes_jax import InputError, random_grids, render, repair
+from elitelanes_jax import InputError, render
 from elitelanes_jax.drive import Camera, Pose, look, make_atlas, movements
 from elitelanes_jax.drive._camera import ground_points
 from elitelanes_jax.drive.lanes import Movement, lane_point
@@ -18,7 +19,7 @@ frame = jax.jit(look)
 
 @pytest.fixture(scope="module")
 def scene(drawn_tiles):
-    grid = np.asarray(repair(random_grids(jax.random.key(0), 1, (5, 6))[0], fill=True))
+    grid = drawn_maps(0, 1, (5, 6), fill=True)[0]
     chosen = choose_tiles(grid, drawn_tiles, 1)
     scaled = scale_tiles(drawn_tiles, TILE_PX)
     picture = render(grid, drawn_tiles, tile_px=TILE_PX, chosen=chosen)
@@ -40,12 +41,10 @@ def homography(pose, camera):
     focal = camera.rows / 2 / np.tan(np.deg2rad(camera.field_of_view) / 2)
     intrinsic = np.array([[focal, 0, camera.columns / 2 - 0.5], [0, focal, camera.rows / 2 - 0.5], [0, 0, 1]])
     pitch, theta = np.deg2rad(camera.pitch), float(pose.theta)
-    east_north_up = {
-        "ahead": np.array([np.cos(theta) * np.cos(pitch), np.sin(theta) * np.cos(pitch), -np.sin(pitch)]),
-        "right": np.array([np.sin(theta), -np.cos(theta), 0]),
-    }
-    down = np.cross(east_north_up["ahead"], east_north_up["right"])
-    rotation = np.stack([east_north_up["right"], down, east_north_up["ahead"]])
+    # Of x east, y north and z up.
+    ahead = np.array([np.cos(theta) * np.cos(pitch), np.sin(theta) * np.cos(pitch), -np.sin(pitch)])
+    right = np.array([np.sin(theta), -np.cos(theta), 0])
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
     centre = np.array([np.cos(theta) * camera.forward, np.sin(theta) * camera.forward, camera.height])
     centre[:2] += np.array([float(pose.x), -float(pose.y)]) * TILE
     onto = intrinsic @ np.column_stack([rotation[:, 0], rotation[:, 1], -rotation @ centre])
@@ -128,7 +127,6 @@ def test_light_and_noise_change_colours_alone(scene):
 
 
 def test_faults_are_named():
-    with pytest.raises(
-        InputError, match=r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
-    ):
+    message = r"atlas: expected \[T, P, P, 3\] and \[T, P, P\], got \(4, 8, 8\) and \(4, 8, 8\)"
+    with pytest.raises(InputError, match=message):
         make_atlas(np.zeros((4, 8, 8)), np.zeros((4, 8, 8)))

@@ -4,9 +4,7 @@ It needs the packages of `make explorer` and Debian's chromium.
 """
 
 import json
-import os
 import re
-import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
@@ -16,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from explored import big_result, float_result, own_result, write_run
+from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 
 from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.explorer._collect import collect
@@ -37,13 +35,8 @@ from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
 from elitelanes_jax.tiles.tileset import load_tiles
 
 HERE = Path(__file__).parent
-PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 
-pytestmark = pytest.mark.skipif(
-    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
-    reason="the browser's tests need make explorer and chromium",
-)
+pytestmark = IN_BROWSER
 
 HOSTILE = '<i><b>bold</b></i><img src=x onerror="alert(1)"><script>alert(2)</script>'
 TOWN = HERE.parents[1] / "docs" / "examples" / "town.json"

@@ -131,7 +131,7 @@ def test_a_picture_alone_lies_on_the_floor_from_above(own, drawn_tiles):
 
 FAULTS = {
     "no image": (lambda place: (place / "image.png").unlink(), "expected image.png, the view from the front, got none"),
-    "no toml": (lambda place: (place / "object.toml").unlink(), "object.toml: expected a readable TOML file with kind"),
+    "no toml": (lambda place: (place / "object.toml").unlink(), "object.toml: expected a readable TOML file, got: "),
     "kind": (lambda place: write(place, 'kind = "duck"\nheight = 1\nfootprint = [1, 1]'), "kind: expected one of"),
     "key": (lambda place: write(place, 'kind = "duckie"\nheight = 1'), "expected the keys .*, got no footprint"),
     "height": (
