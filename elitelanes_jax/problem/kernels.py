@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from hashlib import sha256
 from inspect import Parameter, signature
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
 from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
@@ -22,6 +21,9 @@ from elitelanes_jax.network.metrics import unstack_metrics
 from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, with_shares
+
+if TYPE_CHECKING:
+    from jax.extend import core
 
 Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Integer[ArrayLike, ""]]
 """A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
@@ -218,8 +220,10 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
     return parts.hexdigest()[:16]
 
 
-def _constants(closed: core.ClosedJaxpr) -> Iterator[bytes]:
+def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
     """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
+    from jax.extend import core  # most searches have no functions of the user
+
     for constant in closed.consts:
         is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
         yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()
