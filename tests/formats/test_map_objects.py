@@ -23,6 +23,8 @@ def test_a_map_file_keeps_objects(tmp_path):
     found = read_map(tmp_path / "map.json")
     assert found == road_map
     assert found.objects == OBJECTS
+    text = (tmp_path / "map.json").read_text()
+    assert text.count('"static"') == 1 and text.count('"tag"') == 2  # those that have no default
 
 
 def test_defaults_are_those_of_the_kind():
@@ -111,6 +113,7 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
         ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
         ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),
         ("[{kind: duckie, pos: [1, nan]}]", "pos: expected a number"),
+        ("[{kind: duckie, pos: [1, 1_0]}]", "pos: expected a number, got '1_0'"),
         ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
         ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
         ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),

@@ -168,6 +168,11 @@ def test_bad_files_are_named(text, message, tmp_path):
         read_map(file)
 
 
+def test_an_archive_of_a_search_is_no_map(tmp_path):
+    with pytest.raises(InputError, match=r"a.npz: expected a file of maps, got an archive of a search"):
+        read_map(tmp_path / "a.npz")
+
+
 @pytest.mark.parametrize("name", ["map.json", "map.yaml"])
 def test_files_are_read_to_a_limit(name, tmp_path):
     """A file of 30 GB without a single block on the disk."""
