@@ -116,7 +116,7 @@ def network(codes: AnyArray, streets: Streets = Streets()) -> tuple[str, tuple[s
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
-        command = [program, "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS]
+        command = [str(program), "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS]
         env = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
         try:
             run = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)

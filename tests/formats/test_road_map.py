@@ -144,6 +144,7 @@ def drawn(tiles, turns):
         (with_("seed", "5"), "seed: expected two whole numbers, got 5"),
         (with_("seed", "[1, 2, 3]"), "seed: expected two whole numbers"),
         (with_("fitness", '"low"'), 'fitness: expected a number, got "low"'),
+        (with_("fitness", "1" + "0" * 309), "fitness: expected a number, got 10000"),
         (with_("metrics", '{"components": "one"}'), "metrics: expected numbers by name"),
         (with_("descriptor", "[1]"), "descriptor: expected numbers by name"),
         (with_("niche", "[0.5]"), "niche: expected whole numbers"),
