@@ -146,7 +146,7 @@ def render(
     return Picture(
         **{name: layers.pop(name) for name in ("image", *MASKS, "labels")},
         layers=layers,
-        points={name: _lay_points(name, tiles, picture, tile_px) for name in tiles.points},
+        points={name: _lay_points(name, tiles, chosen, tile_px) for name in tiles.points},
         instances=instances,
     )
 
@@ -308,22 +308,15 @@ def _resize_mask(mask: NDArray[np.bool_], size: int, name: str) -> NDArray[np.bo
     return cover >= np.sort(cover, axis=None)[-area] - 1e-4
 
 
-@lru_cache(maxsize=64)
-def _rotated_points(name: str, tiles: TileSet, size: int) -> list[NDArray[np.float64]]:
-    rotated = []
-    for tile in tiles.pictures:
-        own = tile.image.shape[0]
-        points = tile.points.get(name, np.zeros((0, 2)))
-        for _ in range(4):
-            rotated.append(points * size / own)
+def _lay_points(name: str, tiles: TileSet, chosen: NDArray[np.int_], size: int) -> NDArray[np.float64]:
+    laid = []
+    for row, column in np.ndindex(chosen.shape[:2]):
+        index, turns = chosen[row, column]
+        own, points = len(tiles.pictures[index].image), tiles.pictures[index].points.get(name, np.zeros((0, 2)))
+        for _ in range(turns):
             points = np.stack([points[:, 1], own - points[:, 0]], axis=1)  # a quarter turn counter-clockwise
-    return rotated
-
-
-def _lay_points(name: str, tiles: TileSet, picture: NDArray[np.int_], size: int) -> NDArray[np.float64]:
-    rotated = _rotated_points(name, tiles, size)
-    cells = np.ndindex(picture.shape)
-    return np.concatenate([rotated[picture[row, column]] + (column * size, row * size) for row, column in cells])
+        laid.append(points * size / own + (column * size, row * size))
+    return np.concatenate(laid)
 
 
 def _lay_out(tiles: np.ndarray) -> np.ndarray:

@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
+import killed_runs
 import numpy as np
 import pytest
-from ended_runs import MAPS, SPEC
 from folders import files, read_picture
 from given_maps import random_maps, small
 
@@ -54,14 +54,6 @@ def given(tmp_path_factory):
         if name != "coco" or _installed("pycocotools"):
             make_dataset(small(format=name), folder / name, maps=random_maps(), workers=1)
     return folder
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """The files of the dataset that processes are ended at."""
-    out = tmp_path_factory.mktemp("whole") / "out"
-    make_dataset(SPEC, out, maps=MAPS, workers=1)
-    return files(out)
 
 
 def _installed(package):
@@ -383,18 +375,6 @@ def test_fewer_maps_than_asked_for_end_the_command(tmp_path, capsys):
     assert f"{found} different ones of 44 maps of 3 x 4 tiles; larger sizes, more evaluations or fewer maps" in message
 
 
-def test_a_full_disk_stops_it_and_it_continues(tmp_path, small_files_only, whole):
-    out = tmp_path / "out"
-    small_files_only(15000)
-    with pytest.raises(OSError, match=f"File too large: '{tmp_path}/") as error:
-        make_dataset(SPEC, out, maps=MAPS, workers=2)
-    assert error.value.filename.endswith(("given.jsonl", ".png"))
-    assert not list(out.rglob("*.part"))
-    small_files_only(-1)
-    make_dataset(SPEC, out, maps=MAPS)
-    assert files(out) == whole
-
-
 def test_a_dataset_that_lost_pictures_is_not_called_complete(evolved, tmp_path, capsys):
     out = tmp_path / "out"
     shutil.copytree(evolved, out)
@@ -453,66 +433,15 @@ def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monke
     assert files(tmp_path / "out") == files(given / "imagefolder")
 
 
-ANNOUNCED = "making a dataset of 40 maps of 5 x 5 tiles, 1 view each\n"
-
-
-def end_runs(out, runs, seed, *names):
-    """Ends runs by signals at random moments; returns the records of `ended_runs`."""
-    command = [sys.executable, str(Path(__file__).parent / "ended_runs.py"), str(out), str(runs), str(seed), *names]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    records = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(records) == runs
-    for record in records:
-        if record["signal"] == "SIGINT":
-            assert record["code"] == 130
-            assert record["said"].removeprefix(ANNOUNCED) == "ended: interrupted; it continues\n"
-            assert record["seconds"] < 10
-        else:
-            assert record["code"] == -signal.SIGKILL
-            assert record["said"] in ("", ANNOUNCED)
-    return records
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-def test_ended_at_any_moment_it_continues_to_the_same_files(tmp_path, whole):
-    out = tmp_path / "out"
-    records = end_runs(out, 6, 0, "SIGINT", "SIGKILL")
-    assert {record["signal"] for record in records} == {"SIGINT", "SIGKILL"}
-    make_dataset(SPEC, out, maps=MAPS, workers=3)
-    assert files(out) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
-def test_a_hundred_runs_ended_at_any_moment_continue_to_the_same_files(tmp_path, whole, name):
-    for seed in range(20):
-        out = tmp_path / f"out-{seed}"
-        end_runs(out, 5, seed, name)
-        make_dataset(SPEC, out, maps=MAPS, workers=3)
-        assert files(out) == whole
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-def test_twenty_runs_killed_while_maps_evolve_continue_to_the_same_files(tmp_path, evolved):
-    out = tmp_path / "out"
-    command = [Path(sys.executable).with_name("elitelanes"), "dataset", *EVOLVED, "--out", out]
-    rng = np.random.default_rng(0)
-    for _ in range(4):
-        ended = 0
-        while ended < 5:
-            with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as run:
-                try:
-                    run.wait(rng.uniform(1.5, 5))
-                    shutil.rmtree(out)  # it was done before it could be killed
-                except subprocess.TimeoutExpired:
-                    run.send_signal(rng.choice([signal.SIGKILL, signal.SIGTERM]))
-                    ended += 1
-            assert run.returncode in (0, 130, -signal.SIGTERM, -signal.SIGKILL)
-        assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
-        assert files(out) == files(evolved)
-        shutil.rmtree(out)
+@pytest.mark.parametrize("what", ["dataset", pytest.param("evolved", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("kills", [6, pytest.param(99, marks=pytest.mark.slow)])
+def test_ended_at_any_moment_it_continues_to_the_same_files(kills, what, tmp_path):
+    program = [sys.executable, killed_runs.__file__, tmp_path / "out", str(kills), "0", what, "SIGINT", "SIGKILL"]
+    ran = subprocess.run(program, capture_output=True, text=True, check=False)
+    assert ran.returncode == 0, ran.stderr
+    *digests, last = map(json.loads, ran.stdout.splitlines())
+    assert last == {"kills": kills} and len(digests) > 1 and len({one["digest"] for one in digests}) == 1
 
 
 def test_it_works_where_the_system_counts_processors_otherwise(tmp_path, monkeypatch, given):
@@ -546,7 +475,7 @@ make_dataset(small(), out / "out", maps=random_maps())
 
 def test_it_works_without_fcntl(tmp_path, given):
     """Runs as on Windows, which lacks the module `fcntl`: one run at a time has a folder there too."""
-    command = [sys.executable, "-c", WITHOUT_FCNTL, str(Path(__file__).parent), str(tmp_path)]
+    command = [sys.executable, "-c", WITHOUT_FCNTL, str(Path(__file__).parents[1]), str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert done.stdout == f"{tmp_path / 'other'}: expected no other run at work in it, got one\n"
     assert files(tmp_path / "out") == files(given / "imagefolder")
