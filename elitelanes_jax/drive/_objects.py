@@ -80,6 +80,9 @@ def make_objects(maps: Sequence[RoadMap]) -> Objects | None:
 def make_billboards(views: Mapping[str, Mapping[int, AnyArray]]) -> Billboards:
     """Makes the pictures that cameras show of objects; what has none is not shown.
 
+    Each picture is scaled to 64 x 64 pixels. Nobody can read an AprilTag at this size, so all signs of a kind show the
+    tag of their view.
+
     Args:
       views: uint8 ``[rows, columns, 4]``, RGB and opacity, by kind and by degrees counter-clockwise from the front, as
         `ObjectSet.views` has them.

@@ -32,6 +32,19 @@ _RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
 _LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
 
 
+TAKEN = np.array(
+    [
+        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
+        for headings in MOVEMENTS
+    ],
+    np.int8,
+)
+"""int8 ``[16, 4, 3]``: the turn that is taken for a wanted one, by the tile's code and the heading.
+
+It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted one if none is open.
+"""
+
+
 class LaneNode(NamedTuple):
     """A node of the graph of lanes: a tile and the heading with which it was entered.
 

@@ -23,8 +23,7 @@ from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Plain, Pytree, UserValue
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import ROAD_ALPHABET
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.optimizers.base import Optimizer
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import (
@@ -123,16 +122,20 @@ def evolve(
         return _evolve(search, done, inner, kept, progress)
 
 
-def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec) -> None:
-    """Compiles what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+def compile_search(key: Key[Array, " S"], shape: tuple[int, int], spec: SearchSpec, *, compiles: bool = True) -> None:
+    """Prepares what `evolve` with these arguments runs, so that it finds the programs; in another thread, for instance.
+
+    Without `compiles`, programs on disk are loaded, and nothing is traced or compiled.
 
     Raises:
       NotEnoughMemoryError: as `evolve`.
     """
     search = _check(key, shape, None, spec, None, None, Users(), {}, None)
     programs = search.programs
-    _check_memory(programs.memory, len(search.keys), shape)
-    programs.prepare(starts=True, generations=spec.steps(programs.evaluations_per_step), runs=False)
+    if compiles or programs.kept:
+        _check_memory(programs.memory, len(search.keys), shape)
+        steps = spec.steps(programs.evaluations_per_step)
+        programs.prepare(starts=True, generations=steps, runs=False, compiles=compiles)
 
 
 def _check(

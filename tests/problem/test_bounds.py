@@ -16,9 +16,9 @@ from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
 from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.plain_metrics import plain_measure
+from elitelanes_jax.network.records import features_without_gaps
 from elitelanes_jax.network.symmetry import canonical_form
 from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.network.town_features import features_without_gaps
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
 from elitelanes_jax.problem.feasible import check_feasible
 from elitelanes_jax.problem.features import FEATURES, SHARES, feature_unit

@@ -242,6 +242,17 @@ def test_a_whole_number_is_the_commands_seed():
     assert (defaults["key"].default, defaults["shape"].default) == (GenerateSpec().seed, GenerateSpec().size)
 
 
+@pytest.mark.parametrize("kind", ["threefry2x32", "rbg"])
+def test_seeds_have_the_keys_of_jax(kind):
+    with jax.default_prng_impl(kind):
+        for seed in (0, 7, 2**31, 2**32 - 1):
+            keys = seed_keys(seed, [0, 1, 12, 2**31])
+            base = jax.random.key(np.uint32(seed))
+            for key, index in zip(keys, [0, 1, 12, 2**31], strict=True):
+                assert key == jax.random.fold_in(base, np.uint32(index))
+    assert seed_keys(3, 0).shape == (0,)
+
+
 def test_results_are_printed_in_a_few_lines():
     result = search(jax.random.split(KEY, 2), SHAPE, generations=3, where="bridges=0..40")
     said = repr(result)
