@@ -1,9 +1,9 @@
 """A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -289,7 +289,7 @@ def _is_drawn(value: Plain) -> bool:
 
 
 def _is_number(value: Plain) -> bool:
-    return is_real(value) and isfinite(value)
+    return is_real(value) and abs(value) <= sys.float_info.max  # `isfinite` fails for whole numbers over that
 
 
 def _numbers_by_name(value: Plain) -> bool:

@@ -62,6 +62,9 @@ def test_dead_ends_and_sizes_are_refused():
         ("frames", "pose: {", "pose: 3 #", "frames.yaml: expected readable YAML|expected a pose"),
         ("citizens", "citizens:", "people:", "citizens.yaml: expected a table of tables under 'citizens'"),
         ("tile_maps", "x: 1.0", "x: 0", "tile_size: expected metres"),
+        ("tile_maps", "{x: 1.0, y: 1.0}", "1.0", "tile_size: expected a table, got '1.0'"),
+        ("tiles", "i: 1", "i: 0", "tiles: expected one tile in each cell, got several"),
+        ("tiles", "i: 1", "i: 0.5", "i: expected a whole number, got 0.5"),
         ("traffic_signs", "type: stop", "type: go on", "kind: expected one of .*got 'other:go on'"),
     ],
 )

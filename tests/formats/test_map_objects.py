@@ -23,6 +23,8 @@ def test_a_map_file_keeps_objects(tmp_path):
     found = read_map(tmp_path / "map.json")
     assert found == road_map
     assert found.objects == OBJECTS
+    text = (tmp_path / "map.json").read_text()
+    assert text.count('"static"') == 1 and text.count('"tag"') == 2  # those that have no default
 
 
 def test_defaults_are_those_of_the_kind():
@@ -46,6 +48,7 @@ def test_footprints_follow_the_height():
         ([3], "objects: object 0: expected"),
         ([{"kind": "dukie", "x": 0, "y": 0}], "kind: expected one of .*is it duckie"),
         ([OBJECTS[0], {"kind": "cone", "x": 3.1, "y": 0}], "object 1: x: expected tiles from -1 to 3, got 3.1"),
+        ([{"kind": "cone", "x": 10**309, "y": 0}], "object 0: x: expected tiles from -1 to 3, got 10000"),
         ([{"kind": "cone", "x": 0}], "object 0: y: .*got None"),
         ([{"kind": "cone", "x": 0, "y": 0, "size": 2}], "got 'size'"),
         ([{"kind": "cone", "x": 0, "y": 0, "angle": float("nan")}], "angle: expected radians"),
@@ -111,8 +114,10 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
         ("[{kind: duckie, pos: [1]}]", "pos: expected two numbers"),
         ("[{kind: duckie, pos: [1, x]}]", "pos: expected a number, got 'x'"),
         ("[{kind: duckie, pos: [1, nan]}]", "pos: expected a number"),
+        ("[{kind: duckie, pos: [1, 1_0]}]", "pos: expected a number, got '1_0'"),
         ("[{kind: duckie, pose: 3}]", "~SE2Transform: expected a table"),
         ("[{kind: sign_stop, attach: {tile: [1, 1], slot: 9}}]", "slot: expected a whole number, 0 to 7, got 9"),
+        ("[{kind: floor_tag, pos: [1, 1], tag: {~TagInstance: {tag_id: 3.7}}}]", "tag_id: expected a whole number"),
         ("[{kind: duckie, pos: [9, 1]}]", "x: expected tiles from -1 to 3, got 9"),
     ],
 )
