@@ -4,6 +4,7 @@ import argparse
 import sys
 import textwrap
 from dataclasses import replace
+from functools import partial
 
 from elitelanes_jax._util.checks import check_named, name, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -78,7 +79,7 @@ def _render(options: argparse.Namespace) -> int:
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
-    out, foreign = options.out or options.map.with_suffix(""), foreign_to_picture(tiles.layers)
+    out, foreign = options.out or options.map.with_suffix(""), partial(foreign_to_picture, layers=tiles.layers)
     with naming(options.map):
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
     with output_folder(out, {"command": "render"}, foreign=foreign, force=options.force) as work:

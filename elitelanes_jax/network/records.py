@@ -71,21 +71,16 @@ METRIC_NAMES = Metrics._fields[:-1]
 
 def largest_metrics(shape: tuple[int, int]) -> dict[str, int]:
     """Returns an upper bound of each metric in `METRIC_NAMES` on grids ``(height, width)``, by name."""
-    area = shape[0] * shape[1]
-    # Two links, two pairs and four connections per tile. A pair of crossings counts twice, and scores at most eight
-    # each time. One run in each row or column scores L².
-    others = {
-        "bridges": 2 * area,
-        "edges": 2 * area,
-        "adjacent_turns": 2 * area,
-        "crowded_crossings": 2 * area,
-        "unlinked_neighbours": 2 * area,
-        "adjacent_crossings": 4 * area,
-        "mismatches": 4 * area,
-        "adjacent_crossing_score": 16 * area,
-        "straight_score": max(shape) * area,
-    }
-    return {name: others.get(name, area) for name in METRIC_NAMES}
+    height, width = shape
+    area, pairs = height * width, 2 * height * width - height - width
+    most = dict.fromkeys(METRIC_NAMES, area)
+    most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
+    # A pair of tiles has up to two unmatched connections. A pair of crossings counts twice, and scores at most eight.
+    most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
+    most |= {"bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
+    # One run in each row or column scores L².
+    most |= {"boundary_violations": cells_on_border(shape), "straight_score": max(shape) * area}
+    return most
 
 
 class Weights(NamedTuple):
@@ -228,13 +223,12 @@ TOWN_RATIOS = (
 
 def features_without_gaps(shape: tuple[int, int]) -> dict[str, int]:
     """Returns the features that are equal on all grids ``(height, width)`` without empty cells, by name."""
-    height, width = shape
-    along = height * width - max(height - 2, 0) * max(width - 2, 0)
-    length = 1000 * max(shape) // min(shape)
-    return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {
-        "border_share": 1000 * along // (height * width),
-        "box_length": length,
-    }
+    border, length = 1000 * cells_on_border(shape) // (shape[0] * shape[1]), 1000 * max(shape) // min(shape)
+    return dict.fromkeys(("box_fill", "box_share", "symmetry"), 1000) | {"border_share": border, "box_length": length}
+
+
+def cells_on_border(shape: tuple[int, int]) -> int:
+    return shape[0] * shape[1] - max(shape[0] - 2, 0) * max(shape[1] - 2, 0)
 
 
 def largest_town_feature(name: str, shape: tuple[int, int]) -> int:
