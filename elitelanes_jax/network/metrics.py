@@ -12,7 +12,7 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import find_faces, find_links
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import EAST, NORTH, SOUTH, WEST, check_alphabet
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
+from elitelanes_jax.network.records import METRIC_NAMES, Metrics
 from elitelanes_jax.network.xla import PaddedLayout
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.network.codes import KINDS, SIDES
-from elitelanes_jax.network.metric_names import largest_metrics
-from elitelanes_jax.network.town_features import features_without_gaps, largest_town_feature
+from elitelanes_jax.network.records import features_without_gaps, largest_metrics, largest_town_feature
 from elitelanes_jax.problem.features import FEATURES, SHARES, TOWN_FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import FixedCells
 from elitelanes_jax.problem.inventory import COUNTED
@@ -83,7 +82,9 @@ def find_bounds(
 
     `certain` has the metrics that have one value on all grids, `alphabet` the codes besides dead ends and empty cells.
     """
-    bounds = FeatureBounds(shape, _first_intervals(shape), tuple(_inequalities(shape)))
+    largest = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), prod(shape))
+    intervals = {name: (0, most) for name, most in largest.items()}
+    bounds = FeatureBounds(shape, intervals, tuple(_inequalities(shape)))
     for name, value in certain.items():
         bounds = _with(bounds, _equal({name: 1}, value))
     if fix is not None:
@@ -149,17 +150,6 @@ def free_links(
         for links, found in ((sure, certain), (unknown & ~sure, free)):
             found.append(np.insert(np.argwhere(links), 2, side, axis=1))
     return np.concatenate(certain), np.concatenate(free)
-
-
-def _first_intervals(shape: tuple[int, int]) -> dict[str, tuple[int, int]]:
-    height, width = shape
-    area, pairs = height * width, 2 * height * width - height - width
-    border = area - (height - 2) * (width - 2)
-    most = largest_metrics(shape) | dict.fromkeys(COUNTED.values(), area)
-    most |= dict.fromkeys(("edges", "adjacent_turns", "crowded_crossings", "unlinked_neighbours"), pairs)
-    most |= {"mismatches": 2 * pairs, "adjacent_crossings": 2 * pairs, "adjacent_crossing_score": 8 * pairs}
-    most |= {"boundary_violations": border, "bridges": area - 1, "cyclomatic": (height - 1) * (width - 1)}
-    return {name: (0, largest) for name, largest in most.items()}
 
 
 def _inequalities(shape: tuple[int, int]) -> list[_Inequality]:

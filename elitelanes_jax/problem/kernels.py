@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from elitelanes_jax._util.checks import LARGEST
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, with_shares
 

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int32
 from elitelanes_jax._util.checks import LARGEST, check_unique, split_settings
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.problem.features import (
     FEATURES,
     SHARE_UNIT,

@@ -12,9 +12,8 @@ from jaxtyping import Array, Int8, Int32, Key, UInt32
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.threads import side_by_side
 from elitelanes_jax._util.types import Pytree
-from elitelanes_jax.network.metric_names import METRIC_NAMES, Metrics
 from elitelanes_jax.network.metrics import unstack_metrics
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Metrics, Weights
 from elitelanes_jax.optimizers.base import Info, Optimizer
 from elitelanes_jax.optimizers.loop import advance, over_seeds, start
 from elitelanes_jax.optimizers.presets import make_optimizer, user_moves

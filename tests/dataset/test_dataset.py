@@ -3,11 +3,8 @@
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,6 +85,10 @@ def test_an_evolved_dataset_has_these_files(evolved):
         names.remove(f"{split}/metadata.jsonl")
         assert pixels[split].tolist() == about["class_pixels"][split]
     assert names == {"README.md", "contact-sheet.png", "dataset.json"}
+    assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
+    card = (evolved / "README.md").read_text()
+    assert card.startswith("---\n") and "license: apache-2.0" in card and "| 12 | 4 | 4 |" in card
+    assert "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles" in card and "lane separator" in card
     assert len(forms) == 20
     assert sorted(sizes) == [(3, 4)] * 10 + [(4, 4)] * 10
 
@@ -113,19 +114,6 @@ def test_a_complete_dataset_stays_and_other_settings_are_refused(evolved, capsys
     assert main(["dataset", *EVOLVED, "--seed", "1", "--out", str(evolved)]) == 2
     assert "expected results with seed 1, got results with 0; use another folder, or --force" in capsys.readouterr().err
     assert files(evolved) == before
-
-
-def test_the_card_describes_the_dataset(evolved):
-    card = (evolved / "README.md").read_text()
-    assert card.startswith("---\n")
-    for words in (
-        "license: apache-2.0",
-        "20 pictures of 20 road networks, 3 x 4 to 4 x 4 tiles",
-        "| 12 | 4 | 4 |",
-        "lane separator",
-    ):
-        assert words in card
-    assert read_picture(evolved / "contact-sheet.png").shape[1] > 800
 
 
 @pytest.mark.parametrize("name", NAMES[:3])
@@ -251,17 +239,12 @@ def test_pycocotools_loads_it(given):
 
 
 def test_mmsegmentation_finds_pairs(given):
-    """Finds an annotation of the same name for every image, as its BaseSegDataset does."""
-    out = given / "mmseg"
+    """Finds an annotation of the same name and size for every image, as its BaseSegDataset does."""
     for split, count in (("train", 6), ("val", 3), ("test", 3)):
-        images = sorted(file.name for file in (out / "img_dir" / split).iterdir())
-        assert len(images) == count
-        assert images == sorted(file.name for file in (out / "ann_dir" / split).iterdir())
-        for name in images:
-            annotation = read_picture(out / "ann_dir" / split / name)
-            assert annotation.dtype == np.uint8
-            assert annotation.ndim == 2
-            assert annotation.shape == read_picture(out / "img_dir" / split / name).shape[:2]
+        images, labels = (sorted((given / "mmseg" / kind / split).iterdir()) for kind in ("img_dir", "ann_dir"))
+        assert len(images) == count and [one.name for one in images] == [one.name for one in labels]
+        for image, annotation in zip(map(read_picture, images), map(read_picture, labels), strict=True):
+            assert annotation.dtype == np.uint8 and annotation.shape == image.shape[:2]
 
 
 def test_the_tile_sets_own_layers_and_points_get_the_same_view(tmp_path):
@@ -397,40 +380,6 @@ def test_a_full_disk_is_one_line_of_the_command(tmp_path, small_files_only, evol
     assert reason == "File too large; what is complete is kept, and the same command resumes\n"
     assert main(["dataset", *EVOLVED, "--out", str(out)]) == 0
     assert files(out) == files(evolved)
-
-
-@pytest.fixture
-def interrupts():
-    """Interruptions raise `KeyboardInterrupt`, as by default; they may have been ignored, as nohup does."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="no such signals")
-@pytest.mark.parametrize("number", range(4))
-def test_an_interruption_while_it_draws_ends_it_and_it_continues(tmp_path, monkeypatch, interrupts, given, number):
-    """Interrupts the main thread when one of the workers has drawn so many pictures."""
-    usual, drawn = LAYOUTS["imagefolder"], []
-
-    def interrupt(labels):
-        drawn.append(labels)
-        if len(drawn) == number + 1:
-            signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
-        if len(drawn) > number:
-            time.sleep(0.2)  # on a busy machine the main thread may wait for its turn
-        return usual.note(labels)
-
-    monkeypatch.setitem(LAYOUTS, "imagefolder", usual._replace(note=interrupt))
-    threads = set(threading.enumerate())
-    with pytest.raises(KeyboardInterrupt):
-        make_dataset(small(), tmp_path / "out", maps=random_maps(), workers=3)
-    assert set(threading.enumerate()) <= threads
-    records = len(list((tmp_path / ".out-unfinished/kept/records").rglob("*.json")))
-    monkeypatch.undo()
-    make_dataset(small(), tmp_path / "out", maps=random_maps())
-    assert records < 12
-    assert files(tmp_path / "out") == files(given / "imagefolder")
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no such processes")
