@@ -1,4 +1,4 @@
-"""The environments in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
+"""The environments by name, and in the interfaces of Gymnax, JaxUED and Gymnasium, none of which is imported here.
 
 A wrapper that needs classes of the other library takes the library's module. Observations become one vector (see
 `flatten`), or remain the camera's picture.
@@ -13,12 +13,36 @@ import numpy as np
 from jaxtyping import Array, Float, Key, UInt8
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named, whole
+from elitelanes_jax._util.checks import check_named, one_of, whole
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.records import Record
-from elitelanes_jax._util.types import Pytree, Untyped
+from elitelanes_jax._util.types import AnyArray, Pytree, Untyped, UserValue
 from elitelanes_jax.drive._environment import Environment, auto_reset, draw_level
-from elitelanes_jax.drive._levels import Level
+from elitelanes_jax.drive._lane_drive import LaneDrive, LaneDriveParams
+from elitelanes_jax.drive._levels import Level, make_levels
+from elitelanes_jax.drive._road_nav import RoadNav, RoadNavParams
+
+_ENVIRONMENTS = {"RoadNav": (RoadNav, RoadNavParams), "LaneDrive": (LaneDrive, LaneDriveParams)}
+
+
+def make(
+    name: str, maps: AnyArray, *, count: int = 256, seed: int = 0, **settings: UserValue
+) -> tuple[Environment, RoadNavParams | LaneDriveParams]:
+    """Returns an environment and its parameters, with random levels on the maps.
+
+    Args:
+      name: "RoadNav" or "LaneDrive".
+      maps: a `RoadMap`, several of one size, or integer codes ``[M, H, W]``.
+      count: the number of levels. Level i is on map i modulo M.
+      seed: of the levels, 0 or more.
+      settings: fields of `RoadNavParams` or `LaneDriveParams`, such as ``limit``.
+
+    Raises:
+      InputError: for another name, and as `make_levels` and the parameters do.
+    """
+    environment, params = _ENVIRONMENTS[check_named("name", one_of(*_ENVIRONMENTS), name)]
+    key = jax.random.key(check_named("seed", whole(0, 2**32 - 1), seed))
+    return environment, params(make_levels(key, maps, count), **settings)
 
 
 def flatten(observation: Pytree) -> Float[Array, " N"] | UInt8[Array, "rows columns 3"]:

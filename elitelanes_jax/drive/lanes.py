@@ -127,11 +127,7 @@ class LanePose(NamedTuple):
 
 
 def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
-    """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
-    """
+    """Removes the connections of a grid that the neighbour does not return, or that leave the grid."""
     grid = jnp.asarray(check_grid(grid))
     height, width = grid.shape
     padded = jnp.pad(grid, 1)
@@ -178,12 +174,9 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
 
 
 def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
-    """Returns the pose `s` tiles along a movement's lane, in its direction; it may be beyond the lane's end.
+    """Returns the pose `s` tiles along a movement's lane and `d` tiles to the left of its centre, in its direction.
 
-    Args:
-      movement: of the lane.
-      s: tiles along the lane's centre from where it enters.
-      d: tiles to the left of the centre.
+    It may be beyond the lane's end.
     """
     bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
     angle = s / radius
