@@ -23,8 +23,8 @@ def add_show(commands: Commands) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.sketch import draw_text
     from elitelanes_jax.formats.table import measure_maps
-    from elitelanes_jax.formats.text import draw_text
 
     codes = read_map(options.map).codes
     (figures,) = measure_maps([str(options.map)], [codes])

@@ -57,8 +57,8 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE, dead_ends: 
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
-    for (row, column), code in np.ndenumerate(grid.astype(int)):
-        i, j, (kind, turns) = column, rows - 1 - row, _TILE[int(code)] if code else ("grass", 0)
+    for (row, i), code in np.ndenumerate(grid):
+        j, (kind, turns) = rows - 1 - row, _TILE.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)

@@ -16,7 +16,7 @@ from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
-from elitelanes_jax.formats.svg import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")

@@ -71,10 +71,15 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
         exits.setdefault(road[0], []).append(road[1])
     lines = [streets.tile * _line(road, exits, len(grid)) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
+    onward = [
+        f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
+        for road in roads
+        for after in [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
+    ]
     return PlainXml(
         _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
         _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
-        _xml("connection", (_connection(road, after) for road in roads for after in _onward(road, exits))),
+        _xml("connection", onward),
     )
 
 
@@ -134,8 +139,7 @@ def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> 
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept
-        after an error.
+      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept after an error.
       codes: integer codes ``[H, W]``, or a `RoadMap`.
       streets: their measures.
 
@@ -184,11 +188,6 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
 
 
-def _onward(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
-    """Returns the first tiles of the roads that continue a road: the way back only at a dead end."""
-    return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
-
-
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
     # between adjacent crossings.
@@ -202,10 +201,6 @@ def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
         f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
         f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"'
     )
-
-
-def _connection(road: list[Cell], after: Cell) -> str:
-    return f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
 
 
 def _id(node: Cell) -> str:

@@ -16,22 +16,14 @@ import numpy as np
 import pytest
 from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import make_plan
+from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render
+from elitelanes_jax.explorer import collect, page_of
+from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map, read_maps
-from elitelanes_jax.maps.furnishing.placing import furnish
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.records import METRIC_NAMES, Weights
-from elitelanes_jax.network.town import measure_town
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS
 
 HERE = Path(__file__).parent
 

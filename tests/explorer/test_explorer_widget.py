@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from explored import IN_BROWSER, big_result, float_result
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.explorer._widget import continue_search, show
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.explorer import show
+from elitelanes_jax.explorer._widget import continue_search
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.formats.objects import MapObject, object_values
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats.objects import object_values
 
 pytest.importorskip("anywidget")
 

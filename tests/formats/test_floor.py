@@ -18,8 +18,8 @@ from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point
 from elitelanes_jax.drive.robot import TILE, Robot
 from elitelanes_jax.formats import MapObject, to_nav2
 from elitelanes_jax.formats.gltf import to_gltf
-from elitelanes_jax.formats.lane_graph import lane_graph
 from elitelanes_jax.formats.mujoco import WHEEL_DISTANCE, WHEEL_RADIUS, to_mjcf
+from elitelanes_jax.formats.streets import lane_graph
 from elitelanes_jax.maps.exporting import FORMATS
 from elitelanes_jax.network import wfc
 from elitelanes_jax.tiles import choose_tiles, load_tiles, png_of, render, scale_tiles, stand

@@ -16,6 +16,13 @@ OBJECTS = (
 )
 
 
+def check_same(found, expected):
+    """Poses are written with six decimals."""
+    for one, other in zip(found, expected, strict=True):
+        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
+        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+
+
 def test_a_map_file_keeps_objects(tmp_path):
     """What is written is read, in every field."""
     road_map = RoadMap(GRID, objects=OBJECTS)
@@ -79,16 +86,13 @@ def test_four_ways_to_say_where_an_object_is(tmp_path):
         "      tag: {~TagInstance: {family: 36h11, tag_id: 31, size: 0.08}}}\n",
         encoding="utf-8",
     )
-    found = read_map(file).objects
     expected = [
         MapObject("duckie", 1.5, 0.25, math.pi / 2, 0.06, static=False),
         MapObject("sign_oneway_left", 1.5, 0.25, math.pi / 2, 0.18),
         MapObject("truck", 1.6, 0.6, 1.5, 0.2),
         MapObject("sign_stop", 1 - 0.18, 1 + 0.07, math.pi, 0.18, tag=31),
     ]
-    for one, other in zip(found, expected, strict=True):
-        assert one[1:5] == pytest.approx(other[1:5])
-        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    check_same(read_map(file).objects, expected)
 
 
 def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
@@ -97,9 +101,7 @@ def test_objects_of_duckietown_are_written_as_they_are_read(tmp_path):
     objects = (*OBJECTS, *more)
     file = tmp_path / "map.yaml"
     file.write_text(to_duckietown(GRID, objects=objects, tile_size=0.6), encoding="utf-8")
-    for one, other in zip(read_map(file).objects, objects, strict=True):
-        assert one[1:5] == pytest.approx(other[1:5], abs=1e-5)
-        assert (one.kind, one.tag, one.static) == (other.kind, other.tag, other.static)
+    check_same(read_map(file).objects, objects)
     assert "kind: helicopter" in file.read_text(encoding="utf-8")
     assert "objects" not in to_duckietown(GRID)
 

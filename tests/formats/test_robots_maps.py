@@ -18,7 +18,7 @@ from elitelanes_jax import InputError
 from elitelanes_jax.drive import lane_nodes, movements
 from elitelanes_jax.drive.lanes import Movement, lane_length, lane_point, on_road
 from elitelanes_jax.formats import to_movingai, to_nav2
-from elitelanes_jax.formats.lane_graph import LENGTHS, lane_graph, lane_points
+from elitelanes_jax.formats.streets import LENGTHS, lane_graph, lane_points
 from elitelanes_jax.network import wfc
 from elitelanes_jax.network.movements import linked_codes
 
