@@ -7,13 +7,26 @@ import jax
 import numpy as np
 import pytest
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import (
+    DatasetSpec,
+    GenerateSpec,
+    InputError,
+    Result,
+    SearchSpec,
+    evolve,
+    explore,
+    fitness,
+    generate,
+    load_tiles,
+    make_dataset,
+    merge,
+    random_grids,
+    render,
+    rotate,
+)
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax.benchmark import find_task, run_tasks, score_submission
-from elitelanes_jax.dataset.make import make_dataset
-from elitelanes_jax.dataset.spec import DatasetSpec
 from elitelanes_jax.drive import LaneDrive, LaneDriveParams, RoadNav, RoadNavParams, make_levels, make_rides
-from elitelanes_jax.explorer.page import explore
 from elitelanes_jax.formats import (
     Streets,
     from_duckietown,
@@ -30,19 +43,8 @@ from elitelanes_jax.formats import (
     write_sumo,
 )
 from elitelanes_jax.maps import PackSpec, furnish
-from elitelanes_jax.maps.generation import generate
-from elitelanes_jax.maps.parts import merge
-from elitelanes_jax.maps.spec import GenerateSpec
-from elitelanes_jax.network.bits import random_grids
-from elitelanes_jax.network.fitness import fitness
-from elitelanes_jax.network.symmetry import rotate
 from elitelanes_jax.optimizers import MoveWeights, run
-from elitelanes_jax.search.evolution import evolve
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.search.spec import SearchSpec
-from elitelanes_jax.tiles import propose_masks
-from elitelanes_jax.tiles.rendering import choose_tiles, render, stand, write_png
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import choose_tiles, propose_masks, stand, write_png
 
 GRID = np.array([[6, 3], [12, 9]])
 RING = np.array([[6, 5, 3], [10, 0, 10], [12, 5, 9]])

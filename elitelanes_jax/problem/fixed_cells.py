@@ -96,11 +96,11 @@ def _read_rows(file: str | Path) -> Plain:
 
 
 def _check_sides(name: str, codes: NDArray[np.int_]) -> None:
-    """Checks that no road leaves the grid or ends at a fixed neighbour; -1 is a free cell."""
+    """Checks that no road leaves the grid or ends at a fixed neighbour. A free cell is -1, all bits."""
     height, width = codes.shape
     for side in SIDES:
         beside = np.pad(codes, 1)[1 + side.down :, 1 + side.right :][:height, :width]
-        wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside >= 0) & (beside & side.opposite == 0))
+        wrong = np.argwhere((codes >= 0) & (codes & side.bit > 0) & (beside & side.opposite == 0))
         for row, column in wrong.tolist():
             position, other = f"{side.name} at row {row}, column {column}", (row + side.down, column + side.right)
             if not (0 <= other[0] < height and 0 <= other[1] < width):

@@ -51,15 +51,10 @@ class Tile(NamedTuple):
 
 
 def read_picture(file: Path, problems: list[str], *, opacity: bool = False) -> NDArray[np.uint8] | None:
-    """Reads a PNG picture of 8 bits per channel.
+    """Reads a PNG picture of 8 bits per channel; `problems` gets a line if the file exists but is not such a picture.
 
-    Args:
-      file: the path.
-      problems: gets a line if the file exists but is not such a picture.
-      opacity: whether the fourth channel of a picture with transparency is kept.
-
-    Returns:
-      uint8 ``[H, W, 3]`` or ``[H, W, 4]``, channels in RGB order, or ``[H, W]`` if it is grey; None if there is none.
+    Returns uint8 ``[H, W, 3]`` in RGB order, ``[H, W]`` if it is grey, or None if there is no file. With `opacity`, a
+    picture with transparency keeps its fourth channel.
     """
     if not file.is_file():
         return None
@@ -100,7 +95,7 @@ def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) 
         mask = mask[..., 0]
     if image is not None and mask.shape != image.shape[:2]:
         problems.append(f"{file}: expected {size_of(image)} pixels like image.png, got {size_of(mask)}")
-    values = np.unique(mask)
+    values = np.flatnonzero(np.bincount(mask.ravel()))
     if len(values) > 2 or (len(values) == 2 and values[0] != 0):
         listed = ", ".join(map(str, values[:5])) + (", ..." if len(values) > 5 else "")
         problems.append(f"{file}: expected a mask of two values, 0 and one other, got {len(values)}: {listed}")
@@ -110,10 +105,8 @@ def read_mask(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) 
 def read_points(file: Path, image: NDArray[np.uint8] | None, problems: list[str]) -> dict[str, NDArray[np.float64]]:
     """Reads the points of a picture, by name: ``{"name": [[x, y], ...], ...}``.
 
-    x goes to the right and y down, in pixels, from the top left corner of the picture at (0, 0).
-
-    Returns:
-      float64 ``[N, 2]`` by name. Names with anything else are skipped, with a line in `problems`.
+    x goes to the right and y down, in pixels, from the top left corner of the picture at (0, 0). Returns float64
+    ``[N, 2]`` by name. Names with anything else are skipped, with a line in `problems`.
     """
     try:
         values = read_table(file, json.loads, _MOST_POINTS) if file.is_file() else {}

@@ -18,12 +18,9 @@ _FINER = 2  # samples a pixel in each direction
 
 
 class Placed(NamedTuple):
-    """A picture and where it is.
+    """A picture, in RGB and opacity, and the matrix that maps its (column, row) to (x, y) in the other picture.
 
-    Attributes:
-      pixels: uint8 ``[rows, columns, 4]``, RGB and opacity.
-      matrix: float64 ``[3, 3]``, maps its (column, row) to (x, y) in the other picture. The third coordinate is
-        positive in front of the camera.
+    The third coordinate is positive in front of the camera.
     """
 
     pixels: UInt8[NDArray, "rows columns 4"]
@@ -31,31 +28,20 @@ class Placed(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What is seen of a pasted picture.
+    """What is seen of a pasted picture. Boxes are x, y, width and height in pixels."""
 
-    Attributes:
-      box: x, y, width and height of what is seen, in whole pixels; of width 0 where nothing is.
-      whole: x, y, width and height of all of it, as if nothing hid it and the picture had no edges.
-      visible: the share of its pixels that is seen, 0 to 1.
-    """
-
-    box: tuple[int, int, int, int]
-    whole: tuple[float, float, float, float]
-    visible: float
+    box: tuple[int, int, int, int]  # of what is seen; of width 0 if nothing is
+    whole: tuple[float, float, float, float]  # of all of it, as if nothing hid it and the other picture had no edges
+    visible: float  # the share of its pixels that is seen
 
 
 def paste(
     image: UInt8[NDArray, "h w 3"], placed: Sequence[Placed], near: float = 0.0
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
-    """Pastes pictures, each over those before.
+    """Pastes pictures from back to front into an image, which is changed.
 
-    Args:
-      image: is changed.
-      placed: from back to front.
-      near: the least third coordinate of points that are drawn.
-
-    Returns:
-      uint16 ``[h, w]``: 1 + the index of the picture that is seen at each pixel, or 0; and what is seen of each.
+    `near` is the least third coordinate of points that are drawn. Returns uint16 ``[h, w]``, 1 + the index of the
+    picture that is seen at each pixel, or 0; and what is seen of each.
     """
     size = image.shape[0], image.shape[1]
     owners = np.zeros(size, np.uint16)
@@ -169,17 +155,9 @@ def _seen(
 def paste_objects(
     layers: Mapping[str, NDArray[np.uint8]], placed: Sequence[Placed], order: Sequence[int], near: float = 0.0
 ) -> tuple[NDArray[np.uint16], list[Seen]]:
-    """Pastes objects into the layers of a picture: into "image", and 0 into the masks and labels.
+    """Pastes objects into the layers of a picture, which are changed: into "image", and 0 into the masks and labels.
 
-    Args:
-      layers: uint8 ``[h, w, 3]`` and ``[h, w]``, by name; are changed.
-      placed: from back to front.
-      order: the objects' indices on the map.
-      near: as in `paste`.
-
-    Returns:
-      uint16 ``[h, w]``: 1 + the index on the map of the object that is seen at each pixel, or 0; and what is seen of
-      each.
+    `order` has the objects' indices on the map. Returns what `paste` does, but with these indices.
     """
     owners, seen = paste(layers["image"], placed, near)
     for name, layer in layers.items():

@@ -55,12 +55,7 @@ _GROUND = (86, 118, 72)  # of empty cells, RGB: grass
 
 
 class RotatedTile(NamedTuple):
-    """A rotated tile of a set.
-
-    Attributes:
-      tile: its index in the set.
-      quarter_turns: counter-clockwise, 0 to 3.
-    """
+    """A rotated tile of a set: its index in the set, and its quarter turns counter-clockwise."""
 
     tile: int
     quarter_turns: int

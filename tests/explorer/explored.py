@@ -1,8 +1,12 @@
 """Runs to be explored."""
 
+import os
+import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 
 from elitelanes_jax import Metrics, Result, SearchSpec
 from elitelanes_jax.cli.main import main
@@ -12,7 +16,14 @@ from elitelanes_jax.network.wfc import generate_batch
 from elitelanes_jax.problem import paper_axes
 from elitelanes_jax.search import History, MeasuredElites, RunState
 
-__all__ = ["big_result", "float_result", "own_result", "write_run"]
+__all__ = ["IN_BROWSER", "big_result", "float_result", "own_result", "write_run"]
+
+PACKAGES = Path(__file__).parents[2] / "explorer" / "node_modules"
+CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
+IN_BROWSER = pytest.mark.skipif(
+    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
+    reason="the browser's tests need make explorer and chromium",
+)
 
 _LINE = "generate --size 5 6 --seeds 3 --maps 3 --generations 5 --method ea --preset paper --tile-px 16 --quiet --out"
 

@@ -4,9 +4,7 @@ It needs the packages of `make explorer` and Debian's chromium.
 """
 
 import json
-import os
 import re
-import shutil
 import subprocess
 from collections import Counter
 from dataclasses import replace
@@ -16,34 +14,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from explored import big_result, float_result, own_result, write_run
+from explored import IN_BROWSER, big_result, float_result, own_result, write_run
 
-from elitelanes_jax.dataset.spec import DatasetSpec
-from elitelanes_jax.explorer._collect import collect
-from elitelanes_jax.explorer.page import page_of
-from elitelanes_jax.formats.duckietown import to_duckietown
-from elitelanes_jax.formats.objects import MapObject
-from elitelanes_jax.formats.plan import make_plan
+from elitelanes_jax import DatasetSpec, Result, RoadMap, Weights, load_tiles, read_map, render
+from elitelanes_jax.explorer import collect, page_of
+from elitelanes_jax.formats import MapObject, make_plan, map_to_json, read_maps, to_duckietown
 from elitelanes_jax.formats.rides import RIDES
-from elitelanes_jax.formats.road_map import RoadMap, map_to_json, read_map, read_maps
-from elitelanes_jax.maps.furnishing.placing import furnish
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.maps import furnish
+from elitelanes_jax.network import METRIC_NAMES, measure_town, plain_measure
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
-from elitelanes_jax.search.result import Result
-from elitelanes_jax.tiles.rendering import LABEL_COLOURS, render
-from elitelanes_jax.tiles.tileset import load_tiles
+from elitelanes_jax.tiles import LABEL_COLOURS
 
 HERE = Path(__file__).parent
-PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 
-pytestmark = pytest.mark.skipif(
-    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
-    reason="the browser's tests need make explorer and chromium",
-)
+pytestmark = IN_BROWSER
 
 HOSTILE = '<i><b>bold</b></i><img src=x onerror="alert(1)"><script>alert(2)</script>'
 TOWN = HERE.parents[1] / "docs" / "examples" / "town.json"

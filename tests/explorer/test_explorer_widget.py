@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -12,19 +11,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from explored import big_result, float_result
+from explored import IN_BROWSER, big_result, float_result
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.explorer._widget import continue_search, show
+from elitelanes_jax import InputError, RoadMap
+from elitelanes_jax.explorer import show
+from elitelanes_jax.explorer._widget import continue_search
 from elitelanes_jax.explorer.page import static_text
-from elitelanes_jax.formats.objects import MapObject, object_values
-from elitelanes_jax.formats.road_map import RoadMap
+from elitelanes_jax.formats import MapObject
+from elitelanes_jax.formats.objects import object_values
 
 pytest.importorskip("anywidget")
 
 HERE = Path(__file__).parent
-PACKAGES = HERE.parents[1] / "explorer" / "node_modules"
-CHROMIUM = os.environ.get("CHROMIUM", "/usr/bin/chromium")
 LOOP = np.array([[6, 3], [12, 9]], np.int8)
 
 CELLS = [
@@ -109,12 +107,6 @@ def free_port():
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         return listener.getsockname()[1]
-
-
-IN_BROWSER = pytest.mark.skipif(
-    not (PACKAGES / "playwright-core").is_dir() or not Path(CHROMIUM).exists() or shutil.which("node") is None,
-    reason="the browser's tests need make explorer and chromium",
-)
 
 
 def seen_in(program, address, folder, command):

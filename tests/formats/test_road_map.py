@@ -144,6 +144,7 @@ def drawn(tiles, turns):
         (with_("seed", "5"), "seed: expected two whole numbers, got 5"),
         (with_("seed", "[1, 2, 3]"), "seed: expected two whole numbers"),
         (with_("fitness", '"low"'), 'fitness: expected a number, got "low"'),
+        (with_("fitness", "1" + "0" * 309), "fitness: expected a number, got 10000"),
         (with_("metrics", '{"components": "one"}'), "metrics: expected numbers by name"),
         (with_("descriptor", "[1]"), "descriptor: expected numbers by name"),
         (with_("niche", "[0.5]"), "niche: expected whole numbers"),
@@ -166,6 +167,11 @@ def test_bad_files_are_named(text, message, tmp_path):
     file.write_text(text)
     with pytest.raises(ValueError, match=f"map.json: .*{message}"):
         read_map(file)
+
+
+def test_an_archive_of_a_search_is_no_map(tmp_path):
+    with pytest.raises(InputError, match=r"a.npz: expected a file of maps, got an archive of a search"):
+        read_map(tmp_path / "a.npz")
 
 
 @pytest.mark.parametrize("name", ["map.json", "map.yaml"])

@@ -10,7 +10,7 @@ from oracle import road_graph
 
 from elitelanes_jax import InputError, mirror, rotate
 from elitelanes_jax.network import KINDS, measure_town
-from elitelanes_jax.network.town_features import TownFeatures, largest_town_feature
+from elitelanes_jax.network.records import TownFeatures, largest_town_feature
 
 measure_all = jax.jit(jax.vmap(measure_town))
 
