@@ -9,7 +9,7 @@ import pytest
 from oracle import measure as oracle
 
 from elitelanes_jax import InputError, Problem, Result, annealed_ea, ea, evolve, evolve_islands, run
-from elitelanes_jax.network.bits import random_bits
+from elitelanes_jax.network import random_bits
 from elitelanes_jax.optimizers import (
     PRESETS,
     EvolutionConfig,

@@ -35,7 +35,7 @@ def test_a_face_has_what_it_lists(name):
     assert dir(face) == sorted(face.__all__)
     stub = MODULES[name].with_suffix(".pyi").read_text(encoding="utf-8")
     for public in face.__all__:
-        # A module of the name would take the place of what is public.
+        # A module of the name would hide what is public.
         assert f"{name}.{public}" not in MODULES or f"from . import {public} as" in stub
         assert getattr(face, public) is not None
     with pytest.raises(AttributeError, match="nothing"):

@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import NoReturn, TypeAlias
 
@@ -136,10 +137,7 @@ _SHARED: dict[str, dict[str, Untyped]] = {
         "help": "run on the workers of a Dask cluster with this scheduler, such as tcp://HOST:8786; they share the "
         "disk",
     },
-    "--force": {
-        "action": "store_true",
-        "help": "replace the folder, if an earlier run wrote all files in it",
-    },
+    "--force": {"action": "store_true", "help": "replace the folder, if an earlier run wrote all files in it"},
     "--cores": {
         "action": _Cores,
         "default": argparse.SUPPRESS,
@@ -158,14 +156,9 @@ def add_shared(command: argparse.ArgumentParser, *names: str, **changes: Untyped
 
 def add_verbosity(command: argparse.ArgumentParser) -> None:
     """Adds ``--quiet`` and ``--verbose`` to a command that takes long."""
-    either = command.add_mutually_exclusive_group()
-    for flag, level, words in (
-        ("--quiet", Verbosity.QUIET, "print nothing but errors"),
-        ("--verbose", Verbosity.VERBOSE, "print each step and its time"),
-    ):
-        either.add_argument(
-            flag, dest="verbosity", action="store_const", const=level, help=words, default=argparse.SUPPRESS
-        )
+    add = partial(command.add_mutually_exclusive_group().add_argument, dest="verbosity", action="store_const")
+    add("--quiet", const=Verbosity.QUIET, default=argparse.SUPPRESS, help="print nothing but errors")
+    add("--verbose", const=Verbosity.VERBOSE, default=argparse.SUPPRESS, help="print each step and its time")
 
 
 @contextmanager
@@ -209,10 +202,8 @@ def read_options(given: argparse.Namespace, defaults: Record) -> UserValue:
 def naming_options(defaults: Record, *only: str, **more: str) -> Iterator[None]:
     """Makes errors in its block that start with the name of a field start with the option's name.
 
-    Args:
-      defaults: the record with the fields.
-      *only: names of fields; by default all. A file in a message may have the name of another field.
-      **more: options by other names that errors may start with.
+    Those of all fields, or of some alone, because a file in a message may have the name of another field. `more` has
+    options by other names.
     """
     try:
         yield

@@ -62,7 +62,7 @@ def _words() -> dict[str, list[str]]:
     from elitelanes_jax.cli.export import TABLES
     from elitelanes_jax.dataset.spec import LAYOUTS
     from elitelanes_jax.maps.exporting import FORMATS
-    from elitelanes_jax.network.weights import Weights
+    from elitelanes_jax.network.records import Weights
     from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES
     from elitelanes_jax.problem.inventory import COUNTED
     from elitelanes_jax.problem.rules import RULES

@@ -3,7 +3,6 @@
 import argparse
 import shlex
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,8 +73,10 @@ def _generate(options: argparse.Namespace) -> int:
 
     try:
         with workers_at(options.scheduler) as executor, naming_options(GenerateSpec(), "furnish", "axes", "where"):
-            start = partial(generate_on, executor) if executor else generate
-            maps = start(spec, options.out, force=options.force)
+            if executor is None:
+                maps = generate(spec, options.out, force=options.force)
+            else:
+                maps = generate_on(executor, spec, options.out, force=options.force)
     except NotEnoughMapsError as error:
         raise NotEnoughMapsError(f"{error}{_KEPT if has_unfinished(options.out) else ''}") from None
     if spec.part is None:

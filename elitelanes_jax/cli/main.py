@@ -39,8 +39,9 @@ def _act(options: argparse.Namespace) -> int:
     """
     if getattr(options, "force", False) and options.out is not None:
         values = (value for name, value in vars(options).items() if name != "out")
-        named = [one for value in values for one in (value if isinstance(value, list) else [value])]
-        texts = [one for one in named if isinstance(one, str | Path)]
+        named = (one for value in values for one in (value if isinstance(value, list) else [value]))
+        texts = [str(one) for one in named if isinstance(one, str | Path)]
+        texts += [word for text in texts for word in text.split()]  # such as --furnish "signs map.json"
         check_apart(options.out, filter(os.path.exists, texts))  # False for a text that is too long for a path
     try:
         return int(options.action(options))

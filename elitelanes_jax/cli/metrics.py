@@ -50,7 +50,7 @@ _MEASURED = "measured only in searches that name it, because it costs time"
 
 
 def _show(feature: str, meaning: str, values: str) -> str:
-    from elitelanes_jax.formats.text import draw_text
+    from elitelanes_jax.formats.sketch import draw_text
     from elitelanes_jax.problem.extremes import extreme_maps, feature_range, value_text
     from elitelanes_jax.problem.features import TOWN_FEATURES
 

@@ -4,6 +4,7 @@ import argparse
 import sys
 import textwrap
 from dataclasses import replace
+from functools import partial
 
 from elitelanes_jax._util.checks import check_named, name, one_of, path, real, whole
 from elitelanes_jax._util.errors import InputError, pluralize
@@ -22,8 +23,8 @@ def add_show(commands: Commands) -> None:
 
 
 def _show(options: argparse.Namespace) -> int:
+    from elitelanes_jax.formats.sketch import draw_text
     from elitelanes_jax.formats.table import measure_maps
-    from elitelanes_jax.formats.text import draw_text
 
     codes = read_map(options.map).codes
     (figures,) = measure_maps([str(options.map)], [codes])
@@ -78,7 +79,7 @@ def _render(options: argparse.Namespace) -> int:
     objects = options.objects and load_objects(options.objects)
     if options.dead_ends:
         road_map = replace(road_map, codes=without_dead_ends(road_map.codes))
-    out, foreign = options.out or options.map.with_suffix(""), foreign_to_picture(tiles.layers)
+    out, foreign = options.out or options.map.with_suffix(""), partial(foreign_to_picture, layers=tiles.layers)
     with naming(options.map):
         picture = render(road_map, tiles, tile_px=options.tile_px, seed=options.seed, objects=objects)
     with output_folder(out, {"command": "render"}, foreign=foreign, force=options.force) as work:

@@ -12,7 +12,7 @@ from elitelanes_jax.maps.given import GivenMaps
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.movements import list_movements
-from elitelanes_jax.tiles.tile import Tile
+from elitelanes_jax.tiles.files import Tile
 from elitelanes_jax.tiles.tileset import MASKS, TileSet
 
 

@@ -41,11 +41,7 @@ class Level(NamedTuple):
 
 
 def make_level(grid: Int[Array | np.ndarray, "H W"], start: LaneNode, goal: LaneNode) -> Level:
-    """Makes a level, also one that `check_level` refuses.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`), or a start or a goal that is not three whole numbers.
-    """
+    """Makes a level, also one that `check_level` refuses."""
     links = linked(grid)
     start, goal = check_named("start", _check_node, start), check_named("goal", _check_node, goal)
     shortest = distances(links, goal)[start.row, start.column, start.heading]

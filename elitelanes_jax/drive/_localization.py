@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Int, Int32
 
 from elitelanes_jax.drive._distances import lane_nodes
-from elitelanes_jax.drive.lanes import Movement, linked, movements
+from elitelanes_jax.drive.lanes import TAKEN, Movement, linked, movements
 from elitelanes_jax.network.checks import check_grid
 
 _Carry = tuple[Array, Array, Array, Array, Array]
@@ -49,17 +49,9 @@ def _localization_steps(grid: Array, asked: Array) -> Array:
     row, column, heading = starts // (4 * width), starts // 4 % width, starts % 4
     is_open = movements(links).reshape(size, 3)
     view = (is_open * jnp.array([1, 2, 4])).sum(axis=-1).astype(jnp.int32)
-
-    def beyond(turn: int) -> Array:
-        there = Movement(row, column, heading, jnp.full(size, turn)).next_node
-        return jnp.where(is_open[:, turn], (there.row * width + there.column) * 4 + there.heading, starts)
-
-    ways = [beyond(turn) for turn in range(3)]
-    onward = []
-    for turn in range(3):
-        first, second, third = (ways[(turn + more) % 3] for more in range(3))
-        onward.append(jnp.where(first != starts, first, jnp.where(second != starts, second, third)))
-    moves = jnp.stack(onward)
+    there = Movement(row, column, heading, jnp.asarray(TAKEN)[links].reshape(size, 3).astype(jnp.int32).T).next_node
+    # By the wanted turn and the node; on a dead end the driver stays.
+    moves = jnp.where(is_open.any(axis=1), (there.row * width + there.column) * 4 + there.heading, starts)
 
     def eliminate(group: Array, node: Array) -> tuple[Array, Array]:
         """Splits groups of starts by what is seen now; returns them, and which starts are still ambiguous.

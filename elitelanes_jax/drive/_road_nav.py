@@ -15,7 +15,7 @@ from elitelanes_jax._util.records import REQUIRED, Record, option
 from elitelanes_jax._util.types import Numeric, UserValue
 from elitelanes_jax.drive._environment import Environment, Transition, draw_level
 from elitelanes_jax.drive._levels import Level, check_batch
-from elitelanes_jax.drive.lanes import LaneNode, Movement
+from elitelanes_jax.drive.lanes import TAKEN, LaneNode, Movement
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
 from elitelanes_jax.network.movements import MOVEMENTS
 
@@ -112,17 +112,6 @@ class RoadNavInfo(NamedTuple):
     regret: Float[Array, ""]
 
 
-# The turn for each action: its own, or the next open one in the order right, straight, left, right; its own if none is
-# open.
-_TAKEN = np.array(
-    [
-        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
-        for headings in MOVEMENTS
-    ],
-    np.int8,
-)
-
-
 def _reset_to_level(
     key: Key[Array, ""], level: Level, params: RoadNavParams
 ) -> tuple[RoadNavObservation, RoadNavState]:
@@ -154,7 +143,7 @@ def _step(key: Key[Array, ""], state: RoadNavState, action: Int[ArrayLike, ""], 
     grid, goal = state.grid, state.goal
     code = grid[state.node.row, state.node.column].astype(jnp.int32)
     choice = code * 12 + state.node.heading * 3 + jnp.clip(action, 0, 2)
-    turn = jnp.asarray(_TAKEN.reshape(-1))[choice].astype(jnp.int32)
+    turn = jnp.asarray(TAKEN.reshape(-1))[choice].astype(jnp.int32)
     onward = Movement(*state.node, turn).next_node
     moves = jnp.asarray(CONNECTIONS)[code] > 1
     node = jax.tree.map(lambda new, old: jnp.where(moves, new, old), onward, state.node)

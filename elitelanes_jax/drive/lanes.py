@@ -32,6 +32,19 @@ _RADIUS = (0.5 + LANE_OFFSET * _BEND).astype(np.float32)
 _LENGTH = np.where(_BEND == 0, 1, _RADIUS * np.pi / 2).astype(np.float32)
 
 
+TAKEN = np.array(
+    [
+        [[next((t % 3 for t in range(a, a + 3) if open_turns[t % 3]), a) for a in range(3)] for open_turns in headings]
+        for headings in MOVEMENTS
+    ],
+    np.int8,
+)
+"""int8 ``[16, 4, 3]``: the turn that is taken for a wanted one, by the tile's code and the heading.
+
+It is the wanted turn or the next open one, in the order right, straight, left, right; the wanted one if none is open.
+"""
+
+
 class LaneNode(NamedTuple):
     """A node of the graph of lanes: a tile and the heading with which it was entered.
 
@@ -114,11 +127,7 @@ class LanePose(NamedTuple):
 
 
 def linked(grid: Int[ArrayLike, "H W"]) -> Int8[Array, "H W"]:
-    """Removes the connections of a grid that the neighbour does not return, or that leave the grid.
-
-    Raises:
-      InputError: for a bad grid (see `check_grid`).
-    """
+    """Removes the connections of a grid that the neighbour does not return, or that leave the grid."""
     grid = jnp.asarray(check_grid(grid))
     height, width = grid.shape
     padded = jnp.pad(grid, 1)
@@ -165,12 +174,9 @@ def lane_errors(pose: Pose, movement: Movement) -> tuple[Float[Array, "..."], Fl
 
 
 def lane_point(movement: Movement, s: Float[ArrayLike, "..."], d: Float[ArrayLike, "..."] = 0.0) -> Pose:
-    """Returns the pose `s` tiles along a movement's lane, in its direction; it may be beyond the lane's end.
+    """Returns the pose `s` tiles along a movement's lane and `d` tiles to the left of its centre, in its direction.
 
-    Args:
-      movement: of the lane.
-      s: tiles along the lane's centre from where it enters.
-      d: tiles to the left of the centre.
+    It may be beyond the lane's end.
     """
     bend, radius = _choose(_BEND, movement.turn), _choose(_RADIUS, movement.turn)
     angle = s / radius

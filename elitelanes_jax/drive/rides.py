@@ -178,11 +178,7 @@ def _ask(policy: Policy, observation: LaneDriveObservation) -> NDArray[np.float3
 
 
 def load_policy(file: Path) -> Policy:
-    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run.
-
-    Raises:
-      InputError: that names the file, if it cannot be read or run, or has no such function.
-    """
+    """Loads a driver, the function ``act(observation)`` (see `Policy`), from a Python file, which is run."""
     try:
         act = runpy.run_path(str(file)).get("act")
     except (Exception, SystemExit) as error:
@@ -273,10 +269,7 @@ def _look(poses: Pose, cells: Pytree, atlas: Pytree, camera: Camera, things: Pyt
 def write_film(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
     """Writes frames as an MP4 film, or as a GIF if the name says so, whole or not at all; returns the number of frames.
 
-    A GIF has every third frame, half as large.
-
-    Raises:
-      OSError: that names the file, if it cannot be written.
+    A GIF has every third frame, half as large. An `OSError` names the file.
     """
     with new_file(file) as part:
         return (_write_gif if file.suffix.lower() == ".gif" else _write_mp4)(part, frames)
@@ -312,11 +305,7 @@ def _write_gif(file: Path, frames: Iterator[NDArray[np.uint8]]) -> int:
 
 
 def rides_to_json(grid: ArrayLike, rides: Rides) -> str:
-    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second.
-
-    Raises:
-      InputError: for more than `MOST_POSES` poses.
-    """
+    """Returns rides for `read_rides`: the map, and the poses of each ride, 30 per second, `MOST_POSES` at most."""
     poses = int(rides.steps.sum()) + len(rides.steps)
     if poses > MOST_POSES:
         raise InputError(f"rides: expected at most {MOST_POSES} poses, got {poses}")

@@ -78,12 +78,7 @@ def drive(
 ) -> tuple[Pose, Wheels]:
     """Drives for one step with constant speeds of the wheels: along an arc, computed exactly.
 
-    Args:
-      key: consumed for noise; otherwise not used.
-      pose: in tiles.
-      wheels: before.
-      command: of the left and the right wheel, -1 to 1; clipped, and 0 instead of NaN.
-      robot: its measures.
+    A command is clipped to -1 to 1, and NaN is 0. The key is consumed for noise.
     """
     shares = jnp.clip(jnp.nan_to_num(jnp.asarray(command, jnp.float32), nan=0.0), -1, 1)
     commands = wheels.commands

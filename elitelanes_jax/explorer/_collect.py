@@ -26,8 +26,7 @@ from elitelanes_jax.formats.road_map import RoadMap, read_map, read_maps
 from elitelanes_jax.formats.tags import SIGN_TAGS
 from elitelanes_jax.network.codes import KINDS
 from elitelanes_jax.network.fitness import fitness as weighted_sum
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.problem.archive import vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, niche_index, tuned_axes
 from elitelanes_jax.problem.ranges import range_limits, range_penalty
@@ -404,9 +403,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
 
 def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
-    chosen, drawn = None, road_map.drawn
-    if drawn is not None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+    chosen = recall_choice(road_map, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
     objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
     return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}

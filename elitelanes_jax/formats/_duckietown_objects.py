@@ -86,7 +86,7 @@ def _read(value: Plain, rows: int, tile_size: float) -> MapObject:
         angle -= pi / 2
         offset = _STAND * height / tile_size
         x, y = x - offset * cos(angle), y + offset * sin(angle)
-    tag = int(real_of(_table(value["tag"], "~TagInstance"), "tag_id")) if "tag" in value else None
+    tag = whole_of(table_of(value["tag"], "~TagInstance"), "tag_id") if "tag" in value else None
     if kind == _BLANK and tag in STREET_NAMES:
         kind = _STREET_NAME
     static = str(value.get("static", True)).lower() not in ("false", "no", "off")
@@ -97,21 +97,21 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
     """Returns x, y and the angle of an object."""
     rotate = radians(real_of(value, "rotate", 0.0))
     if "attach" in value:  # before the pose, whose position it replaces
-        attach = _table(value, "attach")
+        attach = table_of(value, "attach")
         column, row = _pair(attach, "tile")
-        slot = real_of(attach, "slot")
+        slot = whole_of(attach, "slot")
         if slot not in range(len(_SLOTS)):
-            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot:g}")
-        east, north = _SLOTS[int(slot)]
+            raise InputError(f"slot: expected a whole number, 0 to {len(_SLOTS) - 1}, got {slot}")
+        east, north = _SLOTS[slot]
         if "pose" in value:
-            rotate = radians(real_of(_table(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
+            rotate = radians(real_of(table_of(value["pose"], "~SE2Transform"), "theta_deg", 0.0))
     elif "pos" in value:
         return *_pair(value, "pos"), rotate
     elif "pose" in value:
         column, row = 0.0, 0.0
         east, north, rotate = _transform(value["pose"])
     elif "place" in value:
-        place = _table(value, "place")
+        place = table_of(value, "place")
         column, row = (at + 0.5 for at in _pair(place, "tile"))
         east, north, rotate = _transform(place.get("relative"))
     else:
@@ -120,12 +120,13 @@ def _pose(value: Mapping[str, Plain], rows: int, tile_size: float) -> tuple[floa
 
 
 def _transform(value: Plain) -> tuple[float, float, float]:
-    inner = _table(value, "~SE2Transform")
+    inner = table_of(value, "~SE2Transform")
     turned = real_of(inner, "theta") if "theta" in inner else radians(real_of(inner, "theta_deg", 0.0))
     return *_pair(inner, "p", (0.0, 0.0)), turned
 
 
-def _table(value: Plain, name: str) -> dict[str, Plain]:
+def table_of(value: Plain, name: str) -> dict[str, Plain]:
+    """Returns the table under a name; raises an `InputError` that starts with the name if there is none."""
     inner = value.get(name) if isinstance(value, dict) else None
     if not isinstance(inner, dict):
         raise InputError(f"{name}: expected a table, got {shorten(repr(inner), 40)}")
@@ -151,6 +152,14 @@ def real_of(values: Mapping[str, Plain], name: str, default: float | None = None
         if "_" not in str(text) and isfinite(number := float(text)):
             return number
     raise InputError(f"{name}: expected a number, got {shorten(repr(text), 40)}")
+
+
+def whole_of(values: Mapping[str, Plain], name: str) -> int:
+    """Returns the whole number under a name; raises as `real_of` does."""
+    number = real_of(values, name)
+    if not number.is_integer():
+        raise InputError(f"{name}: expected a whole number, got {number:g}")
+    return int(number)
 
 
 def _number(value: float) -> str:

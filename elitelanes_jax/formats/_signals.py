@@ -5,6 +5,8 @@ from itertools import count
 from math import hypot, pi
 from typing import NamedTuple
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.graph import Cell, linked_tiles
@@ -39,7 +41,12 @@ class Signal(NamedTuple):
 
 
 def rights_of_way(codes: AnyArray, streets: Streets) -> dict[Cell, str]:
-    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets."""
+    """Returns the right of way of each crossing: by lights or stop signs of a `RoadMap`, otherwise of its streets.
+
+    Raises:
+      InputError: for a bad grid (see `check_grid`), or `streets` that are not `Streets`.
+    """
+    check_named("streets", record(Streets), streets)
     rules = {tile: streets.right_of_way for tile, others in linked_tiles(codes).items() if len(others) > 2}
     for thing in sorted(_signs(codes), key=lambda thing: thing.kind):  # lights last: they overrule signs
         tile = _crossing_of(thing, rules)

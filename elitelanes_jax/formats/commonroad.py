@@ -6,8 +6,6 @@ from itertools import count, groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, bounds, giving_way, lanes
@@ -41,9 +39,8 @@ def to_commonroad(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    ways, after, links = lanes(codes)
     rights = rights_of_way(codes, streets)
+    ways, after, links = lanes(codes)
     sides = [bounds(way, streets, len(links)) for way in ways]
     for way, (left, right) in zip(ways, sides, strict=True):
         if way.turn == BACK:  # the outline of a lanelet must not touch itself

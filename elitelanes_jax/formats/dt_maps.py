@@ -15,7 +15,7 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.files import MIB
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of
+from elitelanes_jax.formats._duckietown_objects import TAG_FAMILY, real_of, table_of, whole_of
 from elitelanes_jax.formats._yaml_tree import yaml_tree
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_roads, check_tile_size
 from elitelanes_jax.formats.objects import OBJECT_KINDS, OTHER, MapObject, base_kind, check_kind
@@ -57,8 +57,8 @@ def to_dt_maps(road_map: UserValue, *, tile_size: float = TILE_SIZE, dead_ends: 
     layers: dict[str, dict[str, Plain]] = {name: {} for name in LAYERS}
     layers["tile_maps"][_MAP] = {"tile_size": {"x": size, "y": size}}
     layers["frames"][_MAP] = _frame(None, 0.0, 0.0, 0.0)
-    for (row, column), code in np.ndenumerate(grid.astype(int)):
-        i, j, (kind, turns) = column, rows - 1 - row, _TILE[int(code)] if code else ("grass", 0)
+    for (row, i), code in np.ndenumerate(grid):
+        j, (kind, turns) = rows - 1 - row, _TILE.get(int(code), ("grass", 0))
         name = f"{_MAP}/tile_{i}_{j}"
         layers["tiles"][name] = {"i": i, "j": j, "type": kind}
         layers["frames"][name] = _frame(_MAP, (i + 0.5) * size, (j + 0.5) * size, turns * pi / 2)
@@ -89,13 +89,15 @@ def read_dt_maps(folder: str | Path) -> RoadMap:
         raise InputError(f"{folder_path / 'tile_maps.yaml'}: expected one map, got {len(maps)}")
     frames = {name: value for name, value in layers["frames"].items() if name != maps[0]}
     try:
-        size = real_of(layers["tile_maps"][maps[0]].get("tile_size", {}), "x")
+        size = real_of(table_of(layers["tile_maps"][maps[0]], "tile_size"), "x")
         if not 0.01 <= size <= 100:
             raise InputError(f"tile_size: expected metres, a number from 0.01 to 100, got {size}")
-        cells = {name: (int(real_of(one, "i")), int(real_of(one, "j"))) for name, one in layers["tiles"].items()}
+        cells = {name: (whole_of(one, "i"), whole_of(one, "j")) for name, one in layers["tiles"].items()}
         sides = [max((cell[axis] for cell in cells.values()), default=-1) + 1 for axis in (0, 1)]
         if min(sides) < 1 or max(sides) > 1024 or min(min(cell) for cell in cells.values()) < 0:
             raise InputError(f"tiles: expected sides of 1 to 1024 tiles, from i = 0 and j = 0 on, got {sides}")
+        if len(set(cells.values())) < len(cells):
+            raise InputError("tiles: expected one tile in each cell, got several")
         codes = np.zeros(sides[::-1], np.int8)
         for name, (i, j) in cells.items():
             codes[sides[1] - 1 - j, i] = _code(layers["tiles"][name].get("type"), _pose(frames, name, maps[0])[2])
@@ -178,6 +180,6 @@ def _object(
     if kind not in OBJECT_KINDS:
         kind = check_named(f"{layer}: {name}", check_kind, OTHER + given)
     height = real_of(values, "height", OBJECT_KINDS[base_kind(kind)].height)
-    tag = int(real_of(values, "id")) if "id" in values and layer not in ("citizens", "vehicles") else None
+    tag = whole_of(values, "id") if "id" in values and layer not in ("citizens", "vehicles") else None
     static = str(values.get("static", True)).lower() != "false"
     return MapObject(kind, pose[0] / size, rows - pose[1] / size, remainder(pose[2], 2 * pi), height, tag, static)

@@ -11,8 +11,6 @@ from operator import attrgetter
 import numpy as np
 from numpy.typing import NDArray
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.streets import BACK, Streets, Way, bounds, giving_way, lanes
@@ -42,9 +40,8 @@ def to_lanelet2(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    ways, _, links = lanes(codes)
     rules = rights_of_way(codes, streets)
+    ways, _, links = lanes(codes)
     city = _Map()
     for tile, group in groupby(ways, attrgetter("tile")):
         here = {way: bounds(way, streets, len(links)) for way in group}

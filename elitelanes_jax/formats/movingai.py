@@ -10,6 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 from numpy.typing import ArrayLike, NDArray
 
+from elitelanes_jax._util.checks import check_named
+from elitelanes_jax._util.checks import name as is_name
+from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax.formats.nav2 import road_cells
 from elitelanes_jax.formats.streets import no_road
 
@@ -40,8 +43,11 @@ def to_movingai(codes: ArrayLike, name: str, cells: int = 5) -> MovingAI:
       cells: along a tile's side, 5 to 256; with 5 the road is 3 wide.
 
     Raises:
-      InputError: for a bad grid (see `check_grid`), one without a road, or a bad number of cells, over 2**25 in all.
+      InputError: for a bad grid (see `check_grid`), one without a road, a bad name, or a bad number of cells, or over
+        2**25 in all.
     """
+    if "\t" in check_named("name", is_name, name) or len(name.splitlines()) > 1:
+        raise InputError(f"name: expected no tab and no line break, got {shorten(repr(name))}")
     road = road_cells(codes, cells, _MOST_CELLS)
     if not road.any():
         raise no_road()

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from elitelanes_jax._util.checks import check_named, listed, name
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.lane_graph import lane_graph, lane_points
 from elitelanes_jax.formats.objects import Standing
+from elitelanes_jax.formats.streets import lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 
 WHEEL_RADIUS = 0.0318

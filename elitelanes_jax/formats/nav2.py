@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from elitelanes_jax._util.checks import check_named, name, whole
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax.formats.duckietown import TILE_SIZE, check_tile_size
-from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph, lane_points
+from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph, lane_points
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.movements import linked_codes
 from elitelanes_jax.network.roads import on_road

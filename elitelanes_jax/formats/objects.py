@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
-from math import hypot, isfinite
+from math import hypot
 from typing import NamedTuple
 
 from elitelanes_jax._util.checks import check_named, is_real, is_whole
@@ -204,6 +204,6 @@ def _checked(value: UserValue, height: int, width: int) -> MapObject:
 
 
 def _number(name: str, value: UserValue, least: float, most: float, unit: str) -> float:
-    if not is_real(value) or not isfinite(value) or not least <= value <= most:
+    if not is_real(value) or not least <= value <= most:
         raise InputError(f"{name}: expected {unit} from {least:g} to {most:g}, got {shorten(repr(value), 40)}")
     return float(value)

@@ -10,8 +10,6 @@ OpenDRIVE allows no junction next to a junction: between adjacent crossings is a
 import math
 from typing import NamedTuple
 
-from elitelanes_jax._util.checks import check_named
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._pieces import Piece, across, back, middle
 from elitelanes_jax.formats._signals import Arrival, Signal, list_signals, rights_of_way, signal_element
@@ -56,7 +54,7 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
+    rules = rights_of_way(codes, streets)
     network = lanes(codes)
     links = linked_tiles(codes)
     height, width = network.links.shape
@@ -70,7 +68,6 @@ def to_opendrive(codes: AnyArray, streets: Streets = Streets()) -> str:
     ends: dict[Arrival, _End] = {}
     for number, path in enumerate(paths, first):
         ends[path[0], path[1]], ends[path[-1], path[-2]] = _End(number, True), _End(number, False)
-    rules = rights_of_way(codes, streets)
     signals = list_signals(codes, rules, ends)
     roads: list[str] = []
     for number, path in enumerate(paths, first):

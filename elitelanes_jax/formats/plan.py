@@ -17,7 +17,7 @@ from elitelanes_jax._util.types import UserValue
 from elitelanes_jax.formats.duckietown import TILE_SIZE
 from elitelanes_jax.formats.objects import MapObject
 from elitelanes_jax.formats.road_map import as_map
-from elitelanes_jax.network.codes import KIND_OF, NORTH, SOUTH, WEST, rotate_codes
+from elitelanes_jax.network.codes import NORTH, SOUTH, WEST, rotate_codes
 
 TAPE_WIDTHS = {"white": 0.048, "yellow": 0.024, "red": 0.048}
 """The width of each colour of tape in metres."""
@@ -27,6 +27,9 @@ LONGEST_PLAN = 64
 
 REFERENCE = {"straight": NORTH | SOUTH, "turn": SOUTH | WEST, "crossing3": NORTH | SOUTH | WEST, "crossing4": 15}
 """The code of each kind of tile without a rotation."""
+
+# The kind and the fewest quarter turns of each code.
+_TILE = {rotate_codes(code, turns): (kind, turns) for kind, code in REFERENCE.items() for turns in (3, 2, 1, 0)}
 
 _LANE, _STUB = 0.21, 0.05  # metres
 # From the middle of the road to the middle of its white tape.
@@ -166,12 +169,10 @@ def tapes_of(kind: str, quarter_turns: int, tile_size: float = TILE_SIZE) -> tup
 
 
 def _place(row: int, column: int, code: int) -> PlacedTile:
-    kind = KIND_OF[code]
-    if kind not in REFERENCE:
+    if code not in _TILE:
         expected = "map: expected tiles with two or more connections, as Duckietown has"
         raise InputError(f"{expected}, got a dead end at row {row}, column {column}")
-    turns = next(turns for turns in range(4) if rotate_codes(REFERENCE[kind], turns) == code)
-    return PlacedTile(row, column, kind, turns)
+    return PlacedTile(row, column, *_TILE[code])
 
 
 def _arc(colour: str, radius: float, pieces: int, tile_size: float) -> Tape:

@@ -54,9 +54,13 @@ def _ride(values: Plain) -> RecordedRide:
     if not isinstance(values, dict):
         raise InputError("rides: expected tables of goal, success, x, y and theta")
     goal, tracks = values.get("goal"), [values.get(name) for name in ("x", "y", "theta")]
-    lists = [track for track in tracks if isinstance(track, list) and track and all(map(is_real, track))]
+    lists = [track for track in tracks if isinstance(track, list) and track and all(map(_is_near, track))]
     if len(lists) < 3 or len({len(track) for track in lists}) > 1:
-        raise InputError("rides: expected numbers x, y and theta, as many of each")
+        raise InputError("rides: expected numbers x, y and theta up to 1e6, as many of each")
     if not isinstance(goal, list) or len(goal) != 2 or not all(map(is_whole, goal)):
         raise InputError("rides: expected a goal of two whole numbers, row and column")
     return RecordedRide((goal[0], goal[1]), values.get("success") is True, np.array(lists, np.float32))
+
+
+def _is_near(value: Plain) -> bool:
+    return is_real(value) and abs(value) <= 1e6

@@ -1,9 +1,9 @@
 """A road map with its metrics, and its JSON file. Duckietown's map files are read too."""
 
 import json
+import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -16,7 +16,7 @@ from elitelanes_jax._util.files import MIB, parse_json, read_text, write_atomic
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.duckietown import read_duckietown
 from elitelanes_jax.formats.objects import MapObject, check_objects, object_values
-from elitelanes_jax.formats.svg import draw_svg
+from elitelanes_jax.formats.sketch import draw_svg
 from elitelanes_jax.network.checks import check_grid, check_sides
 
 _Read = TypeVar("_Read")
@@ -289,7 +289,7 @@ def _is_drawn(value: Plain) -> bool:
 
 
 def _is_number(value: Plain) -> bool:
-    return is_real(value) and isfinite(value)
+    return is_real(value) and abs(value) <= sys.float_info.max  # `isfinite` fails for whole numbers over that
 
 
 def _numbers_by_name(value: Plain) -> bool:

@@ -21,7 +21,6 @@ from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, reason
 from elitelanes_jax._util.files import unwritable_error, write_atomic
 from elitelanes_jax._util.packages import import_optional
-from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.formats._signals import rights_of_way
 from elitelanes_jax.formats.graph import Cell, linked_tiles, walk_roads
@@ -63,21 +62,24 @@ def plain_xml(codes: AnyArray, streets: Streets = Streets()) -> PlainXml:
     Raises:
       InputError: for a bad grid (see `check_grid`), one without any road, or bad measures.
     """
-    check_named("streets", record(Streets), streets)
-    roads = _roads(codes)
+    rules, grid = rights_of_way(codes, streets), check_grid(codes)
+    roads = _roads(grid)
     if not roads:
         raise no_road()
     exits: dict[Cell, list[Cell]] = {}
     for road in roads:
         exits.setdefault(road[0], []).append(road[1])
-    height = len(check_grid(codes))
-    lines = [streets.tile * _line(road, exits, height) for road in roads]
+    lines = [streets.tile * _line(road, exits, len(grid)) for road in roads]
     places = {road[0]: line[0] for road, line in zip(roads, lines, strict=True)}
-    rules = rights_of_way(codes, streets)
+    onward = [
+        f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}" fromLane="0" toLane="0"'
+        for road in roads
+        for after in [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
+    ]
     return PlainXml(
-        _xml("nodes", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
-        _xml("edges", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
-        _xml("connections", (_connection(road, after) for road in roads for after in _onward(road, exits))),
+        _xml("node", (_node(node, place, rules.get(node, "priority"), streets) for node, place in places.items())),
+        _xml("edge", (_edge(road, line, streets) for road, line in zip(roads, lines, strict=True))),
+        _xml("connection", onward),
     )
 
 
@@ -119,14 +121,10 @@ def network(codes: AnyArray, streets: Streets = Streets()) -> tuple[str, tuple[s
     program = Path(sumo.SUMO_HOME, "bin", "netconvert")
     with tempfile.TemporaryDirectory() as folder:
         nodes, edges, connections = (file.name for file in write_sumo(Path(folder, "city"), codes, streets))
+        command = [str(program), "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS]
+        env = {**os.environ, "SUMO_HOME": sumo.SUMO_HOME}
         try:
-            run = subprocess.run(
-                [program, "-n", nodes, "-e", edges, "-x", connections, "-o", "converted", *_OPTIONS],
-                cwd=folder,
-                env={**os.environ, "SUMO_HOME": sumo.SUMO_HOME},
-                capture_output=True,
-                text=True,
-            )
+            run = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True)
         except OSError as error:
             raise InputError(f"{program}: expected a program, got: {reason(error)}") from None
         said = run.stderr.splitlines()
@@ -141,8 +139,7 @@ def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> 
     """Writes the `network` of a grid to a file, and returns netconvert's warnings.
 
     Args:
-      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept
-        after an error.
+      file: such as ``city.net.xml``; missing folders are made. An existing file is replaced, and kept after an error.
       codes: integer codes ``[H, W]``, or a `RoadMap`.
       streets: their measures.
 
@@ -157,9 +154,8 @@ def convert(file: str | Path, codes: AnyArray, streets: Streets = Streets()) -> 
     return warnings
 
 
-def _roads(codes: AnyArray) -> list[list[Cell]]:
+def _roads(grid: AnyArray) -> list[list[Cell]]:
     """Lists the tiles from node to node, of each road in each direction."""
-    grid = check_grid(codes)
     links = linked_tiles(grid)
     roads = []
     for tiles in walk_roads(links, {tile for tile in links if CONNECTIONS[grid[tile]] >= 3 or len(links[tile]) < 2}):
@@ -192,30 +188,19 @@ def _beyond(node: Cell, neighbour: Cell, exits: dict[Cell, list[Cell]]) -> Cell:
     return 2 * node[0] - neighbour[0], 2 * node[1] - neighbour[1]
 
 
-def _onward(road: list[Cell], exits: dict[Cell, list[Cell]]) -> list[Cell]:
-    """Returns the first tiles of the roads that continue a road: the way back only at a dead end."""
-    return [tile for tile in exits[road[-1]] if tile != road[-2]] or [road[-2]]
-
-
 def _node(node: Cell, place: complex, kind: str, streets: Streets) -> str:
     # SUMO's own 4 m for lanes of 3.2 m if there is room, but not up to the tile's border, so that there is an edge
     # between adjacent crossings.
     radius = min(1.25 * streets.lane, 0.9 * (streets.tile / 2 - streets.lane))
-    point = f'x="{place.real:.4f}" y="{place.imag:.4f}"'
-    return f'<node id="{_id(node)}" {point} type="{kind}" radius="{radius:.4f}"/>'
+    return f'id="{_id(node)}" x="{place.real:.4f}" y="{place.imag:.4f}" type="{kind}" radius="{radius:.4f}"'
 
 
 def _edge(road: list[Cell], line: Iterable[complex], streets: Streets) -> str:
     shape = " ".join(f"{point.real:.4f},{point.imag:.4f}" for point in line)
     return (
-        f'<edge id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
-        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"/>'
+        f'id="{_edge_id(road[0], road[1])}" from="{_id(road[0])}" to="{_id(road[-1])}" numLanes="1" '
+        f'speed="{streets.speed:g}" width="{streets.lane:g}" spreadType="right" shape="{shape}"'
     )
-
-
-def _connection(road: list[Cell], after: Cell) -> str:
-    ends = f'from="{_edge_id(road[0], road[1])}" to="{_edge_id(road[-1], after)}"'
-    return f'<connection {ends} fromLane="0" toLane="0"/>'
 
 
 def _id(node: Cell) -> str:
@@ -227,5 +212,5 @@ def _edge_id(node: Cell, neighbour: Cell) -> str:
 
 
 def _xml(name: str, elements: Iterable[str]) -> str:
-    lines = "".join(f"    {element}\n" for element in elements)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}>\n{lines}</{name}>\n'
+    lines = "".join(f"    <{name} {attributes}/>\n" for attributes in elements)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n<{name}s>\n{lines}</{name}s>\n'

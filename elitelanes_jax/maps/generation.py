@@ -2,11 +2,13 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Array, Key
 
 from elitelanes_jax._util.checks import check_named, path
 from elitelanes_jax._util.errors import InputError, NotEnoughMapsError, pluralize
@@ -15,6 +17,7 @@ from elitelanes_jax._util.folders import output_folder, remove
 from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress, announce, detail
 from elitelanes_jax._util.records import record
+from elitelanes_jax._util.threads import start_thread
 from elitelanes_jax._util.types import Plain, UserValue
 from elitelanes_jax.formats.road_map import RoadMap
 from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_maps
@@ -22,7 +25,7 @@ from elitelanes_jax.maps.spec import GenerateSpec
 from elitelanes_jax.optimizers.loop import seed_keys
 from elitelanes_jax.optimizers.presets import config_to_plain
 from elitelanes_jax.problem.qd_metrics import coverage, qd_score
-from elitelanes_jax.search.evolution import evolve
+from elitelanes_jax.search.evolution import compile_search, evolve
 from elitelanes_jax.search.like import difference_from
 from elitelanes_jax.search.result import Result
 from elitelanes_jax.search.selection import Choice
@@ -83,10 +86,16 @@ def generate(spec: GenerateSpec, out: str | Path, *, force: bool = False) -> lis
       OSError: if the folder cannot be written.
     """
     spec, out = check_named("spec", record(GenerateSpec), spec), Path(check_named("out", path, out))
-    run = plan_run(spec)
+    # Most tile sets have all codes. Then the programs are those of the search as specified: they load while tiles do.
+    keys = seed_keys(spec.seed, spec.seed_indices)
+    loaded = start_thread(partial(compile_search, keys, spec.size, spec.search, compiles=False))
+    try:
+        run = plan_run(spec)
+    finally:
+        loaded()
     inputs = [spec.tiles] if spec.tiles else []
     with output_folder(out, run.identity(), inputs=inputs, foreign=foreign_to_maps, force=force) as work:
-        return write_run(work.files, _evolve(run, work.kept / "search"))
+        return write_run(work.files, _evolve(run, keys, work.kept / "search"))
 
 
 def plan_run(spec: GenerateSpec) -> Run:
@@ -106,7 +115,7 @@ def drawable(search: SearchSpec, tiles: TileSet) -> SearchSpec:
     return search.replace(alphabet=search.alphabet or tiles.alphabet)
 
 
-def _evolve(run: Run, checkpoint: Path) -> Evolved:
+def _evolve(run: Run, keys: Key[Array, " K"], checkpoint: Path) -> Evolved:
     """Evolves the seeds of a run, and keeps the checkpoint if the search was long."""
     spec, search, _ = run
     aim = pluralize(spec.maps, "map") if spec.part is None else "part {} of {} of a run for maps".format(*spec.part)
@@ -114,7 +123,6 @@ def _evolve(run: Run, checkpoint: Path) -> Evolved:
         f"evolving {aim} of {spec.size[0]} x {spec.size[1]} tiles: {search.method}, {search.preset}, "
         f"{pluralize(len(spec.seed_indices), 'run')} of {_budget(search)}"
     )
-    keys = seed_keys(spec.seed, spec.seed_indices)
     start = time.perf_counter()
     result = evolve(keys, spec.size, spec=search, checkpoint=checkpoint, every=_SECONDS_A_CHECKPOINT)
     if result.history.seconds < _WORTH_KEEPING:

@@ -87,10 +87,9 @@ def _files(source: Path) -> list[Path]:
         return [source]
     if (source / "pack.json").is_file():
         return sorted((source / "maps").rglob("*.json"))
-    kinds = {".json", ".yaml", ".yml"}
     files = sorted(source.rglob("map.json"))
     if not files and not (source / "run.json").exists():
-        files = sorted(one for one in source.iterdir() if one.suffix.lower() in kinds)
+        files = sorted(one for one in source.iterdir() if one.suffix.lower() in (".json", ".yaml", ".yml"))
     if not files:
         raise InputError(f"{source}: expected a folder with map.json or other files of maps in it, got one without")
     return files

@@ -19,8 +19,8 @@ from elitelanes_jax._util.packages import installed_versions
 from elitelanes_jax._util.progress import Progress
 from elitelanes_jax._util.records import record
 from elitelanes_jax._util.types import Plain, UserValue
-from elitelanes_jax.formats.lane_graph import LENGTHS, LaneGraph, lane_graph
 from elitelanes_jax.formats.road_map import RoadMap, map_to_json
+from elitelanes_jax.formats.streets import LENGTHS, LaneGraph, lane_graph
 from elitelanes_jax.formats.table import table_to_csv
 from elitelanes_jax.maps.exporting import FORMATS, LOOP, as_bytes
 from elitelanes_jax.maps.given import parse_given

@@ -21,7 +21,7 @@ from elitelanes_jax.maps.folder import ARCHIVE, RECORD, foreign_to_maps, write_m
 from elitelanes_jax.maps.generation import choose_maps, describe_source
 from elitelanes_jax.maps.spec import PickSpec
 from elitelanes_jax.network.codes import KINDS
-from elitelanes_jax.network.metric_names import Metrics
+from elitelanes_jax.network.records import Metrics
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, resolve_axes
 from elitelanes_jax.problem.features import TOWN_FEATURES, columns_for
 from elitelanes_jax.problem.kernels import with_town_features

@@ -7,8 +7,7 @@ from jaxtyping import Array, Int32
 
 from elitelanes_jax._util.errors import InputError
 from elitelanes_jax._util.types import Numeric
-from elitelanes_jax.network.metric_names import Metrics
-from elitelanes_jax.network.weights import Weights
+from elitelanes_jax.network.records import Metrics, Weights
 
 
 def fitness(metrics: Metrics, weights: Weights = Weights()) -> Int32[Array, "..."]:

@@ -13,7 +13,7 @@ from elitelanes_jax._util.types import AnyArray
 from elitelanes_jax.network._faces import Links, label_faces
 from elitelanes_jax.network.checks import check_grid
 from elitelanes_jax.network.codes import CORNERS, EAST, KINDS, NORTH, SOUTH, WEST
-from elitelanes_jax.network.town_features import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
+from elitelanes_jax.network.records import LONGEST_DETOUR, LONGEST_TOWN, TownFeatures
 from elitelanes_jax.network.xla import PaddedLayout
 
 

@@ -6,22 +6,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from hashlib import sha256
 from inspect import Parameter, signature
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.extend import core
 from jaxtyping import Array, ArrayLike, Int8, Int32, Integer, Real
 from numpy.typing import NDArray
 
 from elitelanes_jax._util.checks import LARGEST
 from elitelanes_jax._util.errors import InputError, shorten
 from elitelanes_jax._util.types import AnyArray, Pytree, UserValue
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES
 from elitelanes_jax.network.town import measure_town
 from elitelanes_jax.problem.features import FEATURES, TOWN_FEATURES, columns_for, with_shares
+
+if TYPE_CHECKING:
+    from jax.extend import core
 
 Kernel: TypeAlias = Callable[[Int8[Array, "H W"]], Integer[ArrayLike, ""]]
 """A feature of the user: one grid -> a whole number. Pure, for `jax.jit` and `jax.vmap`.
@@ -50,8 +52,7 @@ _SCALAR = "an integer or float scalar"
 def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kernel]:
     """Checks the user's features for grids of a shape: kernels by name, or None.
 
-    Raises:
-      InputError: unless each is a kernel that JAX can trace to an integer scalar, with a name of its own.
+    Each must be a function that JAX can trace to an integer scalar, with a name of its own.
     """
     if features is None:
         return {}
@@ -72,11 +73,7 @@ def check_kernels(features: UserValue, shape: tuple[int, int]) -> dict[str, Kern
 
 
 def check_fitness(fitness: UserValue, shape: tuple[int, int], feature_names: Sequence[str]) -> Fitness:
-    """Checks a fitness of the user for grids of a shape with these columns of features.
-
-    Raises:
-      InputError: unless it is a function of the arguments that `Fitness` lists, which JAX can trace to a scalar.
-    """
+    """Checks that JAX can trace a fitness of the user, with arguments that `Fitness` lists, to a scalar."""
     if not callable(fitness):
         raise InputError(
             f"fitness: expected a function of metrics, features, grid or usual, got {shorten(repr(fitness))}"
@@ -223,8 +220,10 @@ def digest(function: Callable[..., Pytree], *arguments: Pytree) -> str:
     return parts.hexdigest()[:16]
 
 
-def _constants(closed: core.ClosedJaxpr) -> Iterator[bytes]:
+def _constants(closed: "core.ClosedJaxpr") -> Iterator[bytes]:
     """Yields the constants of a jaxpr and of its inner jaxprs. The text of a jaxpr has only their shapes."""
+    from jax.extend import core  # most searches have no functions of the user
+
     for constant in closed.consts:
         is_key = jnp.issubdtype(jnp.result_type(constant), jax.dtypes.prng_key)
         yield np.asarray(jax.random.key_data(constant) if is_key else constant).tobytes()

@@ -20,10 +20,9 @@ from elitelanes_jax.network.bits import random_grids
 from elitelanes_jax.network.checks import check_shape
 from elitelanes_jax.network.codes import KINDS, ROAD_ALPHABET, check_alphabet
 from elitelanes_jax.network.fitness import fitness as weighted_sum
-from elitelanes_jax.network.metric_names import METRIC_NAMES
 from elitelanes_jax.network.metrics import measure, stack_metrics, unstack_metrics
+from elitelanes_jax.network.records import METRIC_NAMES, Weights
 from elitelanes_jax.network.repairing import repair
-from elitelanes_jax.network.weights import Weights
 from elitelanes_jax.network.xla import materialize
 from elitelanes_jax.problem.archive import Population, vacant_fitness
 from elitelanes_jax.problem.descriptor import Axis, compute_descriptor, niche_index, paper_axes, resolve_axes

@@ -106,14 +106,6 @@ def test_warnings_of_netconvert_are_told_but_for_most(maps, tmp_path, monkeypatc
     assert max(map(len, told)) == len("elitelanes: ") + 200
 
 
-def test_a_file_that_is_too_large_is_named(maps, tmp_path, small_files_only, capsys):
-    out = tmp_path / "out"
-    small_files_only(99)
-    assert main(["export", *maps, "--to", "graphml", "--out", str(out)]) == 2
-    assert capsys.readouterr().err == f"elitelanes: {out / '0000.graphml'}: File too large\n"
-    assert not out.exists()
-
-
 def test_what_cannot_be_done_is_said_in_one_line(maps, tmp_path, capsys):
     out = str(tmp_path / "out")
     same, strange = (str(tmp_path / "maps" / name) for name in ("0000.json", "a\nmap.json"))

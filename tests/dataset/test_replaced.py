@@ -60,19 +60,6 @@ def interrupt(*_):
     raise KeyboardInterrupt
 
 
-def test_unfinished_work_is_deleted_if_that_is_asked_for(tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    with monkeypatch.context() as patch:
-        patch.setattr("elitelanes_jax.dataset.make.write_card", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            make_dataset(small(seed=1), out, maps=OTHERS)
-    with pytest.raises(InputError, match=r"expected results with seed 0, got results with 1; delete .*out-unfinished"):
-        make_dataset(small(), out, maps=random_maps())
-    make_dataset(small(), out, maps=random_maps(), force=True)
-    make_dataset(small(), tmp_path / "expected", maps=random_maps())
-    assert files(out) == files(tmp_path / "expected")
-
-
 @pytest.mark.parametrize(
     ("add", "found"),
     [

@@ -85,6 +85,7 @@ def test_rides_in_a_file_are_read_and_shown_on_their_map(rides, tmp_path):
         ({"rides": 3}, "rides: expected a list"),
         ({"rides": [7]}, "rides: expected tables"),
         ({"rides": [{"goal": [0, 0], "x": [1], "y": [1], "theta": [1, 2]}]}, "as many of each"),
+        ({"rides": [{"goal": [0, 0], "x": [10**309], "y": [1], "theta": [1]}]}, "up to 1e6"),
         ({"rides": [{"goal": [0], "x": [1], "y": [1], "theta": [1]}]}, "expected a goal"),
     ],
 )

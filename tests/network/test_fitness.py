@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from elitelanes_jax import InputError, Metrics, Weights, fitness, measure
-from elitelanes_jax.network.metric_names import largest_metrics
-from elitelanes_jax.network.weights import check_weights
+from elitelanes_jax.network.records import check_weights, largest_metrics
 
 
 def some_metrics(count=50):

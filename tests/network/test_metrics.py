@@ -31,13 +31,13 @@ fill_many = jax.jit(jax.vmap(lambda grid: repair(grid, fill=True)))
 
 def compare(grids):
     found = jax.device_get(measure_many(jnp.asarray(grids)))
-    worth = jax.device_get(jax.jit(fitness)(found))
-    for number, grid in enumerate(grids):
+    fitnesses = jax.device_get(jax.jit(fitness)(found))
+    for index, grid in enumerate(grids):
         expected = oracle(grid)
-        got = {name: getattr(found, name)[number] for name in Metrics._fields}
+        got = {name: getattr(found, name)[index] for name in Metrics._fields}
         assert got == expected, f"\n{grid}"
         assert plain_measure(grid) == expected, f"\n{grid}"
-        assert worth[number] == oracle_fitness(expected)
+        assert fitnesses[index] == oracle_fitness(expected)
 
 
 def kinds_of_grids(rng, count, shape):
@@ -98,7 +98,7 @@ def test_long_corridors(shape):
     compare(np.concatenate([np.stack(slow), quick]))
 
 
-# A label is one byte up to 254 inner corners, two up to 65,534 places, then four.
+# A label is one byte up to 254 inner corners, two up to 65,534 corners, then four.
 @pytest.mark.parametrize("shape", [(2, 255), (2, 256), (254, 256), *slow((253, 255), (254, 255))], ids=str)
 def test_where_labels_get_wider(shape):
     """A long corridor above, faces of all kinds below."""

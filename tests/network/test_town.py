@@ -10,7 +10,7 @@ from oracle import road_graph
 
 from elitelanes_jax import InputError, mirror, rotate
 from elitelanes_jax.network import KINDS, measure_town
-from elitelanes_jax.network.town_features import TownFeatures, largest_town_feature
+from elitelanes_jax.network.records import TownFeatures, largest_town_feature
 
 measure_all = jax.jit(jax.vmap(measure_town))
 
@@ -98,8 +98,8 @@ def test_features_of_any_grid_are_the_oracles(grid):
 
 def test_features_of_made_towns(towns):
     found = measure_all(towns)
-    for place, grid in enumerate(towns):
-        assert as_ints(jax.tree.map(lambda values, place=place: values[place], found)) == as_ints(oracle(grid))
+    for index, grid in enumerate(towns):
+        assert as_ints(jax.tree.map(lambda values, index=index: values[index], found)) == as_ints(oracle(grid))
 
 
 @pytest.fixture(scope="module")

@@ -102,7 +102,7 @@ def test_a_contradiction_stays_in_its_grid():
 
 def struck_out(domains, alphabet, border, ban):
     """Arc consistency by its definition: a code goes that has no partner in a neighbour, until none goes."""
-    domains = {place: set(codes) for place, codes in domains.items()}
+    domains = {cell: set(codes) for cell, codes in domains.items()}
     changed = True
     while changed:
         changed = False
@@ -140,10 +140,10 @@ def chances(shape, alphabet, border, ban):
         smallest = min((len(codes) for codes in state if len(codes) > 1), default=0)
         if not smallest:
             return {tuple(code for codes in state for code in codes): 1.0}
-        cells = [place for place, codes in domains.items() if len(codes) == smallest]
+        cells = [cell for cell, codes in domains.items() if len(codes) == smallest]
         found = Counter()
-        for place, code in product(cells, range(smallest)):
-            chosen = domains | {place: {sorted(domains[place])[code]}}
+        for cell, code in product(cells, range(smallest)):
+            chosen = domains | {cell: {sorted(domains[cell])[code]}}
             after = struck_out(chosen, alphabet, border, ban)
             for grid, chance in from_here(tuple(map(frozenset, after.values()))).items():
                 found[grid] += chance / len(cells) / smallest

@@ -22,11 +22,11 @@ def test_the_array_stays_as_it_is(dtype):
 def test_values_are_looked_up_in_each_vector_of_a_batch():
     rng = np.random.default_rng(0)
     values = jnp.asarray(rng.integers(-9, 9, (2, 3, 7)), jnp.int8)
-    places = jnp.asarray(rng.integers(0, 7, (2, 3, 4, 5)))
-    expected = np.take_along_axis(np.asarray(values)[..., None, :], np.asarray(places), axis=-1)
-    np.testing.assert_array_equal(jax.jit(jax.vmap(jax.vmap(lookup)))(values, places), expected)
-    shared = jax.vmap(lookup, (None, 0))(values[0, 0], places[0])
-    np.testing.assert_array_equal(shared, values[0, 0][places[0]])
+    indices = jnp.asarray(rng.integers(0, 7, (2, 3, 4, 5)))
+    expected = np.take_along_axis(np.asarray(values)[..., None, :], np.asarray(indices), axis=-1)
+    np.testing.assert_array_equal(jax.jit(jax.vmap(jax.vmap(lookup)))(values, indices), expected)
+    shared = jax.vmap(lookup, (None, 0))(values[0, 0], indices[0])
+    np.testing.assert_array_equal(shared, values[0, 0][indices[0]])
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (3, 5), (12, 12), (5, 33)], ids=str)

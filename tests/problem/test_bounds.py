@@ -11,21 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elitelanes_jax._util.errors import InputError
+from elitelanes_jax import GenerateSpec, InputError, SearchSpec
 from elitelanes_jax.maps.furnishing.signs import crossings, has_free_corners
-from elitelanes_jax.maps.spec import GenerateSpec
+from elitelanes_jax.network import canonical_form, measure_town, plain_measure
 from elitelanes_jax.network.codes import CONNECTIONS, SIDES
-from elitelanes_jax.network.plain_metrics import plain_measure
-from elitelanes_jax.network.symmetry import canonical_form
-from elitelanes_jax.network.town import measure_town
-from elitelanes_jax.network.town_features import features_without_gaps
+from elitelanes_jax.network.records import features_without_gaps
+from elitelanes_jax.problem import SHARES
 from elitelanes_jax.problem.bounds import check_ranges, find_bounds, free_links
 from elitelanes_jax.problem.feasible import check_feasible
-from elitelanes_jax.problem.features import FEATURES, SHARES, feature_unit
+from elitelanes_jax.problem.features import FEATURES, feature_unit
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges
 from elitelanes_jax.problem.rules import map_constraints
-from elitelanes_jax.search.spec import SearchSpec
 
 SHAPES = [(2, 2), (2, 3), (3, 2), (3, 3)]
 

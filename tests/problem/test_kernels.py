@@ -82,13 +82,6 @@ def test_measuring_alone_changes_nothing():
     assert plain.elites.features == {} and set(measured.elites.features) == set(FEATURES)
 
 
-def test_a_run_in_parts_is_one_run(result):
-    keys = jax.random.split(jax.random.key(0), 2)
-    half = evolve(keys, SHAPE, generations=10, **RUN)
-    joined = evolve(keys, SHAPE, generations=10, state=half.state, **RUN)
-    jax.tree.map(np.testing.assert_array_equal, joined.elites, result.elites)
-
-
 def test_values_may_be_negative():
     features, options = {"low": lambda grid: -grid[0, 0].astype(jnp.int32) - 5}, {"method": "ea", "evaluations": 0}
     result = evolve(jax.random.key(0), (3, 3), features=features, where="low=-11..-9", **options, **PAPER)

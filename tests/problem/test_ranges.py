@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from oracle import measure as oracle
 
-from elitelanes_jax._util.errors import InputError
-from elitelanes_jax.network.metric_names import METRIC_NAMES
-from elitelanes_jax.network.metrics import measure, stack_metrics
-from elitelanes_jax.problem.features import FEATURES, SHARES, with_shares
+from elitelanes_jax import InputError, measure
+from elitelanes_jax.network import METRIC_NAMES
+from elitelanes_jax.network.metrics import stack_metrics
+from elitelanes_jax.problem import SHARES
+from elitelanes_jax.problem.features import FEATURES, with_shares
 from elitelanes_jax.problem.fixed_cells import parse_fixed_cells
 from elitelanes_jax.problem.ranges import Range, parse_ranges, range_limits, range_penalty, satisfies
 
