@@ -84,9 +84,7 @@ def _drive(options: argparse.Namespace) -> int:
     policy = load_policy(options.policy) if isinstance(options.policy, Path) else options.policy
     use_compile_cache()
     try:
-        drawn, chosen = road_map.drawn, None
-        if drawn and drawn.tile_set == tiles.name:
-            chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+        chosen = recall_choice(road_map, tiles)
         chosen = choose_tiles(road_map.codes, tiles) if chosen is None else chosen
         settings = {"policy": policy, "seconds": options.seconds, "seed": options.seed}
         rides = make_rides(road_map.codes, rides_shown, tiles=tiles, **settings)

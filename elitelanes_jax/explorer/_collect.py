@@ -403,9 +403,7 @@ def _run_values(run: _Finds, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
 
 def _map_values(elite: int, name: str, road_map: RoadMap, tiles: TileSet, blob: Blob) -> dict[str, Plain]:
     """Returns a chosen map: its elite, its objects, and its tile pictures as indices times 4 plus quarter turns."""
-    chosen, drawn = None, road_map.drawn
-    if drawn is not None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(road_map.codes, drawn.tiles, drawn.quarter_turns, tiles)
+    chosen = recall_choice(road_map, tiles)
     pictures = None if chosen is None else (chosen[..., 0] * 4 + chosen[..., 1]).ravel().tolist()
     objects = road_map.objects and blob.add_json([object_values(thing) for thing in road_map.objects])
     return {"elite": elite, "name": name, "pictures": pictures, "objects": objects or None}

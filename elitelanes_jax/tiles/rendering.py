@@ -126,11 +126,10 @@ def render(
         tiles = _own_tiles() if tiles is None else load_tiles(check_named("tiles", path, tiles))
     if isinstance(grid, str | Path):
         grid = read_map(grid)
-    drawn = getattr(grid, "drawn", None)
     if chosen is not None:
         chosen = _check_choice(grid, tiles, chosen)
-    elif drawn and seed is None and drawn.tile_set == tiles.name:
-        chosen = recall_choice(grid, drawn.tiles, drawn.quarter_turns, tiles)
+    elif seed is None:
+        chosen = recall_choice(grid, tiles)
     if chosen is None:
         chosen = choose_tiles(grid, tiles, 0 if seed is None else seed)
     picture = chosen[..., 0] * 4 + chosen[..., 1]
@@ -163,15 +162,16 @@ def check_tile_px(tile_px: UserValue) -> int:
     return int(tile_px)
 
 
-def recall_choice(
-    grid: ArrayLike, names: UserValue, quarter_turns: AnyArray, tiles: TileSet
-) -> NDArray[np.int_] | None:
-    """Returns the choice of tiles that a map was drawn with, as `choose_tiles` makes it.
+def recall_choice(grid: AnyArray, tiles: TileSet) -> NDArray[np.int_] | None:
+    """Returns the choice of tiles that a `RoadMap` was drawn with, as `choose_tiles` makes it.
 
-    Returns None if the set lacks a tile, or a tile does not show its cell's code. The names and the counter-clockwise
-    quarter turns are tables ``[H][W]``.
+    Returns None if it was drawn with another set or not at all, the set lacks a tile, or a tile does not show its
+    cell's code.
     """
-    grid, listed, turns = np.asarray(check_grid(grid)), np.array(names), np.array(quarter_turns)
+    drawn = getattr(grid, "drawn", None)
+    if drawn is None or drawn.tile_set != tiles.name:
+        return None
+    grid, listed, turns = np.asarray(check_grid(grid)), np.array(drawn.tiles), np.array(drawn.quarter_turns)
     indices = {tile.name: index for index, tile in enumerate(tiles.pictures)}
     if not listed.shape == turns.shape == grid.shape or not set(listed.flat) <= set(indices):
         return None

@@ -89,7 +89,7 @@ def test_tiles_are_those_that_render_draws(run):
     assert chosen == (expected[..., 0] * 4 + expected[..., 1]).ravel().tolist()
     for shown in payload.values["runs"][0]["maps"]:
         road_map = read_map(run / "maps" / shown["name"] / "map.json")
-        drawn = recall_choice(road_map.codes, road_map.drawn.tiles, road_map.drawn.quarter_turns, tiles)
+        drawn = recall_choice(road_map, tiles)
         assert shown["pictures"] == (drawn[..., 0] * 4 + drawn[..., 1]).ravel().tolist()
 
 

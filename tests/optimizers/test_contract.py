@@ -52,7 +52,6 @@ MAKERS = {
     "gwo": partial(gwo, config=GwoConfig(horizon=100)),
     "ea, tuned": partial(annealed_ea, config=TUNED),
     "map-elites, tuned": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED)),
-    "map-elites, tuned, mirrored": partial(annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, diagonal=True)),
     "map-elites, irregular": partial(
         annealed_map_elites, config=AnnealedMapElitesConfig(TUNED, accept_equal=True, require_feasible=True)
     ),
@@ -66,7 +65,6 @@ GENERATIONS = 30
 # The tuned swarms are the tuned EA with other mates, and the others differ from theirs in a choice: slow proofs.
 SLOW = {
     "map-elites, irregular",
-    "map-elites, tuned, mirrored",
     "pso, tuned",
     "gwo, tuned",
     "map-elites, parents from the archive",

@@ -1,6 +1,7 @@
 """Rendering: pictures, masks and labels go together, at every size."""
 
 import json
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -115,14 +116,23 @@ def test_an_overlay_colours_each_label(drawn_tiles):
     np.testing.assert_array_equal(overlay(picture, opacity=0), picture.image)
 
 
-def test_tiles_are_recalled_where_they_still_fit(drawn_tiles):
+@pytest.fixture
+def drawn_map(drawn_tiles):
+    """The map, and the choice that it is drawn with."""
     chosen = choose_tiles(GRID, drawn_tiles, seed=3)
-    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
-    turns = chosen[..., 1].tolist()
-    np.testing.assert_array_equal(recall_choice(GRID, names, turns, drawn_tiles), chosen)
-    fewer = TileSet(drawn_tiles.name, "", drawn_tiles.pictures[4:])
-    for grid, tile_set in ((rotate(GRID, 2), drawn_tiles), (GRID[:2], drawn_tiles), (GRID, fewer)):
-        assert recall_choice(grid, names, turns, tile_set) is None
+    names = [[drawn_tiles.tiles[index].name for index, _ in row] for row in chosen]
+    return RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist())), chosen
+
+
+def test_tiles_are_recalled_where_they_still_fit(drawn_tiles, drawn_map):
+    road_map, chosen = drawn_map
+    np.testing.assert_array_equal(recall_choice(road_map, drawn_tiles), chosen)
+    assert recall_choice(GRID, drawn_tiles) is None
+    fewer, other = (TileSet(name, "", drawn_tiles.pictures[4:]) for name in (drawn_tiles.name, "other"))
+    turned = SimpleNamespace(codes=rotate(GRID, 2), drawn=road_map.drawn)
+    cut = SimpleNamespace(codes=GRID[:2], drawn=road_map.drawn)
+    for grid, tile_set in ((turned, drawn_tiles), (cut, drawn_tiles), (road_map, fewer), (road_map, other)):
+        assert recall_choice(grid, tile_set) is None
 
 
 def test_what_has_no_picture_is_named(drawn_tiles):
@@ -139,11 +149,8 @@ def test_what_has_no_picture_is_named(drawn_tiles):
             render(grid, partial)
 
 
-def test_what_the_command_takes_is_taken(drawn_tiles, tmp_path):
-    chosen = choose_tiles(GRID, drawn_tiles, seed=3)
-    names = [[drawn_tiles.tiles[place].name for place, _ in row] for row in chosen]
-    road_map = RoadMap(GRID, drawn=Drawn(drawn_tiles.name, names, chosen[..., 1].tolist()))
-    file = tmp_path / "map.json"
+def test_what_the_command_takes_is_taken(drawn_tiles, drawn_map, tmp_path):
+    (road_map, _), file = drawn_map, tmp_path / "map.json"
     file.write_text(map_to_json(road_map))
     expected = render(GRID, drawn_tiles, tile_px=16, seed=3).image
     for given in (road_map, file, str(file)):
