@@ -29,8 +29,8 @@ def make_atlas(images: AnyArray, labels: AnyArray) -> UInt8[Array, "T P P 4"]:
     """Makes an atlas: the pictures of all tiles of a set, in all rotations, as pixels of colour and label.
 
     Args:
-      images: uint8 ``[T, P, P, 3]``, of `tiles.render.scale_tiles`.
-      labels: uint8 ``[T, P, P]``, of `tiles.render.scale_tiles`.
+      images: uint8 ``[T, P, P, 3]``, of `tiles.scale_tiles`.
+      labels: uint8 ``[T, P, P]``, of `tiles.scale_tiles`.
 
     Returns:
       uint8 ``[T, P, P, 4]``, red, green, blue and label of tile ``4 * index in the set + quarter turns``.
@@ -89,7 +89,7 @@ class View(NamedTuple):
 
     Attributes:
       image: uint8 ``[rows, columns, 3]``, RGB.
-      labels: uint8 ``[rows, columns]``, indices of `tiles.render.LABELS`; 0 beyond the map, above the horizon and on
+      labels: uint8 ``[rows, columns]``, indices of `tiles.LABELS`; 0 beyond the map, above the horizon and on
         objects.
       instances: int32 ``[rows, columns]``, 0, or the index of the object that is seen plus 1; None without objects.
     """

@@ -185,8 +185,7 @@ def _check_one(name: str, level: Level, made: Level) -> None:
     check_named(f"{name}.grid", check_grid, level.grid)
     for row, column in np.argwhere(level.grid != made.grid):
         raise InputError(
-            f"{name}.grid: expected connections that the neighbour returns (see drive.lanes.linked), "
-            f"got another at row {row}, column {column}"
+            f"{name}.grid: expected connections that the neighbour returns, got another at row {row}, column {column}"
         )
     for field in ("start", "goal"):
         row, column, heading = (int(part) for part in getattr(level, field))

@@ -162,8 +162,8 @@ def _check(
     numbers, structure = jax.tree.flatten(traced)
     digests = _digests(static, structure, tuple(jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in numbers))
     # The names of the user's functions do not count.
-    known = static._replace(factory=None, kernels=(), fitness=None), digests, [leaf.tolist() for leaf in numbers]
-    fingerprint = np.array(zlib.crc32(repr(known).encode() + keys.tobytes()), np.uint32)
+    said = repr((static._replace(factory=None, kernels=(), fitness=None), digests, [leaf.tolist() for leaf in numbers]))
+    fingerprint = np.array(zlib.crc32(said.encode() + keys.tobytes()), np.uint32)
     programs = find_programs(static, traced, keys, single, chosen)
     return _Search(static, traced, keys, single, spec, config, digests, fingerprint, chosen, programs)
 

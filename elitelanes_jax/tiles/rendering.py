@@ -114,7 +114,7 @@ def render(
       seed: of the choice among the pictures of each code (see `choose_tiles`). By default a map is drawn with the same
         pictures as before, if the set has them; other maps have seed 0.
       chosen: the choice, instead of the seed's.
-      blend: whether to blend the tiles: equal light, feathered seams (see `tiles.blend`); by default as the set says.
+      blend: whether to blend the tiles: equal light, feathered seams; by default as the set says.
       objects: the pictures of the map's objects, a set or its folder; by default the package's own.
 
     Raises:

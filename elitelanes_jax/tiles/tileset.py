@@ -11,7 +11,7 @@ Tiles without a mask or points that other tiles have are empty in it.
 An optional ``tileset.toml`` has a ``name``, a ``licence``, and in a table ``opens`` the sides that a kind or a
 single tile opens, as letters: ``turn = "SW"``. By default a turn opens S and W, a straight N and S, a crossing3
 N, S and W, a crossing4 all four, an end S. New maps have no dead ends: an end is for maps drawn by hand or repaired.
-Without ``blend = false`` the tiles are treated as photographs, whose light differs (see `tiles.blend`).
+Without ``blend = false`` the tiles are blended as photographs, whose light differs.
 
 Tiles are rotated by quarters, never mirrored: traffic keeps right, and a mirrored crossing would have its stop lines on
 the wrong side.
@@ -69,7 +69,7 @@ class TileSet:
       name: of the set.
       licence: of its pictures, as stated by its makers; empty if none is.
       tiles: sorted by kind and number.
-      blend: whether the tiles are blended on a map (see `tiles.blend`), as photographs need it.
+      blend: whether the tiles are blended on a map, as photographs need it: equal light, feathered seams.
     """
 
     name: str

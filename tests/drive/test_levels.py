@@ -88,8 +88,9 @@ def test_faults_of_a_batch_are_named(maps, any_types):
         "level.grid: expected 4 x 5 tiles, got 3 x 4": lambda: check_level(level, SHAPE),
         "level.shortest: expected 2, the distance, got 3": lambda: check_level(level._replace(shortest=np.int32(3))),
         "level.ways: expected the result of": lambda: check_level(level._replace(ways=level.ways ^ 1)),
-        "level.grid: expected connections that the neighbour returns (see drive.lanes.linked), got another at row 2, "
-        "column 0": lambda: check_level(level._replace(grid=loose)),
+        "level.grid: expected connections that the neighbour returns, got another at row 2, column 0": lambda: (
+            check_level(level._replace(grid=loose))
+        ),
         "level[1].shortest: expected": lambda: check_level(levels._replace(shortest=levels.shortest.at[1].set(99))),
         "level: expected equally many grids": lambda: check_level(levels._replace(shortest=levels.shortest[:2])),
         "level: expected one of make_level, or a batch of make_levels, got None": lambda: check_level(None),
