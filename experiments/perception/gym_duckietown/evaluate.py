@@ -21,7 +21,7 @@ from experiments.perception.gym_duckietown.nets import find_labels, find_poses, 
 from experiments.perception.gym_duckietown.pictures import KINDS, TILE, Pictures, read_pictures
 from experiments.perception.unet import confusion, ious
 
-__all__ = ["label_table", "main", "pose_table"]
+__all__ = ["errors_of", "label_table", "main", "pose_table"]
 
 _RESAMPLES = 1000
 
@@ -41,7 +41,7 @@ def _classical_labels(images: UInt8[NDArray, "N 120 160 3"]) -> UInt8[NDArray, "
     return found
 
 
-def _errors(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
+def errors_of(pictures: Pictures, found: Float[NDArray, "N 2"]) -> Float[NDArray, "N 2"]:
     """Returns the errors in centimetres and radians."""
     d, phi = (found[:, :2] - pictures.lanes[:, :2]).T
     return np.abs(np.column_stack([d * TILE * 100, (phi + np.pi) % (2 * np.pi) - np.pi]))
@@ -61,7 +61,7 @@ def pose_table(pictures: dict[str, Pictures], finders: dict[str, Finder]) -> str
     for style, shown in pictures.items():
         found = {name: np.asarray(find(shown.images), float) for name, find in finders.items()}
         for name, lanes in {**found, "our lane pose": shown.ours}.items():
-            errors = _errors(shown, lanes)
+            errors = errors_of(shown, lanes)
             parts = {"all": np.ones(len(errors), bool)} | {kind: shown.kinds == k for k, kind in enumerate(KINDS)}
             for part, which in parts.items():
                 if part == "all" or name in list(finders)[:1]:
